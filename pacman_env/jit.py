@@ -1,0 +1,50 @@
+"""The one decorator that compiles numeric kernels.
+
+Compiled code is kept in a folder named by the hash of every kernel source of this package: Numba's own cache
+looks only at the file of the function itself and would keep a stale binary when a helper in another file changes.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+import numba.core.config as numba_config
+import platformdirs
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_PACKAGE = Path(__file__).resolve().parent
+_KERNEL_FOLDERS = ("game", "world", "sim", "heuristics")
+
+
+def cache_dir() -> Path:
+    """Folder for everything that can be computed again: $PACMAN_ENV_CACHE or the user's cache folder."""
+    return Path(os.environ.get("PACMAN_ENV_CACHE") or platformdirs.user_cache_dir("pacman_env"))
+
+
+@functools.cache
+def source_hash() -> str:
+    """Hash of the kernel sources, 12 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for folder in _KERNEL_FOLDERS:
+        for path in sorted((_PACKAGE / folder).glob("*.py")):
+            digest.update(path.name.encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def kernel(function: F) -> F:
+    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), cached on disk."""
+    before = numba_config.CACHE_DIR
+    numba_config.CACHE_DIR = str(cache_dir() / f"numba-{source_hash()}")
+    try:
+        compiled: F = numba.njit(cache=True, error_model="numpy")(function)
+    finally:
+        numba_config.CACHE_DIR = before
+    return compiled

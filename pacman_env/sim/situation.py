@@ -1,0 +1,43 @@
+"""What a policy sees at a decision: N situations at once, as arrays.
+
+The same structure is filled from the simulator and from a robot's messages. Poses are *believed* poses in the map
+frame (m, rad). Candidates are laid out as pellets (padded), refuges, hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+PELLET, REFUGE, HOLD = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Situation:
+    """N situations with C candidates each."""
+
+    time_s: NDArray[np.float64]  # (N,) since the round began
+    robot: NDArray[np.float64]  # (N, 3) x, y, heading as believed
+    robot_velocity: NDArray[np.float64]  # (N, 2) v in m/s, omega in rad/s
+    pose_age_s: NDArray[np.float64]  # (N,) since the believed pose was measured
+    clyde: NDArray[np.float64]  # (N, 2) x, y
+    clyde_velocity: NDArray[np.float64]  # (N, 2) m/s, of his last move
+    clyde_speed: NDArray[np.float64]  # (N,) m/s, his speed in this round
+    closing_speed: NDArray[np.float64]  # (N,) m/s, positive: the straight distance shrinks (Algorithm 3)
+    kind: NDArray[np.int8]  # (N, C) PELLET, REFUGE or HOLD
+    position: NDArray[np.float64]  # (N, C, 2) m; HOLD and padding: the robot's own position
+    mask: NDArray[np.bool_]  # (N, C) may be chosen now
+    path_robot: NDArray[np.float64]  # (N, C) m, path length robot-candidate; inf: no way
+    path_clyde: NDArray[np.float64]  # (N, C) m, path length Clyde-candidate; inf: no way
+    current: NDArray[np.int64]  # (N,) candidate pursued now, -1: none
+    seed: NDArray[np.uint64]  # (N,) the round's seed, for policies that draw
+    tick: NDArray[np.int64]  # (N,) decisions taken in this round before this one
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def rows(self, index: slice | NDArray[np.int64]) -> Situation:
+        """The situations at ``index`` as a smaller batch."""
+        return Situation(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
