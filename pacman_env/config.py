@@ -131,7 +131,10 @@ class ClydeConfig:
         _not_negative(self, "speed_mps", "speed_step_mps", "clearance_m", "spawn_distance_m")
         _positive(self, "update_period_s")
         _require(
-            self.spawn in ("connected", "anywhere"), "ClydeConfig.spawn", self.spawn, "'connected' or 'anywhere'"
+            self.spawn in ("connected", "anywhere"),
+            "ClydeConfig.spawn",
+            self.spawn,
+            "'connected' or 'anywhere'",
         )
 
 

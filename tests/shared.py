@@ -1,0 +1,26 @@
+"""Where tests find the real maps, pose logs and golden answers that the project uses but does not ship."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(os.environ.get("PACMAN_ENV_SHARED") or Path(__file__).resolve().parents[2] / "shared")
+
+
+def shared_path(relative: str) -> Path:
+    """The file or folder; skips the test by its name where it is absent, but fails in CI."""
+    path = SHARED / relative
+    if not path.exists():
+        message = f"shared data absent: {relative}"
+        if os.environ.get("CI"):
+            pytest.fail(message)
+        pytest.skip(message)
+    return path
+
+
+def shared_maps() -> list[str]:
+    """Names of the shared maps; empty where there are none."""
+    return sorted(p.parent.name for p in (SHARED / "maps").glob("*/map.yaml"))
