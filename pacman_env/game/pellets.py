@@ -1,0 +1,79 @@
+"""Algorithm 1: where pellets lie on a map. Which of them a robot can reach is not decided here, nor removal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import PelletConfig
+
+
+class FreeSpace(Protocol):
+    """What of an occupancy map the pellets need."""
+
+    @property
+    def resolution(self) -> float:
+        """Edge of a cell, m."""
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Pose (x, y, yaw) of the lower left corner, m and rad."""
+
+    def game_free(self, free_grey: int) -> NDArray[np.bool_]:
+        """(H, W), row 0 at the top: brighter than ``free_grey``."""
+
+
+@dataclass(frozen=True)
+class PelletSet:
+    """P pellets of one map; the id is the place in row order from the top."""
+
+    ids: NDArray[np.int64]  # (P,)
+    position: NDArray[np.float64]  # (P, 2) x, y in m, map frame
+    pixel: NDArray[np.int64]  # (P, 2) column u, row v of the image
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
+    """Milestone 3, Algorithm 1: a lattice from pixel (0, 0), kept where the square around a point is free.
+
+    Spacing and clearance are rounded to whole pixels. A turned map frame turns the pellets with it; at yaw 0
+    the position is the document's x = u R + x0, y = (H - v) R + y0, half a cell off map_server's centres.
+    ``config.reachable_only`` is left to the simulator: ids must not depend on where a robot starts.
+
+    Raises:
+        ValueError: the spacing is less than half a pixel.
+    """
+    step = round(config.spacing_m / map.resolution)
+    clearance = round(config.wall_clearance_m / map.resolution)
+    if step < 1:
+        raise ValueError(
+            f"pellet spacing {config.spacing_m} m is below the map's resolution {map.resolution} m"
+        )
+    free = map.game_free(config.free_grey)
+    height, width = free.shape
+    blocked = np.zeros((height + 1, width + 1), np.int64)  # summed-area table
+    blocked[1:, 1:] = (~free).cumsum(axis=0).cumsum(axis=1)
+
+    first = math.ceil(clearance / step) * step
+    rows = np.arange(first, height - clearance, step)
+    columns = np.arange(first, width - clearance, step)
+    v, u = np.repeat(rows, len(columns)), np.tile(columns, len(rows))
+    top, bottom, left, right = v - clearance, v + clearance + 1, u - clearance, u + clearance + 1
+    inside = blocked[bottom, right] - blocked[top, right] - blocked[bottom, left] + blocked[top, left]
+    u, v = u[inside == 0], v[inside == 0]
+
+    x0, y0, yaw = map.origin
+    right_m, up_m = u * map.resolution, (height - v) * map.resolution
+    x = right_m * math.cos(yaw) - up_m * math.sin(yaw) + x0
+    y = right_m * math.sin(yaw) + up_m * math.cos(yaw) + y0
+    return PelletSet(
+        ids=np.arange(len(u), dtype=np.int64),
+        position=np.column_stack((x, y)).astype(np.float64),
+        pixel=np.column_stack((u, v)).astype(np.int64),
+    )

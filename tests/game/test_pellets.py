@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pacman_env.config import PelletConfig
+from pacman_env.game.pellets import PelletSet, generate_pellets
+from tests.shared import SHARED, shared_path
+
+
+@dataclass(frozen=True)
+class GreyMap:
+    """The smallest map that has pellets."""
+
+    grey: NDArray[np.uint8]
+    resolution: float = 0.1
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def game_free(self, free_grey: int) -> NDArray[np.bool_]:
+        return self.grey > free_grey
+
+
+def published_counts() -> list[tuple[str, int, int]]:
+    """Name and pellet counts at 2.0 m and 1.0 m from the table of shared maps."""
+    index = SHARED / "maps/INDEX.md"
+    if not index.exists():
+        return []
+    cells = [line.split("|") for line in index.read_text().splitlines() if line.startswith("|")]
+    names = cells[0]
+    column = next(i for i, name in enumerate(names) if name.strip() == "pellets")
+    return [(row[1].strip(), *map(int, row[column].split("/"))) for row in cells[2:]]
+
+
+def load(name: str) -> GreyMap:
+    folder = shared_path(f"maps/{name}")
+    meta = yaml.safe_load((folder / "map.yaml").read_text())
+    grey = cv2.imread(str(folder / meta["image"]), cv2.IMREAD_GRAYSCALE)
+    assert grey is not None
+    return GreyMap(grey, float(meta["resolution"]), tuple(meta["origin"]))
+
+
+def brute_force(map: GreyMap, config: PelletConfig) -> list[tuple[int, int]]:
+    """Algorithm 1 as the document writes it, one candidate at a time."""
+    height, width = map.grey.shape
+    step, clearance = (
+        round(config.spacing_m / map.resolution),
+        round(config.wall_clearance_m / map.resolution),
+    )
+    found = []
+    for v in range(0, height, step):
+        for u in range(0, width, step):
+            rows, columns = range(v - clearance, v + clearance + 1), range(u - clearance, u + clearance + 1)
+            if all(
+                0 <= r < height and 0 <= c < width and map.grey[r, c] > config.free_grey
+                for r in rows
+                for c in columns
+            ):
+                found.append((u, v))
+    return found
+
+
+@pytest.mark.parametrize(("name", "wide", "narrow"), published_counts() or [("pacmanbot_house", 8, 24)])
+def test_real_maps_have_the_published_number_of_pellets(name: str, wide: int, narrow: int) -> None:
+    map = load(name)
+    assert len(generate_pellets(map, PelletConfig(spacing_m=2.0))) == wide
+    assert len(generate_pellets(map, PelletConfig(spacing_m=1.0))) == narrow
+
+
+def test_the_house_has_its_far_pellet() -> None:
+    pellets = generate_pellets(load("pacmanbot_house"), PelletConfig())
+    assert np.isclose(pellets.position, (7.84, -1.69), rtol=0, atol=0.005).all(axis=1).sum() == 1
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.tuples(st.integers(1, 24), st.integers(1, 24)),
+    spacing=st.integers(1, 5),
+    clearance=st.integers(0, 3),
+)
+def test_pellets_are_those_of_the_document(
+    seed: int, shape: tuple[int, int], spacing: int, clearance: int
+) -> None:
+    grey = np.where(np.random.default_rng(seed).random(shape) < 0.9, 254, 205).astype(np.uint8)
+    config = PelletConfig(spacing_m=spacing * 0.1, wall_clearance_m=clearance * 0.1)
+    pellets = generate_pellets(GreyMap(grey), config)
+    assert [tuple(p) for p in pellets.pixel.tolist()] == brute_force(GreyMap(grey), config)
+    assert pellets.ids.tolist() == list(range(len(pellets)))
+
+
+def test_position_follows_the_documents_formula() -> None:
+    map = GreyMap(np.full((30, 20), 254, np.uint8), resolution=0.05, origin=(-3.0, 7.0, 0.0))
+    pellets = generate_pellets(map, PelletConfig(spacing_m=0.5, wall_clearance_m=0.1))
+    u, v = pellets.pixel.T
+    np.testing.assert_array_equal(pellets.position, np.column_stack((u * 0.05 - 3.0, (30 - v) * 0.05 + 7.0)))
+    assert pellets.pixel.tolist() == [[10, 10], [10, 20]]
+
+
+def test_a_turned_map_frame_turns_the_pellets_about_its_corner() -> None:
+    grey = np.full((30, 20), 254, np.uint8)
+    config = PelletConfig(spacing_m=0.5, wall_clearance_m=0.1)
+    straight = generate_pellets(GreyMap(grey), config).position
+    turned = generate_pellets(GreyMap(grey, origin=(1.0, 2.0, np.pi / 2)), config).position
+    np.testing.assert_allclose(
+        turned, np.column_stack((1.0 - straight[:, 1], 2.0 + straight[:, 0])), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(("grey", "count"), [(250, 0), (251, 4)])
+def test_free_means_brighter_than_the_threshold(grey: int, count: int) -> None:
+    map = GreyMap(np.full((2, 2), grey, np.uint8))
+    assert len(generate_pellets(map, PelletConfig(spacing_m=0.1, wall_clearance_m=0.0))) == count
+
+
+def test_an_empty_set_has_the_shapes_of_a_full_one() -> None:
+    pellets: PelletSet = generate_pellets(GreyMap(np.zeros((5, 5), np.uint8)), PelletConfig())
+    assert pellets.ids.shape == (0,)
+    assert pellets.position.shape == pellets.pixel.shape == (0, 2)
+    assert (pellets.ids.dtype, pellets.position.dtype, pellets.pixel.dtype) == (
+        np.int64,
+        np.float64,
+        np.int64,
+    )
+
+
+def test_a_spacing_below_the_resolution_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"spacing 0\.01 m"):
+        generate_pellets(GreyMap(np.full((5, 5), 254, np.uint8)), PelletConfig(spacing_m=0.01))
