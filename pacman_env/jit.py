@@ -20,7 +20,7 @@ import platformdirs
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).resolve().parent
-_KERNEL_FOLDERS = ("game", "world", "sim", "heuristics")
+_KERNEL_FOLDERS = (".", "game", "world", "sim", "heuristics")
 
 
 def cache_dir() -> Path:

@@ -1,4 +1,4 @@
-"""Algorithm 1: where pellets lie on a map. Which of them a robot can reach is not decided here, nor removal."""
+"""Algorithm 1: where pellets lie on a map. What a robot can reach, and removal, are not decided here."""
 
 from __future__ import annotations
 
@@ -39,11 +39,22 @@ class PelletSet:
         return len(self.ids)
 
 
+def pixel_to_world(
+    map: FreeSpace, u: NDArray[np.int64], v: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The game's world position x, y (m) of pixels: x = u R + x0, y = (H - v) R + y0, turned by the map's yaw."""
+    x0, y0, yaw = map.origin
+    cos, sin = (math.cos(yaw), math.sin(yaw)) if yaw else (1.0, 0.0)
+    height = map.game_free(0).shape[0]
+    right_m, up_m = u * map.resolution, (height - v) * map.resolution
+    return right_m * cos - up_m * sin + x0, right_m * sin + up_m * cos + y0
+
+
 def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     """Milestone 3, Algorithm 1: a lattice from pixel (0, 0), kept where the square around a point is free.
 
-    Spacing and clearance are rounded to whole pixels. A turned map frame turns the pellets with it; at yaw 0
-    the position is the document's x = u R + x0, y = (H - v) R + y0, half a cell off map_server's centres.
+    Spacing and clearance are rounded to whole pixels. A turned map frame turns the pellets along;
+    at yaw 0 the position is the document's x = u R + x0, y = (H - v) R + y0, half a cell off map_server's centres.
     ``config.reachable_only`` is left to the simulator: ids must not depend on where a robot starts.
 
     Raises:
@@ -68,10 +79,7 @@ def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     inside = blocked[bottom, right] - blocked[top, right] - blocked[bottom, left] + blocked[top, left]
     u, v = u[inside == 0], v[inside == 0]
 
-    x0, y0, yaw = map.origin
-    right_m, up_m = u * map.resolution, (height - v) * map.resolution
-    x = right_m * math.cos(yaw) - up_m * math.sin(yaw) + x0
-    y = right_m * math.sin(yaw) + up_m * math.cos(yaw) + y0
+    x, y = pixel_to_world(map, u, v)
     return PelletSet(
         ids=np.arange(len(u), dtype=np.int64),
         position=np.column_stack((x, y)).astype(np.float64),

@@ -1,0 +1,372 @@
+"""Algorithm 2: Clyde's cells, his choice of targets, his way there and his walk along it.
+
+His cells are free ones with a square clearance; spawn and targets are uniform over them; he goes by A* (8-connected,
+no corner cutting) and moves exactly along the path. The search is guided by exact distances from landmarks, which
+leaves the paths as short as plain A* finds them. No simulator and no ROS here: both call these functions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import ClydeConfig, ConfigError
+from ..jit import kernel
+from .pellets import FreeSpace, pixel_to_world
+from ..rng import below
+
+STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
+_LANDMARKS = 16
+_FAR = 2**30
+
+#: Column and row offset of the 8 steps, by angle; rows count from the top of the image.
+_STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1)], dtype=np.int64)
+
+#: What one Clyde carries from step to step.
+CLYDE_FIELDS = [
+    ("clyde_x", np.float64),  # where he is and is seen, m
+    ("clyde_y", np.float64),
+    ("clyde_vx", np.float64),  # velocity of his last move, m/s
+    ("clyde_vy", np.float64),
+    ("clyde_speed", np.float64),  # m/s in this round
+    ("clyde_at", np.int64),  # index into his path of the last cell passed
+    ("clyde_length", np.int64),  # cells of his path
+    ("clyde_beyond", np.float64),  # m walked beyond that cell
+    ("clyde_stream", np.uint64),
+]
+
+
+@dataclass(frozen=True, eq=False)
+class ClydeCells:
+    """Where Clyde can be, and what his search needs."""
+
+    resolution: float
+    position: NDArray[np.float64]  # (K, 2) m
+    pixel: NDArray[np.int64]  # (K, 2) u, v
+    neighbours: NDArray[np.int32]  # (K, 8) cell numbers, -1: not allowed
+    part: NDArray[np.int32]  # (K,) connected part, numbered by falling size
+    part_start: NDArray[np.int64]  # (parts + 1,) into part_cells
+    part_cells: NDArray[np.int32]  # (K,) cells sorted by part
+    landmark: NDArray[np.int32]  # (K, L) cost to each landmark of the largest part
+    longest: int  # cells of the longest path that can occur
+
+
+def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:
+    """Clyde's cells of a map.
+
+    Raises:
+        ConfigError: the map has no cell with that clearance.
+    """
+    free = occupancy.game_free(free_grey).astype(np.uint8)
+    reach = int(config.clearance_m / occupancy.resolution + 1e-9)
+    kernel_size = (2 * reach + 1, 2 * reach + 1)
+    roomy = cv2.erode(free, np.ones(kernel_size, np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    v, u = np.nonzero(roomy)
+    if len(u) == 0:
+        raise ConfigError(f"clyde.clearance_m = {config.clearance_m}: the map has no place that wide for Clyde")
+    number = np.full(roomy.shape, -1, dtype=np.int32)
+    number[v, u] = np.arange(len(u), dtype=np.int32)
+    neighbours = _neighbours(number, np.stack([u, v], axis=1).astype(np.int64))
+    # 4-connected: a diagonal step needs both cells beside it
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(roomy, connectivity=4)
+    order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")
+    rank = np.empty(len(order), dtype=np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    part = rank[labels[v, u] - 1]
+    part_cells = np.argsort(part, kind="stable").astype(np.int32)
+    sizes = np.bincount(part, minlength=len(order))
+    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    landmark = _landmarks(neighbours, part_cells[: start[1]])
+    x, y = pixel_to_world(occupancy, u, v)
+    return ClydeCells(
+        resolution=occupancy.resolution,
+        position=np.stack([x, y], axis=1),
+        pixel=np.stack([u, v], axis=1).astype(np.int64),
+        neighbours=neighbours,
+        part=part,
+        part_start=start,
+        part_cells=part_cells,
+        landmark=landmark,
+        longest=_longest_path(neighbours, part_cells, start, landmark),
+    )
+
+
+def _longest_path(
+    neighbours: NDArray[np.int32],
+    part_cells: NDArray[np.int32],
+    part_start: NDArray[np.int64],
+    landmark: NDArray[np.int32],
+) -> int:
+    """Upper bound of the cells of a path: from anywhere over one fixed cell of the part to anywhere."""
+    bound = int(landmark[part_cells[: part_start[1]], 0].max()) * 2 // STRAIGHT
+    cost = np.empty(len(neighbours), dtype=np.int32)
+    for first, last in zip(part_start[1:-1], part_start[2:], strict=True):
+        if last - first <= bound:
+            break  # a path never has more cells than its part, and the parts to come are smaller
+        cells = part_cells[first:last]
+        _costs_from(neighbours, cells[0], cost)
+        bound = max(bound, int(cost[cells].max()) * 2 // STRAIGHT)
+    return bound + 2
+
+
+@kernel
+def _neighbours(number, pixel):  # type: ignore[no-untyped-def]
+    rows, columns = number.shape
+    table = np.full((len(pixel), 8), -1, np.int32)
+    for k in range(len(pixel)):
+        u, v = pixel[k, 0], pixel[k, 1]
+        for d in range(8):
+            c, r = u + _STEPS[d, 0], v + _STEPS[d, 1]
+            if c < 0 or r < 0 or c >= columns or r >= rows or number[r, c] < 0:
+                continue
+            if d % 2 == 1 and (number[v, c] < 0 or number[r, u] < 0):
+                continue
+            table[k, d] = number[r, c]
+    return table
+
+
+@kernel
+def _costs_from(neighbours, source, cost):  # type: ignore[no-untyped-def]
+    """Fill ``cost`` (K,) int32 with the exact cost from ``source``; _FAR where there is no way."""
+    count = len(neighbours)
+    cost[:] = _FAR
+    cost[source] = 0
+    slots = DIAGONAL + 1
+    heads = np.full(slots, -1, np.int64)
+    entry_cell = np.empty(9 * count + 1, np.int32)
+    entry_next = np.empty(9 * count + 1, np.int64)
+    entry_cell[0] = source
+    entry_next[0] = -1
+    heads[0] = 0
+    used, waiting, level = 1, 1, 0
+    while waiting > 0:
+        slot = level % slots
+        while heads[slot] >= 0:
+            e = heads[slot]
+            heads[slot] = entry_next[e]
+            waiting -= 1
+            u = entry_cell[e]
+            if cost[u] != level:
+                continue
+            for d in range(8):
+                v = neighbours[u, d]
+                if v < 0:
+                    continue
+                new = level + (DIAGONAL if d % 2 else STRAIGHT)
+                if new < cost[v]:
+                    cost[v] = new
+                    entry_cell[used] = v
+                    entry_next[used] = heads[new % slots]
+                    heads[new % slots] = used
+                    used += 1
+                    waiting += 1
+        level += 1
+
+
+def _landmarks(neighbours: NDArray[np.int32], cells: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Exact costs (K, L) from L cells far apart, the farthest from all before each time."""
+    table = np.full((len(neighbours), _LANDMARKS), _FAR, dtype=np.int32)
+    cost = np.empty(len(neighbours), dtype=np.int32)
+    _costs_from(neighbours, cells[0], cost)
+    source = cells[cost[cells].argmax()]
+    nearest = np.full(len(neighbours), _FAR, dtype=np.int32)
+    for k in range(_LANDMARKS):
+        _costs_from(neighbours, source, cost)
+        table[:, k] = cost
+        np.minimum(nearest, cost, out=nearest)
+        source = cells[nearest[cells].argmax()]
+    return table
+
+
+@kernel
+def _estimate(cell, goal, pixel, landmark, a, b, c):  # type: ignore[no-untyped-def]
+    """Lower bound of the cost from ``cell`` to ``goal``: octile distance and three landmarks."""
+    dx, dy = abs(pixel[cell, 0] - pixel[goal, 0]), abs(pixel[cell, 1] - pixel[goal, 1])
+    bound = STRAIGHT * max(dx, dy) + (DIAGONAL - STRAIGHT) * min(dx, dy)
+    bound = max(bound, abs(landmark[cell, a] - landmark[goal, a]))
+    bound = max(bound, abs(landmark[cell, b] - landmark[goal, b]))
+    return max(bound, abs(landmark[cell, c] - landmark[goal, c]))
+
+
+@kernel
+def find_path(start, goal, neighbours, pixel, landmark, scratch, heap_key, heap_cell, path):  # type: ignore[no-untyped-def]
+    """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no way or no room).
+
+    ``scratch`` is int32 (K, 3): cost so far, cell before, the search's stamp; its stamp column starts at 0 and
+    row 0 of ``heap_cell`` holds the last stamp used.
+    """
+    heap_cell[0] += 1
+    stamp = heap_cell[0]
+    # The three landmarks that bound this trip best.
+    a, b, c = 0, 0, 0
+    best_a, best_b, best_c = -1, -1, -1
+    for k in range(landmark.shape[1]):
+        bound = abs(landmark[start, k] - landmark[goal, k])
+        if bound > best_a:
+            a, b, c, best_a, best_b, best_c = k, a, b, bound, best_a, best_b
+        elif bound > best_b:
+            b, c, best_b, best_c = k, b, bound, best_b
+        elif bound > best_c:
+            c, best_c = k, bound
+    scratch[start, 0] = 0
+    scratch[start, 1] = -1
+    scratch[start, 2] = stamp
+    size = 1
+    room = len(heap_key) - 9
+    heap_key[1] = np.int64(_estimate(start, goal, pixel, landmark, a, b, c)) << 32
+    heap_cell[1] = start
+    found = False
+    while size > 0 and size < room:
+        u = heap_cell[1]
+        key = heap_key[1]
+        # pop: move the last entry to the root and let it sink
+        last_key, last_cell = heap_key[size], heap_cell[size]
+        size -= 1
+        i = 1
+        while True:
+            child = 2 * i
+            if child > size:
+                break
+            if child < size and heap_key[child + 1] < heap_key[child]:
+                child += 1
+            if heap_key[child] >= last_key:
+                break
+            heap_key[i], heap_cell[i] = heap_key[child], heap_cell[child]
+            i = child
+        heap_key[i], heap_cell[i] = last_key, last_cell
+        if u == goal:
+            found = True
+            break
+        so_far = scratch[u, 0]
+        if (key & 0xFFFFFFFF) != (_FAR - so_far) and u != start:
+            continue  # an older, dearer entry of this cell
+        for d in range(8):
+            v = neighbours[u, d]
+            if v < 0:
+                continue
+            new = so_far + (DIAGONAL if d % 2 else STRAIGHT)
+            if scratch[v, 2] == stamp and scratch[v, 0] <= new:
+                continue
+            scratch[v, 0] = new
+            scratch[v, 1] = u
+            scratch[v, 2] = stamp
+            # Among equal totals the farther along goes first: on an open plan that is a straight dash.
+            total = np.int64(new + _estimate(v, goal, pixel, landmark, a, b, c))
+            new_key = (total << 32) | np.int64(_FAR - new)
+            size += 1
+            j = size
+            while j > 1 and heap_key[j // 2] > new_key:
+                heap_key[j], heap_cell[j] = heap_key[j // 2], heap_cell[j // 2]
+                j //= 2
+            heap_key[j], heap_cell[j] = new_key, v
+    if not found:
+        return 0
+    count = 0
+    cell = np.int64(goal)
+    while cell >= 0:
+        count += 1
+        cell = scratch[cell, 1]
+    if count > len(path):
+        return 0
+    cell = np.int64(goal)
+    for i in range(count - 1, -1, -1):
+        path[i] = cell
+        cell = scratch[cell, 1]
+    return count
+
+
+def search_memory(cells: ClydeCells) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int32]]:
+    """Scratch arrays for :func:`find_path`: node table, heap keys, heap cells."""
+    count = len(cells.position)
+    return (
+        np.zeros((count, 3), dtype=np.int32),
+        np.zeros(8 * count + 16, dtype=np.int64),
+        np.zeros(8 * count + 16, dtype=np.int32),
+    )
+
+
+@kernel
+def spawn(g, cell, path, position):  # type: ignore[no-untyped-def]
+    """Put Clyde ``g`` on a cell; he chooses his first target at his first move."""
+    path[0] = cell
+    g.clyde_at = 0
+    g.clyde_length = 1
+    g.clyde_beyond = 0.0
+    g.clyde_x = position[cell, 0]
+    g.clyde_y = position[cell, 1]
+    g.clyde_vx = 0.0
+    g.clyde_vy = 0.0
+
+
+@kernel
+def choose_target(g, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]
+    """A cell uniform over those that Clyde can reach from ``cell``."""
+    p = part[cell]
+    first, last = part_start[p], part_start[p + 1]
+    g.clyde_stream, pick = below(g.clyde_stream, last - first)
+    return part_cells[first + pick]
+
+
+@kernel
+def walk(g, path, position, distance):  # type: ignore[no-untyped-def]
+    """Move Clyde ``distance`` m along his path, at most to its end; True: he stands at the end."""
+    at, beyond = g.clyde_at, g.clyde_beyond + distance
+    last = g.clyde_length - 1
+    while at < last:
+        a, b = path[at], path[at + 1]
+        dx, dy = position[b, 0] - position[a, 0], position[b, 1] - position[a, 1]
+        length = math.sqrt(dx * dx + dy * dy)
+        if beyond < length:
+            f = beyond / length
+            g.clyde_x = position[a, 0] + f * dx
+            g.clyde_y = position[a, 1] + f * dy
+            g.clyde_at = at
+            g.clyde_beyond = beyond
+            return False
+        beyond -= length
+        at += 1
+    g.clyde_at = last
+    g.clyde_beyond = 0.0
+    g.clyde_x = position[path[last], 0]
+    g.clyde_y = position[path[last], 1]
+    return True
+
+
+@kernel
+def move(g, path, period, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
+    """One update of a wandering Clyde: choose a target if he has none, walk ``period`` seconds.
+
+    ``arrays`` is (position, pixel, neighbours, part, part_start, part_cells, landmark) of :class:`ClydeCells`.
+    """
+    position, pixel, neighbours, part, part_start, part_cells, landmark = arrays
+    x, y = g.clyde_x, g.clyde_y
+    if g.clyde_at >= g.clyde_length - 1:
+        here = path[g.clyde_at]
+        target = choose_target(g, here, part, part_start, part_cells)
+        count = find_path(here, target, neighbours, pixel, landmark, scratch, heap_key, heap_cell, path)
+        g.clyde_at = 0
+        g.clyde_beyond = 0.0
+        g.clyde_length = count
+        if count == 0:  # cannot happen within a part; he stays where he is
+            path[0] = here
+            g.clyde_length = 1
+    walk(g, path, position, g.clyde_speed * period)
+    g.clyde_vx = (g.clyde_x - x) / period
+    g.clyde_vy = (g.clyde_y - y) / period
+
+
+def cell_arrays(cells: ClydeCells) -> tuple[NDArray, ...]:
+    """The arrays of :class:`ClydeCells` in the order that :func:`move` takes them."""
+    return (
+        cells.position,
+        cells.pixel,
+        cells.neighbours,
+        cells.part,
+        cells.part_start,
+        cells.part_cells,
+        cells.landmark,
+    )

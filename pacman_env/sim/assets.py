@@ -1,0 +1,224 @@
+"""Everything computed once per map and configuration: grid, goals, path fields, Clyde's cells.
+
+Kept in the process (the last few maps) and, for the path fields, on disk by the map's hash.
+"""
+
+from __future__ import annotations
+
+import collections
+import hashlib
+import json
+import os
+import threading
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config, ConfigError
+from ..game.clyde import ClydeCells, cell_arrays, clyde_cells
+from ..game.pellets import generate_pellets
+from ..jit import source_hash
+from ..world.cache import cached_arrays
+from ..world.grid import DriveGrid, build_grid
+from ..world.occupancy import MapError, OccupancyMap, load_map
+from ..world.paths import STEPS16, navfn_weights, neighbour_table, path_field, step_lengths
+from .refuges import choose_refuges
+
+MapSource = str | os.PathLike[str] | OccupancyMap
+_KEEP = 16  # maps kept in the process
+
+
+@dataclass(frozen=True, eq=False)
+class MapAssets:
+    """One map, ready to be played on. G goals: P pellets, then R refuges."""
+
+    occupancy: OccupancyMap
+    grid: DriveGrid
+    clyde: ClydeCells
+    clyde_part: int  # Clyde's part that lies in the robot's area
+    spawn_cells: NDArray[np.int32]  # Clyde's cells he may start from
+    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each of Clyde's, -1: outside the robot's area
+    pellet_ids: NDArray[np.int64]  # (P,) as the game numbers them
+    dropped_ids: NDArray[np.int64]  # pellets of the game that the robot cannot reach
+    goal_xy: NDArray[np.float64]  # (G, 2) m
+    goal_cell: NDArray[np.int32]  # (G,) drivable cell, -1: none within Nav2's tolerance
+    neighbours: NDArray[np.int32]  # (K, 16)
+    cell_xy: NDArray[np.float64]  # (K, 2) m
+    length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
+    direction: NDArray[np.uint8]  # (G, K) first step towards each goal
+
+    @property
+    def pellets(self) -> int:
+        """P, the number of pellets."""
+        return len(self.pellet_ids)
+
+    @property
+    def refuges(self) -> int:
+        """R, the number of refuges."""
+        return len(self.goal_xy) - len(self.pellet_ids)
+
+    def navigation_arrays(self) -> tuple[NDArray, ...]:
+        """What the navigator's kernels take as ``nav``."""
+        grid = self.grid
+        return (
+            grid.affine,
+            grid.snap,
+            self.neighbours,
+            self.cell_xy,
+            self.length_cm,
+            self.direction,
+            grid.clearance,
+        )
+
+    def clyde_arrays(self) -> tuple[NDArray, ...]:
+        """What Clyde's kernels take as ``arrays``."""
+        return cell_arrays(self.clyde)
+
+
+_assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()
+_lock = threading.Lock()
+
+
+def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None) -> str:
+    relevant = {
+        "map": occupancy.hash,
+        "inscribed": config.robot.inscribed_radius_m,
+        "inflation": [config.nav2.inflation_radius_m, config.nav2.inflation_scale],
+        "tolerance": [config.nav2.unreachable_tolerance_m, config.execution.pickup_radius_m],
+        "pellets": asdict(config.pellets),
+        "clyde": [config.clyde.clearance_m, config.clyde.spawn, config.clyde.spawn_distance_m],
+        "refuges": asdict(config.refuges),
+        "home": home,
+        "code": source_hash(),
+    }
+    return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def map_assets(
+    source: MapSource, config: Config, home: tuple[float, float, float] | None = None
+) -> MapAssets:
+    """The assets of a map (name, file or loaded map) under a configuration.
+
+    Raises:
+        MapError: the map cannot be read, or has no place for the robot or no pellet to play for.
+        ConfigError: Clyde's spawn rule leaves him no cell.
+    """
+    occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
+    key = _key(occupancy, config, home)
+    with _lock:
+        if key in _assets:
+            _assets.move_to_end(key)
+            return _assets[key]
+        assets = _build(occupancy, config, home, key)
+        _assets[key] = assets
+        while len(_assets) > _KEEP:
+            _assets.popitem(last=False)
+        return assets
+
+
+def _build(
+    occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str
+) -> MapAssets:
+    grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
+    pellets = generate_pellets(occupancy, config.pellets)
+    tolerance = config.nav2.unreachable_tolerance_m
+    cells = np.array([grid.nearest_cell(x, y, tolerance) for x, y in pellets.position], dtype=np.int32)
+    near = np.zeros(len(pellets), dtype=np.bool_)
+    for i, cell in enumerate(cells):
+        if cell >= 0:
+            x, y = grid.to_world(*grid.cell[cell])
+            offset = np.hypot(x - pellets.position[i, 0], y - pellets.position[i, 1])
+            near[i] = offset <= config.execution.pickup_radius_m
+    keep = near if config.pellets.reachable_only else np.ones(len(pellets), dtype=np.bool_)
+    if not near.any():
+        raise MapError(
+            f"{occupancy.name}: no pellet that the robot can reach at a spacing of {config.pellets.spacing_m} m"
+        )
+    clyde = clyde_cells(occupancy, config.clyde, config.pellets.free_grey)
+    clyde_drive = _drive_cells(grid, clyde)
+    part = _connected_part(clyde, clyde_drive, occupancy.name)
+    refuge_xy = choose_refuges(grid, clyde, part, config.refuges)
+    refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
+    goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
+    neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
+    b = grid.inverse
+    centre = grid.cell + 0.5
+    cell_xy = np.stack(
+        [
+            b[0] * centre[:, 0] + b[1] * centre[:, 1] + b[2],
+            b[3] * centre[:, 0] + b[4] * centre[:, 1] + b[5],
+        ],
+        axis=1,
+    )
+    fields = cached_arrays(
+        key, ("length_cm", "direction"), lambda: _fields(grid, neighbours, goal_cell)
+    )
+    return MapAssets(
+        occupancy=occupancy,
+        grid=grid,
+        clyde=clyde,
+        clyde_part=part,
+        spawn_cells=_spawn_cells(grid, clyde, part, config),
+        clyde_drive=clyde_drive,
+        pellet_ids=pellets.ids[keep],
+        dropped_ids=pellets.ids[~keep],
+        goal_xy=np.concatenate([pellets.position[keep], refuge_xy]),
+        goal_cell=goal_cell,
+        neighbours=neighbours,
+        cell_xy=cell_xy,
+        length_cm=fields["length_cm"],
+        direction=fields["direction"],
+    )
+
+
+def _fields(grid: DriveGrid, neighbours: NDArray, goal_cell: NDArray) -> dict[str, NDArray]:
+    """Path fields of all goals; a goal without a cell is unreachable from everywhere."""
+    count, goals = len(grid.cell), len(goal_cell)
+    length_cm = np.full((count, goals), 65535, dtype=np.uint16)
+    direction = np.full((goals, count), 255, dtype=np.uint8)
+    lengths = step_lengths(STEPS16)
+    weight = navfn_weights(grid.cost, grid.cell)
+    column = np.empty(count, dtype=np.uint16)
+    for k, cell in enumerate(goal_cell):
+        if cell >= 0:
+            path_field(neighbours, lengths, weight, np.float32(grid.resolution), cell, column, direction[k])
+            length_cm[:, k] = column
+    return {"length_cm": length_cm, "direction": direction}
+
+
+def _drive_cells(grid: DriveGrid, clyde: ClydeCells) -> NDArray[np.int32]:
+    a = grid.affine
+    x, y = clyde.position[:, 0], clyde.position[:, 1]
+    column = np.floor(a[0] * x + a[1] * y + a[2]).astype(np.int64)
+    row = np.floor(a[3] * x + a[4] * y + a[5]).astype(np.int64)
+    rows, columns = grid.shape
+    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+    result = np.full(len(x), -1, dtype=np.int32)
+    result[inside] = grid.cell_id[row[inside], column[inside]]
+    return result
+
+
+def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:
+    """Clyde's part with most cells in the robot's area."""
+    shared = np.bincount(clyde.part[clyde_drive >= 0], minlength=len(clyde.part_start) - 1)
+    if shared.max() == 0:
+        raise MapError(f"{name}: no place of the robot's area is wide enough for Clyde")
+    return int(shared.argmax())
+
+
+def _spawn_cells(grid: DriveGrid, clyde: ClydeCells, part: int, config: Config) -> NDArray[np.int32]:
+    """Cells that Clyde may start from: the rule's parts, far enough from the robot's home pose."""
+    if config.clyde.spawn == "connected":
+        cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
+    else:
+        cells = clyde.part_cells
+    offset = clyde.position[cells] - grid.home[:2]
+    distance = np.hypot(offset[:, 0], offset[:, 1])
+    allowed = cells[distance >= config.clyde.spawn_distance_m]
+    if len(allowed) == 0:
+        raise ConfigError(
+            f"clyde.spawn_distance_m = {config.clyde.spawn_distance_m}: Clyde's farthest cell is"
+            f" {distance.max():.2f} m from the robot's home pose"
+        )
+    return np.sort(allowed)

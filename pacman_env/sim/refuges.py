@@ -1,0 +1,80 @@
+"""Where a robot can wait: candidate goals beside the pellets, chosen once per map.
+
+*Nooks* are places that Clyde's centre cannot come near and that the robot can reach; the others are spread out by
+path length over the robot's area, the home pose first.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import RefugeConfig
+from ..game.clyde import ClydeCells
+from ..world.grid import DriveGrid
+from ..world.paths import STEPS16, navfn_weights, neighbour_table, path_field, step_lengths
+
+_ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
+
+
+def choose_refuges(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> NDArray[np.float64]:
+    """Places (R, 2) in m: the home pose, up to ``spread`` spread-out ones, up to ``nooks`` nooks."""
+    home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
+    places = [(float(grid.home[0]), float(grid.home[1]))]
+    places += [grid.to_world(*grid.cell[k]) for k in _spread(grid, home, config.spread)]
+    places += [grid.to_world(*grid.cell[k]) for k in _nooks(grid, clyde, part, config)]
+    return np.array(places, dtype=np.float64)
+
+
+def _spread(grid: DriveGrid, home: int, count: int) -> list[int]:
+    """Farthest-point sampling by path length from home on."""
+    if count == 0:
+        return []
+    neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
+    lengths = step_lengths(STEPS16)
+    weight = navfn_weights(grid.cost, grid.cell)
+    clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
+    roomy = clearance >= _ROOMY_M
+    if not roomy.any():
+        roomy = clearance >= clearance.max()
+    nearest = np.full(len(grid.cell), np.inf)
+    field = np.empty(len(grid.cell), np.uint16)
+    direction = np.empty(len(grid.cell), np.uint8)
+    chosen: list[int] = []
+    source = home
+    for _ in range(count):
+        path_field(neighbours, lengths, weight, np.float32(grid.resolution), source, field, direction)
+        np.minimum(nearest, field, out=nearest)
+        source = int(np.where(roomy, nearest, -1.0).argmax())
+        if nearest[source] <= 0:
+            break
+        chosen.append(source)
+    return chosen
+
+
+def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:
+    """The cell farthest from Clyde in each of the largest patches that he cannot come near."""
+    if config.nooks == 0:
+        return []
+    away = np.ones(grid.shape, dtype=np.uint8)
+    cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
+    rows, columns = grid.shape
+    a = grid.affine
+    x, y = clyde.position[cells, 0], clyde.position[cells, 1]
+    column = np.floor(a[0] * x + a[1] * y + a[2]).astype(np.int64)
+    row = np.floor(a[3] * x + a[4] * y + a[5]).astype(np.int64)
+    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+    away[row[inside], column[inside]] = 0
+    distance = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * grid.resolution
+    # Clyde's positions and cell centres can be half a cell's diagonal apart.
+    safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(safe.astype(np.uint8), connectivity=4)
+    order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[: config.nooks] + 1
+    chosen = []
+    for label in order:
+        best = int(np.where(labels == label, distance, -1.0).argmax())
+        chosen.append(int(grid.cell_id.flat[best]))
+    return chosen

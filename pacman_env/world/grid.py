@@ -1,0 +1,227 @@
+"""The map as the robot drives on it: clearance, the inflated costmap, the reachable cells, the walls around them.
+
+Cells are numbered row by row with row 0 at the *bottom*, so that y grows with the row; a margin of solid cells
+surrounds the part of the map that is kept. What is solid is decided by the game's rule (grey above 250 is free): what
+SLAM never saw free is no place for a robot, whatever the costmap's thresholds say.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Nav2Config, PelletConfig, RobotConfig
+from .occupancy import MapError, OccupancyMap
+
+LETHAL = 254  # an obstacle's own cell
+INSCRIBED = 253  # the robot's centre cannot be here
+_MARGIN = 4  # solid cells around the kept part
+_WALL_TOLERANCE_PX = 0.5  # walls are simplified contours; half a cell stays inside the inscribed margin
+
+
+@dataclass(frozen=True, eq=False)
+class DriveGrid:
+    """The drivable part of a map.
+
+    World coordinates x, y (m, map frame) belong to the cell ``int(cx), int(cy)`` with
+    ``cx = affine[0] x + affine[1] y + affine[2]`` and ``cy = affine[3] x + affine[4] y + affine[5]``.
+    """
+
+    resolution: float  # m per cell
+    affine: NDArray[np.float64]  # (6,) world to cell
+    inverse: NDArray[np.float64]  # (6,) cell to world
+    clearance: NDArray[np.float32]  # (H, W) m, cell centre to the nearest solid cell's centre
+    cost: NDArray[np.uint8]  # (H, W) inflated costmap, 0..254
+    cell_id: NDArray[np.int32]  # (H, W) number of a drivable cell, -1 elsewhere
+    snap: NDArray[np.int32]  # (H, W) number of the nearest drivable cell
+    cell: NDArray[np.int32]  # (K, 2) column, row of each drivable cell
+    walls: NDArray[np.float64]  # (S, 4) x0, y0, x1, y1 in m
+    home: NDArray[np.float64]  # (3,) x, y, heading
+    offset: tuple[int, int]  # column and row (from the bottom) of the kept part within the whole map
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.cell_id.shape[0], self.cell_id.shape[1]
+
+    def to_cell(self, x: float, y: float) -> tuple[int, int]:
+        """Column and row of a world position, clipped to the grid."""
+        a = self.affine
+        rows, columns = self.shape
+        column = math.floor(a[0] * x + a[1] * y + a[2])
+        row = math.floor(a[3] * x + a[4] * y + a[5])
+        return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
+
+    def to_world(self, column: float, row: float) -> tuple[float, float]:
+        """World position of a cell's centre."""
+        b = self.inverse
+        column, row = column + 0.5, row + 0.5
+        return b[0] * column + b[1] * row + b[2], b[3] * column + b[4] * row + b[5]
+
+    def nearest_cell(self, x: float, y: float, within_m: float) -> int:
+        """Number of the drivable cell nearest to (x, y) inside a square of that half-width; -1: none."""
+        a = self.affine
+        cx, cy = a[0] * x + a[1] * y + a[2], a[3] * x + a[4] * y + a[5]
+        reach = within_m / self.resolution + 0.5
+        offset = self.cell + 0.5 - (cx, cy)
+        candidates = np.flatnonzero(np.abs(offset).max(axis=1) <= reach)
+        if len(candidates) == 0:
+            return -1
+        return int(candidates[(offset[candidates] ** 2).sum(axis=1).argmin()])
+
+
+def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:
+    """Nav2's inflation layer: cost of each cell from its distance d to the nearest obstacle's centre.
+
+    254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
+    """
+    d = clearance.astype(np.float64)
+    cost = np.floor(252.0 * np.exp(-nav2.inflation_scale * (d - robot.inscribed_radius_m)))
+    cost[d > math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6] = 0
+    cost[d <= robot.inscribed_radius_m] = INSCRIBED
+    cost[d == 0] = LETHAL
+    return np.clip(cost, 0, 254).astype(np.uint8)
+
+
+def _parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """4-connected parts of a mask (diagonal steps need both neighbours) and the area of each."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    stats[0, cv2.CC_STAT_AREA] = 0
+    return labels, stats[:, cv2.CC_STAT_AREA]
+
+
+def _home_cell(
+    drivable: NDArray[np.bool_], clearance: NDArray[np.float32], wished: tuple[int, int] | None
+) -> tuple[int, int]:
+    """The wished cell if it is drivable and in a part worth playing in, else the roomiest one of the largest part."""
+    labels, areas = _parts(drivable)
+    if wished is not None:
+        column, row = wished
+        rows, columns = drivable.shape
+        if 0 <= row < rows and 0 <= column < columns and areas[labels[row, column]] * 4 >= areas.max():
+            return column, row
+    best = np.where(labels == areas.argmax(), clearance, -1.0)
+    row, column = np.unravel_index(int(best.argmax()), best.shape)
+    return int(column), int(row)
+
+
+def _walls(solid: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
+    """Closed polygons (P, 2) in cells along the centres of the solid cells that bound the free ones."""
+    contours, _ = cv2.findContours(solid.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    return [cv2.approxPolyDP(c, _WALL_TOLERANCE_PX, True)[:, 0, :].astype(np.float64) for c in contours]
+
+
+def build_grid(
+    occupancy: OccupancyMap,
+    robot: RobotConfig,
+    nav2: Nav2Config,
+    pellets: PelletConfig,
+    home: tuple[float, float, float] | None = None,
+) -> DriveGrid:
+    """Compute the drivable grid around the home pose.
+
+    Args:
+        occupancy: the map.
+        robot: radii of the robot.
+        nav2: inflation parameters.
+        pellets: gives the grey above which a cell is free.
+        home: x, y (m), heading (rad) of the home pose; None: (0, 0, 0) if the robot can stand there.
+
+    Raises:
+        MapError: the map has no place for the robot, or the asked home pose is not drivable.
+    """
+    res = occupancy.resolution
+    free = np.flipud(occupancy.game_free(pellets.free_grey))
+    free = np.pad(free, _MARGIN, constant_values=False)
+    # Ray noise far from any place where the robot fits is dropped before anything else is computed.
+    clearance = _clearance(free, res)
+    drivable = clearance > robot.inscribed_radius_m
+    if not drivable.any():
+        raise MapError(f"{occupancy.name}: no free place wide enough for a robot of {robot.inscribed_radius_m} m")
+    ox, oy, yaw = occupancy.origin
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    if abs(yaw) < 1e-12:
+        cos, sin = 1.0, 0.0
+
+    def affine(columns_off: int, rows_off: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        to_cell = np.array(
+            [cos / res, sin / res, -(cos * ox + sin * oy) / res - columns_off]
+            + [-sin / res, cos / res, (sin * ox - cos * oy) / res - rows_off]
+        )
+        x0 = ox + res * (cos * columns_off - sin * rows_off)
+        y0 = oy + res * (sin * columns_off + cos * rows_off)
+        return to_cell, np.array([res * cos, -res * sin, x0, res * sin, res * cos, y0])
+
+    to_cell, _ = affine(-_MARGIN, -_MARGIN)
+    hx, hy, heading = home if home is not None else (0.0, 0.0, 0.0)
+    wished = (
+        math.floor(to_cell[0] * hx + to_cell[1] * hy + to_cell[2]),
+        math.floor(to_cell[3] * hx + to_cell[4] * hy + to_cell[5]),
+    )
+    home_cell = _home_cell(drivable, clearance, wished)
+    if home is not None and home_cell != wished:
+        raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
+    labels, _ = _parts(drivable)
+    main = labels == labels[home_cell[1], home_cell[0]]
+
+    rows, columns = np.nonzero(main)
+    keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
+    r0, r1 = max(rows.min() - keep, 0), min(rows.max() + keep + 1, main.shape[0])
+    c0, c1 = max(columns.min() - keep, 0), min(columns.max() + keep + 1, main.shape[1])
+    free, main, clearance = free[r0:r1, c0:c1], main[r0:r1, c0:c1], clearance[r0:r1, c0:c1]
+
+    # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
+    away, nearest = cv2.distanceTransformWithLabels(
+        (~main).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    swept = free & (away * res <= robot.inscribed_radius_m)
+    to_cell, to_world = affine(int(c0) - _MARGIN, int(r0) - _MARGIN)
+
+    cell_id = np.full(main.shape, -1, dtype=np.int32)
+    rows, columns = np.nonzero(main)
+    cell_id[rows, columns] = np.arange(len(rows), dtype=np.int32)
+    by_label = np.zeros(int(nearest.max()) + 1, dtype=np.int32)
+    by_label[nearest[rows, columns]] = cell_id[rows, columns]
+
+    segments = []
+    for polygon in _walls(~swept):
+        p = polygon + 0.5
+        xy = np.stack(
+            [
+                to_world[0] * p[:, 0] + to_world[1] * p[:, 1] + to_world[2],
+                to_world[3] * p[:, 0] + to_world[4] * p[:, 1] + to_world[5],
+            ],
+            axis=1,
+        )
+        segments.append(np.concatenate([xy, np.roll(xy, -1, axis=0)], axis=1))
+    hc, hr = home_cell[0] - c0, home_cell[1] - r0
+    if wished == home_cell:
+        home_xy = (hx, hy)
+    else:
+        b = to_world
+        home_xy = (
+            b[0] * (hc + 0.5) + b[1] * (hr + 0.5) + b[2],
+            b[3] * (hc + 0.5) + b[4] * (hr + 0.5) + b[5],
+        )
+    return DriveGrid(
+        resolution=res,
+        affine=to_cell,
+        inverse=to_world,
+        clearance=clearance,
+        cost=inflate(clearance, res, robot, nav2),
+        cell_id=cell_id,
+        snap=by_label[nearest],
+        cell=np.stack([columns, rows], axis=1).astype(np.int32),
+        walls=np.concatenate(segments),
+        home=np.array([home_xy[0], home_xy[1], heading]),
+        offset=(int(c0) - _MARGIN, int(r0) - _MARGIN),
+    )
+
+
+def _clearance(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
+    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return (distance * resolution).astype(np.float32)
