@@ -42,7 +42,7 @@ class PelletSet:
 def pixel_to_world(
     map: FreeSpace, u: NDArray[np.int64], v: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The game's world position x, y (m) of pixels: x = u R + x0, y = (H - v) R + y0, turned by the map's yaw."""
+    """Position x, y (m) of pixels: x = u R + x0, y = (H - v) R + y0, turned about the origin by its yaw."""
     x0, y0, yaw = map.origin
     cos, sin = (math.cos(yaw), math.sin(yaw)) if yaw else (1.0, 0.0)
     height = map.game_free(0).shape[0]
@@ -53,8 +53,7 @@ def pixel_to_world(
 def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     """Milestone 3, Algorithm 1: a lattice from pixel (0, 0), kept where the square around a point is free.
 
-    Spacing and clearance are rounded to whole pixels. A turned map frame turns the pellets along;
-    at yaw 0 the position is the document's x = u R + x0, y = (H - v) R + y0, half a cell off map_server's centres.
+    Spacing and clearance are rounded to whole pixels. Positions are half a cell off map_server's centres.
     ``config.reachable_only`` is left to the simulator: ids must not depend on where a robot starts.
 
     Raises:

@@ -1,0 +1,267 @@
+"""Algorithm 5: the game from menu to menu, and the two rules of a round that the simulator shares.
+
+A pure state machine: time comes in as an argument, everything to publish goes out as a list of actions.
+Detecting pick-up and death is Algorithm 4's business, and so is the event ``clyde killed``: who sees the
+death names the ghost, then reports ``death_detected``. Lights and sounds of events are decided elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pacman_env.config import ClydeConfig
+from pacman_env.jit import kernel
+
+State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
+ActionKind = Literal[
+    "command",
+    "event",
+    "state",
+    "result",
+    "score",
+    "round",
+    "spawned",
+    "collected",
+    "clyde_speed",
+    "reset_pellets",
+    "reset_clyde",
+    "ignored",
+]
+
+
+@dataclass(frozen=True)
+class Action:
+    """One thing to publish or to call, in order; ``ignored`` says why an input had no effect."""
+
+    kind: ActionKind
+    value: str | int | float | None = None
+
+
+@kernel
+def clyde_speed_mps(base: float, step: float, round: int) -> float:
+    """Clyde's speed in a round, the first being 1 (Milestone 3, Algorithm 5)."""
+    return base + (round - 1) * step
+
+
+@kernel
+def round_complete(collected: int, spawned: int) -> bool:
+    """N_collected >= N_spawned (Milestone 3, Algorithm 5); never while the pellets are unknown, 0."""
+    return spawned > 0 and collected >= spawned
+
+
+@dataclass
+class RoundController:
+    """The game's state, score and round; every input returns the actions it causes.
+
+    Score counts pellets over the whole game: a completed round keeps it and raises the round and Clyde's
+    speed, death and ``reset`` set all back. What does not fit the state changes nothing and is ``ignored``.
+    """
+
+    clyde: ClydeConfig = field(default_factory=ClydeConfig)
+    start_show_s: float = 8.0  # original
+    death_show_s: float = 5.0  # original
+    home_retries: int = 3  # more tries after a failed way home before the game gives up
+    home_retry_s: float = 5.0  # pause before each of them
+
+    state: State = field(default="menu", init=False)
+    score: int = field(default=0, init=False)
+    round: int = field(default=1, init=False)
+    result: str = field(default="", init=False)
+    _base_speed_mps: float = field(init=False)
+    _collected: set[int] = field(default_factory=set, init=False)
+    _left: frozenset[int] | None = field(default=None, init=False)  # None: no report in this round yet
+    _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
+    _after_home: Literal["start", "next_round", "game_over"] = field(default="start", init=False)
+    _home_failures: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._base_speed_mps = self.clyde.speed_mps
+
+    @property
+    def collected(self) -> int:
+        """Pellets collected in this round."""
+        return len(self._collected)
+
+    @property
+    def spawned(self) -> int:
+        """Pellets of this round, collected or not; 0 as long as none were reported."""
+        return 0 if self._left is None else len(self._left | self._collected)
+
+    @property
+    def clyde_speed(self) -> float:
+        """Clyde's speed in this round, m/s."""
+        return float(clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round))
+
+    def announce(self) -> list[Action]:
+        """Everything latched as it is now, for a node that has just come up."""
+        return [Action("command", "disable"), *self._latched()]
+
+    def start(self, now: float) -> list[Action]:
+        """Drive home and begin the round; only from the menu."""
+        if self.state != "menu":
+            return [Action("ignored", f"start: the game is in state {self.state!r}")]
+        self.result = ""
+        return [*self._reset_round(), *self._go_home("start")]
+
+    def reset(self, now: float) -> list[Action]:
+        """Break off whatever is going on: back to the menu, score 0, round 1."""
+        self.result = ""
+        return self._game_over()
+
+    def pellets_left(self, ids: Iterable[int]) -> list[Action]:
+        """The ids that the latest pellet report still shows.
+
+        Only the latest report counts, together with the ids collected: a stale or early one is forgotten with
+        the next, and which of status and report of one pellet comes first does not matter.
+        """
+        before = self.spawned
+        self._left = frozenset(ids)
+        return [Action("spawned", self.spawned)] if self.spawned != before else []
+
+    def base_clyde_speed(self, speed_mps: float) -> list[Action]:
+        """Set Clyde's speed of round 1; announced at once in the menu, else with the next round."""
+        if not (math.isfinite(speed_mps) and speed_mps > 0):
+            return [Action("ignored", f"base Clyde speed {speed_mps!r}: must be a finite number above 0")]
+        self._base_speed_mps = float(speed_mps)
+        return [Action("clyde_speed", self.clyde_speed)] if self.state == "menu" else []
+
+    def status(self, word: str, now: float) -> list[Action]:
+        """A report of the executing side.
+
+        Words: pellet_collected:<id>, death_detected, game_complete, home_reached, home_failed.
+        """
+        name, _, argument = word.strip().lower().partition(":")
+        expected: dict[str, State] = {
+            "pellet_collected": "running",
+            "death_detected": "running",
+            "game_complete": "running",
+            "home_reached": "returning_home",
+            "home_failed": "returning_home",
+        }
+        if name not in expected or bool(argument) != (name == "pellet_collected"):
+            return [Action("ignored", f"status {word!r}: not a status")]
+        if self.state != expected[name]:
+            return [Action("ignored", f"status {word!r}: the game is in state {self.state!r}")]
+        if name == "pellet_collected":
+            return self._pellet(argument)
+        if name == "death_detected":
+            return self._die(now)
+        if name == "game_complete":
+            return self._complete()
+        return self._home_reached(now) if name == "home_reached" else self._home_failed(now)
+
+    def tick(self, now: float) -> list[Action]:
+        """What is due: the end of the start show or of the death show, another try to get home."""
+        if self._deadline_s is None or now < self._deadline_s:
+            return []
+        self._deadline_s = None
+        if self.state == "starting":
+            return [
+                Action("clyde_speed", self.clyde_speed),
+                Action("command", "enable"),
+                self._enter("running"),
+            ]
+        if self.state == "dying":
+            return self._go_home("game_over")
+        return [Action("command", "return_home")]
+
+    def _enter(self, state: State) -> Action:
+        self.state = state
+        return Action("state", state)
+
+    def _latched(self) -> list[Action]:
+        return [
+            Action("clyde_speed", self.clyde_speed),
+            Action("result", self.result),
+            Action("spawned", self.spawned),
+            Action("collected", self.collected),
+            Action("score", self.score),
+            Action("round", self.round),
+            Action("state", self.state),
+        ]
+
+    def _reset_round(self) -> list[Action]:
+        self.state = "menu"
+        self._collected.clear()
+        self._left = None
+        self._deadline_s = None
+        return [
+            Action("command", "disable"),
+            Action("command", "reset_round"),
+            Action("event", "reset"),
+            Action("reset_pellets"),
+            Action("reset_clyde"),
+            *self._latched(),
+        ]
+
+    def _game_over(self) -> list[Action]:
+        self.score = 0
+        self.round = 1
+        return self._reset_round()
+
+    def _go_home(self, then: Literal["start", "next_round", "game_over"]) -> list[Action]:
+        self._after_home = then
+        self._home_failures = 0
+        return [Action("command", "return_home"), self._enter("returning_home")]
+
+    def _arrive(self) -> list[Action]:
+        """The menu after a round; nothing to settle where no round was played."""
+        if self._after_home == "next_round":
+            self.round += 1
+            return self._reset_round()
+        return self._game_over() if self._after_home == "game_over" else self._reset_round()
+
+    def _home_reached(self, now: float) -> list[Action]:
+        if self._after_home != "start":
+            return self._arrive()
+        self._deadline_s = now + self.start_show_s
+        return [Action("event", "start theatrical"), self._enter("starting")]
+
+    def _home_failed(self, now: float) -> list[Action]:
+        if self._deadline_s is not None:
+            return [Action("ignored", "status 'home_failed': the next try is due already")]
+        self._home_failures += 1
+        if self._home_failures <= self.home_retries:
+            self._deadline_s = now + self.home_retry_s
+            return []
+        self.result = "home_failed"
+        return self._arrive()
+
+    def _pellet(self, argument: str) -> list[Action]:
+        if not (argument.isascii() and argument.isdigit() and len(argument) < 10):
+            return [Action("ignored", f"status 'pellet_collected:{argument}': not a pellet id")]
+        pellet = int(argument)
+        if pellet in self._collected:
+            return [Action("ignored", f"pellet {pellet} was counted before")]
+        before = self.spawned
+        self._collected.add(pellet)
+        self.score += 1
+        actions = [Action("spawned", self.spawned)] if self.spawned != before else []
+        actions += [
+            Action("collected", self.collected),
+            Action("score", self.score),
+            Action("event", "pellet"),
+        ]
+        if round_complete(self.collected, self.spawned):
+            actions += self._complete()
+        return actions
+
+    def _complete(self) -> list[Action]:
+        self.result = f"Complete - Score: {self.score}"
+        command, returning = self._go_home("next_round")
+        return [
+            Action("command", "disable"),
+            Action("event", "win"),
+            Action("result", self.result),
+            command,
+            Action("state", "complete"),
+            returning,
+        ]
+
+    def _die(self, now: float) -> list[Action]:
+        self.result = f"Death - Score: {self.score}"
+        self._deadline_s = now + self.death_show_s
+        return [Action("command", "disable"), Action("result", self.result), self._enter("dying")]

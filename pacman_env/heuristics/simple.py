@@ -1,0 +1,77 @@
+"""Two baselines: the nearest pellet by path length, and a random pellet. Both ignore Clyde."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.jit import kernel
+from pacman_env.policies.base import BasePolicy
+from pacman_env.rng import POLICY, stream, uniform
+from pacman_env.sim.situation import PELLET, Situation
+
+
+class Nearest(BasePolicy):
+    """The pellet with the shortest way from the robot; another one only if nearer by the margin.
+
+    Raises:
+        ValueError: a negative or not finite margin.
+    """
+
+    name = "nearest"
+
+    def __init__(self, replan_margin_m: float = 0.3) -> None:
+        if not (math.isfinite(replan_margin_m) and replan_margin_m >= 0):
+            raise ValueError(f"replan_margin_m = {replan_margin_m!r}: must be a finite number of at least 0")
+        self.replan_margin_m = replan_margin_m
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """Minus the path length, m."""
+        allowed = situation.mask & (situation.kind == PELLET)
+        return np.where(allowed, -situation.path_robot, -np.inf)
+
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        """The nearest pellet, the first of equals; the current one unless beaten by the margin."""
+        goal = super().select(situation)
+        scores = self.scores(situation)
+        games, current = np.arange(len(goal)), situation.current
+        pursued = np.where(current >= 0, scores[games, current], -np.inf)
+        keep = (pursued > -np.inf) & (scores[games, goal] <= pursued + self.replan_margin_m)
+        return np.where(keep, current, goal)
+
+
+@kernel
+def random_scores(
+    seed: NDArray[np.uint64],
+    tick: NDArray[np.int64],
+    current: NDArray[np.int64],
+    kind: NDArray[np.int8],
+    mask: NDArray[np.bool_],
+    out: NDArray[np.float64],
+) -> None:
+    """Per allowed pellet a number in [0, 1) from (seed, tick, candidate), 1 for the current; else -inf."""
+    for n in range(out.shape[0]):
+        state = stream(stream(seed[n], POLICY), tick[n])
+        for c in range(out.shape[1]):
+            state, draw = uniform(state)
+            if kind[n, c] != PELLET or not mask[n, c]:
+                out[n, c] = -np.inf
+            else:
+                out[n, c] = 1.0 if c == current[n] else draw
+
+
+class Random(BasePolicy):
+    """A pellet drawn uniformly, kept until it is gone or masked.
+
+    The draw depends on the game's own seed and tick alone, not on the batch a game is in.
+    """
+
+    name = "random"
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """Independent uniform numbers, and 1 for the pellet pursued now."""
+        out = np.empty(situation.mask.shape)
+        random_scores(situation.seed, situation.tick, situation.current, situation.kind, situation.mask, out)
+        return out

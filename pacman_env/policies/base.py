@@ -1,0 +1,77 @@
+"""The one protocol of everything that picks goals, and a base class with the parts most policies share.
+
+No policy lives here, and nothing that steps a simulator or speaks ROS.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.sim.situation import HOLD, Situation
+
+#: Per game, per candidate: named terms of the decision, plain Python values.
+Explanation = list[list[dict[str, float | bool | str]]]
+KIND_NAMES = ("pellet", "refuge", "hold")
+
+
+class Policy(Protocol):
+    """A function from situations to one score per candidate; the goal is the best unmasked candidate."""
+
+    name: str
+
+    def reset(self, games: NDArray[np.bool_]) -> None:
+        """Forget the state of the games that are True; ``games`` is (N,)."""
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """(N, C), higher is better, -inf: never. Leaves the policy's state alone."""
+
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        """(N,) the goal of each game, replan margin and hysteresis included."""
+
+    def explain(self, situation: Situation) -> Explanation:
+        """Why: the terms of each candidate's score. Leaves the policy's state alone."""
+
+
+def hold_index(situation: Situation) -> NDArray[np.int64]:
+    """(N,) index of the HOLD candidate, -1 where a game has none."""
+    hold = situation.kind == HOLD
+    return np.where(hold.any(axis=1), hold.argmax(axis=1), -1)
+
+
+class BasePolicy:
+    """A policy without state: a subclass gives ``name`` and ``scores``."""
+
+    name: str
+
+    def reset(self, games: NDArray[np.bool_]) -> None:
+        """Nothing to forget."""
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """(N, C), higher is better, -inf: never."""
+        raise NotImplementedError(f"{type(self).__name__}.scores")
+
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        """The unmasked candidate with the highest score, the first of equals; HOLD where none is allowed."""
+        scores = self.scores(situation)
+        allowed = np.where(situation.mask & (scores > -np.inf), scores, -np.inf)  # NaN is no score either
+        goal = allowed.argmax(axis=1)
+        best = allowed[np.arange(len(goal)), goal]
+        return np.where(best > -np.inf, goal, hold_index(situation))
+
+    def explain(self, situation: Situation) -> Explanation:
+        """Kind, mask and score of each candidate."""
+        return [
+            [
+                {"kind": KIND_NAMES[kind], "allowed": allowed, "score": score}
+                for kind, allowed, score in zip(*row, strict=True)
+            ]
+            for row in zip(
+                situation.kind.tolist(),
+                situation.mask.tolist(),
+                self.scores(situation).tolist(),
+                strict=True,
+            )
+        ]

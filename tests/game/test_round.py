@@ -1,0 +1,338 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.game.round import Action, RoundController, clyde_speed_mps, round_complete
+
+SHOWN = ("command", "event", "state", "score", "round", "clyde_speed", "collected", "spawned", "result")
+
+
+def words(actions: list[Action], *kinds: str) -> list[tuple[str, object]]:
+    return [(a.kind, a.value) for a in actions if a.kind in (kinds or SHOWN)]
+
+
+def running(pellets: int = 8, **options: float) -> RoundController:
+    game = RoundController(**options)  # type: ignore[arg-type]
+    game.start(0.0)
+    game.pellets_left(range(pellets))
+    game.status("home_reached", 1.0)
+    game.tick(1.0 + game.start_show_s)
+    assert game.state == "running"
+    return game
+
+
+def ignored(actions: list[Action]) -> bool:
+    return [a.kind for a in actions] == ["ignored"]
+
+
+def test_a_start_follows_the_recorded_game() -> None:
+    game = RoundController()
+    assert words(game.start(0.0), "command", "event", "state") == [
+        ("command", "disable"),
+        ("command", "reset_round"),
+        ("event", "reset"),
+        ("state", "menu"),
+        ("command", "return_home"),
+        ("state", "returning_home"),
+    ]
+    assert words(game.pellets_left(range(8))) == [("spawned", 8)]
+    assert words(game.status("home_reached", 0.03)) == [
+        ("event", "start theatrical"),
+        ("state", "starting"),
+    ]
+    assert game.tick(8.02) == []
+    assert words(game.tick(8.03)) == [("clyde_speed", 0.25), ("command", "enable"), ("state", "running")]
+    assert game.tick(9.0) == []
+
+
+def test_a_pellet_follows_the_recorded_game() -> None:
+    assert words(running().status("pellet_collected:3", 20.0)) == [
+        ("collected", 1),
+        ("score", 1),
+        ("event", "pellet"),
+    ]
+
+
+def test_the_last_pellet_and_the_way_home_follow_the_recorded_game() -> None:
+    game = running(2)
+    game.status("pellet_collected:0", 20.0)
+    assert words(game.status("pellet_collected:1", 30.0)) == [
+        ("collected", 2),
+        ("score", 2),
+        ("event", "pellet"),
+        ("command", "disable"),
+        ("event", "win"),
+        ("result", "Complete - Score: 2"),
+        ("command", "return_home"),
+        ("state", "complete"),
+        ("state", "returning_home"),
+    ]
+    home = game.status("home_reached", 40.0)
+    assert words(home, "command", "event", "state") == [
+        ("command", "disable"),
+        ("command", "reset_round"),
+        ("event", "reset"),
+        ("state", "menu"),
+    ]
+    assert words(home, "score", "round", "collected", "clyde_speed", "result") == [
+        ("clyde_speed", pytest.approx(0.30)),
+        ("result", "Complete - Score: 2"),
+        ("collected", 0),
+        ("score", 2),
+        ("round", 2),
+    ]
+    assert [a.kind for a in home if a.kind.startswith("reset")] == ["reset_pellets", "reset_clyde"]
+
+
+def test_death_follows_the_recorded_game_and_resets_score_and_round() -> None:
+    game = running()
+    game.round = 3
+    game.status("pellet_collected:0", 20.0)
+    assert words(game.status("death_detected", 30.0)) == [
+        ("command", "disable"),
+        ("result", "Death - Score: 1"),
+        ("state", "dying"),
+    ]
+    assert game.tick(34.9) == []
+    assert words(game.tick(35.0)) == [("command", "return_home"), ("state", "returning_home")]
+    home = game.status("home_reached", 50.0)
+    assert (game.state, game.score, game.round, game.collected) == ("menu", 0, 1, 0)
+    assert ("clyde_speed", 0.25) in words(home)
+    assert game.result == "Death - Score: 1"
+
+
+def test_the_next_round_goes_on_with_score_and_speed() -> None:
+    game = running(1)
+    game.status("pellet_collected:0", 20.0)
+    game.status("home_reached", 30.0)
+    assert ("score", 1) in words(game.start(40.0))
+    game.pellets_left([0])
+    game.status("home_reached", 41.0)
+    assert words(game.tick(49.0), "clyde_speed") == [("clyde_speed", pytest.approx(0.30))]
+    game.status("pellet_collected:0", 60.0)
+    assert (game.score, game.result) == (2, "Complete - Score: 2")
+
+
+def test_a_pellet_counts_once() -> None:
+    game = running()
+    game.status("pellet_collected:3", 20.0)
+    assert ignored(game.status("pellet_collected:3", 20.5))
+    assert (game.score, game.collected) == (1, 1)
+
+
+def test_a_stale_pellet_report_does_not_keep_the_round_from_completing() -> None:
+    game = running(2)
+    game.status("pellet_collected:0", 20.0)
+    game.pellets_left(range(12))
+    assert game.spawned == 12
+    assert words(game.pellets_left([1])) == [("spawned", 2)]
+    assert ("event", "win") in words(game.status("pellet_collected:1", 30.0))
+
+
+@pytest.mark.parametrize("seen_before_the_status", [[1, 2], [2]])
+def test_a_pellet_report_that_overtakes_the_status_does_not_end_the_round(
+    seen_before_the_status: list[int],
+) -> None:
+    game = running(3)
+    game.status("pellet_collected:0", 20.0)
+    game.pellets_left(seen_before_the_status)
+    game.status("pellet_collected:1", 20.01)
+    assert (game.state, game.spawned, game.collected) == ("running", 3, 2)
+
+
+def test_a_round_whose_pellets_were_never_reported_ends_by_the_planners_word_only() -> None:
+    game = RoundController()
+    game.start(0.0)
+    game.status("home_reached", 1.0)
+    game.tick(9.0)
+    game.status("pellet_collected:0", 20.0)
+    assert (game.state, game.spawned) == ("running", 0)
+    assert ("event", "win") in words(game.status("game_complete", 21.0))
+
+
+def test_game_complete_after_the_last_pellet_raises_the_round_once() -> None:
+    game = running(1)
+    game.status("pellet_collected:0", 20.0)
+    assert ignored(game.status("game_complete", 20.1))
+    game.status("home_reached", 30.0)
+    assert game.round == 2
+
+
+def test_a_failed_way_home_is_tried_again_and_then_reported() -> None:
+    game = RoundController(home_retries=2, home_retry_s=5.0)
+    game.start(0.0)
+    for now in (10.0, 20.0):
+        assert game.status("home_failed", now) == []
+        assert game.tick(now + 4.9) == []
+        assert words(game.tick(now + 5.0)) == [("command", "return_home")]
+        assert game.state == "returning_home"
+    assert ("result", "home_failed") in words(game.status("home_failed", 30.0))
+    assert game.state == "menu"
+    assert words(game.start(40.0), "result") == [("result", "")]
+    assert ("state", "starting") in words(game.status("home_reached", 41.0))
+
+
+def test_a_way_home_that_fails_after_a_win_keeps_score_and_next_round() -> None:
+    game = running(1, home_retries=0)
+    game.status("pellet_collected:0", 20.0)
+    game.status("home_failed", 30.0)
+    assert (game.state, game.result, game.score, game.round) == ("menu", "home_failed", 1, 2)
+
+
+def test_a_way_home_that_fails_after_death_still_resets_the_game() -> None:
+    game = running(home_retries=0)
+    game.status("pellet_collected:0", 20.0)
+    game.status("death_detected", 30.0)
+    game.tick(35.0)
+    game.status("home_failed", 40.0)
+    assert (game.state, game.result, game.score, game.round) == ("menu", "home_failed", 0, 1)
+
+
+def test_arriving_home_calls_off_the_next_try() -> None:
+    game = RoundController()
+    game.start(0.0)
+    game.status("home_failed", 1.0)
+    game.status("home_reached", 2.0)
+    assert game.tick(7.0) == []
+    assert game.state == "starting"
+
+
+def test_one_failure_reported_twice_is_one_failure() -> None:
+    game = RoundController(home_retries=1)
+    game.start(0.0)
+    game.status("home_failed", 1.0)
+    assert ignored(game.status("home_failed", 1.1))
+    assert game.state == "returning_home"
+
+
+def test_start_is_refused_outside_the_menu() -> None:
+    game = running()
+    assert ignored(game.start(20.0))
+    assert game.state == "running"
+
+
+@pytest.mark.parametrize("word", ["pellet_collected:1", "death_detected", "game_complete"])
+@pytest.mark.parametrize("state", ["menu", "returning_home", "starting", "dying"])
+def test_game_statuses_outside_of_running_are_ignored(word: str, state: str) -> None:
+    game = RoundController()
+    if state != "menu":
+        game.start(0.0)
+    if state in ("starting", "dying"):
+        game.status("home_reached", 1.0)
+    if state == "dying":
+        game.tick(9.0)
+        game.status("death_detected", 10.0)
+    assert game.state == state
+    assert ignored(game.status(word, 11.0))
+    assert (game.state, game.score) == (state, 0)
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["", "pellet", "pellet_collected", "pellet_collected:", "pellet_collected:-1", "pellet_collected:x",
+     "pellet_collected:" + "9" * 5000, "pellet_collected:²", "death_detected:1"],
+)  # fmt: skip
+def test_a_word_that_is_no_status_is_ignored_with_a_reason(word: str) -> None:
+    game = running()
+    actions = game.status(word, 20.0)
+    assert ignored(actions)
+    assert word.strip() in str(actions[0].value)
+    assert (game.state, game.score) == ("running", 0)
+
+
+@pytest.mark.parametrize("before", ["starting", "running", "dying", "returning_home"])
+def test_reset_leads_to_a_fresh_menu_from_anywhere(before: str) -> None:
+    game = running()
+    game.status("pellet_collected:0", 20.0)
+    if before == "starting":
+        game = RoundController()
+        game.start(0.0)
+        game.status("home_reached", 1.0)
+    elif before != "running":
+        game.status("death_detected", 21.0)
+        if before == "returning_home":
+            game.tick(26.0)
+    assert game.state == before
+    assert words(game.reset(30.0), "command", "event", "state", "score", "round") == [
+        ("command", "disable"),
+        ("command", "reset_round"),
+        ("event", "reset"),
+        ("score", 0),
+        ("round", 1),
+        ("state", "menu"),
+    ]
+    assert game.tick(1000.0) == []
+    assert (game.result, game.spawned, game.collected) == ("", 0, 0)
+
+
+def test_the_base_speed_is_announced_in_the_menu_and_kept_for_later_elsewhere() -> None:
+    game = RoundController()
+    assert words(game.base_clyde_speed(0.4)) == [("clyde_speed", 0.4)]
+    game.start(0.0)
+    assert game.base_clyde_speed(0.5) == []
+    game.status("home_reached", 1.0)
+    assert ("clyde_speed", 0.5) in words(game.tick(9.0))
+
+
+@pytest.mark.parametrize("speed", [0.0, -0.1, float("nan"), float("inf")])
+def test_a_base_speed_that_is_none_is_ignored(speed: float) -> None:
+    game = RoundController()
+    assert ignored(game.base_clyde_speed(speed))
+    assert game.clyde_speed == 0.25
+
+
+def test_announce_gives_every_latched_value_and_changes_nothing() -> None:
+    game = RoundController()
+    kinds = {a.kind for a in game.announce()}
+    assert kinds == {
+        "command", "result", "state", "score", "round", "clyde_speed", "collected", "spawned"
+    }  # fmt: skip
+    assert game == RoundController()
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.sampled_from(["start", "reset", "tick", "left"]),
+            st.sampled_from(["death_detected", "game_complete", "home_reached", "home_failed"]),
+            st.integers(0, 3).map(lambda i: f"pellet_collected:{i}"),
+        ),
+        max_size=40,
+    )
+)
+def test_no_order_of_inputs_breaks_the_books(inputs: list[str]) -> None:
+    game = RoundController()
+    shown: dict[str, object] = {}
+    counted = 0
+    for step, word in enumerate(inputs):
+        now = 4.0 * step
+        if word == "left":
+            actions = game.pellets_left(range(4))
+        elif word in ("start", "reset", "tick"):
+            actions = getattr(game, word)(now)
+        else:
+            actions = game.status(word, now)
+        counted = 0 if game.score == 0 else counted + sum(a == Action("event", "pellet") for a in actions)
+        shown |= {a.kind: a.value for a in actions}
+        assert game.score == counted
+        assert 0 <= game.collected <= min(game.score, 4)
+        assert game.state != "complete"
+        for kind in ("state", "score", "round", "collected", "spawned", "result"):
+            if kind in shown:
+                assert shown[kind] == getattr(game, kind)
+
+
+@pytest.mark.parametrize(("round", "speed"), [(1, 0.25), (2, 0.30), (5, 0.45)])
+def test_clydes_speed_rises_by_one_step_each_round(round: int, speed: float) -> None:
+    assert clyde_speed_mps(0.25, 0.05, round) == pytest.approx(speed)
+
+
+@pytest.mark.parametrize(
+    ("collected", "spawned", "complete"), [(0, 0, False), (7, 8, False), (8, 8, True), (9, 8, True)]
+)
+def test_a_round_is_complete_when_all_spawned_are_collected(
+    collected: int, spawned: int, complete: bool
+) -> None:
+    assert round_complete(collected, spawned) is complete

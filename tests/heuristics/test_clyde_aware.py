@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pacman_env.heuristics.clyde_aware import ClydeAware
+from pacman_env.sim.situation import HOLD, PELLET, REFUGE, Situation
+from tests.policies.contract import PolicyContract, random_situation
+from tests.shared import shared_path
+
+
+def situations(cases: list[dict[str, Any]], current: bool = False) -> Situation:
+    """One game per case, pellets padded to the longest, then HOLD."""
+    slots = max(len(case["pellets"]) for case in cases)
+    situation = random_situation(0, len(cases), pellets=slots, refuges=0)
+    position = np.zeros((len(cases), slots + 1, 2))
+    mask = np.zeros((len(cases), slots + 1), np.bool_)
+    mask[:, -1] = True
+    for n, case in enumerate(cases):
+        pellets = case["pellets"]
+        position[n, :] = case["robot"]
+        position[n, : len(pellets)] = pellets
+        mask[n, : len(pellets)] = case.get("mask", True)
+    return replace(
+        situation,
+        robot=np.array([[*case["robot"], 0.0] for case in cases]),
+        clyde=np.array([case["clyde"] for case in cases], float),
+        closing_speed=np.array([case.get("closing_speed", 0.0) for case in cases]),
+        position=position,
+        mask=mask,
+        current=np.array([case["current_target"] if current else -1 for case in cases]),
+    )
+
+
+def goal(policy: ClydeAware, case: dict[str, Any]) -> int:
+    return int(policy.select(situations([case], current="current_target" in case))[0])
+
+
+def threatening(policy: ClydeAware, situation: Situation) -> bool:
+    return bool(policy.explain(situation)[0][0]["threatening"])
+
+
+class TestDeployed(PolicyContract):
+    def make(self) -> ClydeAware:
+        return ClydeAware()
+
+
+class TestDocumented(PolicyContract):
+    def make(self) -> ClydeAware:
+        return ClydeAware("documented")
+
+
+class TestWithMemory(PolicyContract):
+    def make(self) -> ClydeAware:
+        return ClydeAware(threat_exit_margin_m=1.0)
+
+
+class TestGoldenAnswers:
+    """600 situations with the answers of the scorer that ran on the robot."""
+
+    @pytest.fixture
+    def cases(self) -> list[dict[str, Any]]:
+        cases: list[dict[str, Any]] = json.loads(shared_path("data/scorer_golden.json").read_text())["cases"]
+        assert len(cases) == 600
+        return cases
+
+    def test_scores_and_flags(self, cases: list[dict[str, Any]]) -> None:
+        for case, row in zip(cases, ClydeAware().explain(situations(cases)), strict=True):
+            pellets = row[: len(case["pellets"])]
+            np.testing.assert_allclose([p["total"] for p in pellets], case["scores"], rtol=0, atol=1e-6)
+            assert [p["safe"] for p in pellets] == case["safe_direction"]
+            assert {p["threatening"] for p in row} == {case["threatening"]}
+
+    def test_selected(self, cases: list[dict[str, Any]]) -> None:
+        selected = ClydeAware().select(situations(cases))
+        assert selected.tolist() == [case["selected"] for case in cases]
+
+    def test_replanned(self, cases: list[dict[str, Any]]) -> None:
+        replanned = ClydeAware().select(situations(cases, current=True))
+        expected = [
+            case["current_target"] if case["replanned_to"] is None else case["replanned_to"] for case in cases
+        ]
+        assert replanned.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("distance", "closing", "expected"),
+    [
+        (0.25, 1.0, False),
+        (0.26, -1.0, True),
+        (2.0, -1.0, True),
+        (2.01, 0.029, False),
+        (2.01, 0.03, True),
+        (3.0, 0.03, True),
+        (3.01, 1.0, False),
+    ],
+)
+def test_clyde_threatens_by_distance_and_closing_speed(
+    distance: float, closing: float, expected: bool
+) -> None:
+    case = {"robot": [0, 0], "clyde": [distance, 0], "closing_speed": closing, "pellets": [[1, 1]]}
+    assert threatening(ClydeAware(), situations([case])) is expected
+
+
+def test_a_safe_pellet_beats_a_cheaper_unsafe_one_only_under_threat() -> None:
+    pellets = [[1.0, 0.0], [-12.0, 0.0]]  # towards Clyde and cheap; away from him and dear
+    near = {"robot": [0, 0], "clyde": [1.9, 0.0], "pellets": pellets}
+    scores = ClydeAware(direction_weight=0.0).scores(situations([near]))[0]
+    assert scores[0] > scores[1]
+    assert goal(ClydeAware(direction_weight=0.0), near) == 1
+    assert goal(ClydeAware(direction_weight=0.0), near | {"clyde": [2.1, 0.0]}) == 0
+
+
+def test_an_unsafe_pellet_is_taken_when_no_safe_one_may_be() -> None:
+    case = {"robot": [0, 0], "clyde": [1.9, 0.0], "pellets": [[1.0, 0.0], [-1.0, 0.0]], "mask": [True, False]}
+    assert goal(ClydeAware(), case) == 0
+
+
+def test_pellets_within_the_death_radius_of_clyde_are_left_for_last() -> None:
+    case = {"robot": [0, 0], "clyde": [4.0, 0.0], "pellets": [[4.0, 0.25], [0.0, 60.0]]}
+    assert goal(ClydeAware(), case) == 1
+    assert goal(ClydeAware(), case | {"mask": [True, False]}) == 0
+    assert goal(ClydeAware("documented"), case) == 0
+    reasons = ClydeAware().explain(situations([case]))[0]
+    assert [reasons[0]["skipped"], reasons[1]["skipped"]] == [True, False]
+
+
+def test_the_replan_margin_holds_against_the_best_safe_pellet_too() -> None:
+    case = {"robot": [0, 0], "clyde": [1.9, 0.0], "pellets": [[1.0, 0.0], [-12.0, 0.0]], "current_target": 0}
+    assert goal(ClydeAware(direction_weight=0.0), case) == 0
+
+
+@pytest.mark.parametrize(("gain", "expected"), [(0.29, 0), (0.31, 1)])
+def test_a_new_pellet_must_be_better_by_the_margin(gain: float, expected: int) -> None:
+    case = {"robot": [0, 0], "clyde": [50, 50], "pellets": [[5.0, 0], [0, 5.0 - gain]], "current_target": 0}
+    assert goal(ClydeAware(), case) == expected
+
+
+def test_a_current_goal_that_is_no_allowed_pellet_is_given_up_at_once() -> None:
+    case = {"robot": [0, 0], "clyde": [50, 50], "pellets": [[5.0, 0], [0, 4.9]], "mask": [False, True]}
+    assert goal(ClydeAware(), case | {"current_target": 0}) == 1
+    situation = random_situation(0, 1, pellets=2, refuges=1, allowed=1.0)
+    for current in (2, 3):
+        assert situation.kind[0, current] in (REFUGE, HOLD)
+        chosen = ClydeAware().select(replace(situation, current=np.array([current])))
+        assert situation.kind[0, chosen[0]] == PELLET
+
+
+def test_the_documented_form_is_the_milestones_formula() -> None:
+    situation = random_situation(1, 100, allowed=1.0)
+    scores = ClydeAware("documented").scores(situation)
+    for n in range(100):
+        (xr, yr, _), (xc, yc) = situation.robot[n], situation.clyde[n]
+        apart = math.dist((xr, yr), (xc, yc))
+        threat = apart > 0.25 and (apart <= 2.0 or (apart <= 3.0 and situation.closing_speed[n] >= 0.03))
+        for c, (x, y) in enumerate(situation.position[n]):
+            if situation.kind[n, c] != PELLET:
+                assert scores[n, c] == -np.inf
+                continue
+            cost = math.dist((x, y), (xr, yr)) + max(0.0, 2.0 - math.dist((x, y), (xc, yc))) * 3.0
+            alignment = (xc - xr) * (x - xr) + (yc - yr) * (y - yr)
+            cost += 5.0 * (1.0 + alignment) if threat and alignment > 0 else 0.0
+            assert scores[n, c] == pytest.approx(-cost, abs=1e-9)
+
+
+def test_before_clyde_is_heard_of_only_the_distance_counts() -> None:
+    situation = random_situation(2, 50)
+    unheard = replace(situation, clyde=np.full((50, 2), np.nan))
+    for row in ClydeAware().explain(unheard):
+        for candidate in row:
+            assert not candidate["threatening"]
+            if candidate["kind"] == "pellet":
+                assert candidate["total"] == candidate["distance"]
+                assert candidate["safe"]
+
+
+class TestThreatExitMargin:
+    @staticmethod
+    def at(distance: float, closing: float = 0.0) -> Situation:
+        case = {"robot": [0, 0], "clyde": [distance, 0], "closing_speed": closing, "pellets": [[1, 1]]}
+        return situations([case])
+
+    def flags(self, policy: ClydeAware, distances: list[float]) -> list[bool]:
+        found = []
+        for distance in distances:
+            policy.select(self.at(distance))
+            found.append(threatening(policy, self.at(distance)))
+        return found
+
+    def test_without_it_the_flag_follows_the_boundary(self) -> None:
+        assert self.flags(ClydeAware(), [2.1, 1.9, 2.1, 1.9, 2.1]) == [False, True, False, True, False]
+
+    def test_with_it_the_threat_ends_only_beyond_the_margin(self) -> None:
+        policy = ClydeAware(threat_exit_margin_m=0.5)
+        assert self.flags(policy, [2.1, 1.9, 2.1, 2.5, 2.51, 2.1]) == [False, True, True, True, False, False]
+
+    def test_reset_ends_it(self) -> None:
+        policy = ClydeAware(threat_exit_margin_m=0.5)
+        policy.select(self.at(1.9))
+        policy.reset(np.array([True]))
+        assert not threatening(policy, self.at(2.1))
+
+    def test_another_number_of_games_needs_a_reset(self) -> None:
+        policy = ClydeAware(threat_exit_margin_m=0.5)
+        policy.select(random_situation(0, 4))
+        with pytest.raises(ValueError, match="2 games, but 4 are remembered"):
+            policy.select(random_situation(0, 2))
+        policy.reset(np.ones(2, np.bool_))
+        assert policy.select(random_situation(0, 2)).shape == (2,)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(
+    seed=st.integers(0, 10**6),
+    angle=st.floats(-math.pi, math.pi),
+    shift=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
+    form=st.sampled_from(["deployed", "documented"]),
+)
+def test_scores_do_not_depend_on_the_map_frame(
+    seed: int, angle: float, shift: tuple[float, float], form: Any
+) -> None:
+    situation = random_situation(seed, 4)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    robot = situation.robot.copy()
+    robot[:, :2] = robot[:, :2] @ turn.T + shift
+    moved = replace(
+        situation,
+        robot=robot,
+        clyde=situation.clyde @ turn.T + shift,
+        position=situation.position @ turn.T + shift,
+    )
+    np.testing.assert_allclose(ClydeAware(form).scores(moved), ClydeAware(form).scores(situation), atol=1e-9)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_risk_is_zero_from_its_radius_on_and_at_most_weight_times_radius(seed: int) -> None:
+    situation = random_situation(seed, 4)
+    for n, row in enumerate(ClydeAware().explain(situation)):
+        for c, candidate in enumerate(row):
+            if candidate["kind"] != "pellet":
+                continue
+            risk, apart = (
+                float(candidate["clyde_risk"]),
+                math.dist(situation.position[n, c], situation.clyde[n]),
+            )
+            assert (risk == 0.0) if apart >= 2.0 else (0.0 < risk <= 6.0)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_the_direction_penalty_spares_safe_pellets_and_stays_within_its_bounds(seed: int) -> None:
+    for row in ClydeAware().explain(random_situation(seed, 4)):
+        for candidate in row:
+            if candidate["kind"] != "pellet":
+                continue
+            penalty = float(candidate["direction_penalty"])
+            if candidate["threatening"] and not candidate["safe"]:
+                assert 5.0 < penalty <= 10.0 + 1e-9
+            else:
+                assert penalty == 0.0
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 10**6), far=st.floats(3.01, 100.0))
+def test_far_from_clyde_the_goal_is_the_nearest_pellet(seed: int, far: float) -> None:
+    situation = random_situation(seed, 4, allowed=1.0)
+    away = replace(situation, clyde=np.full((4, 2), 20.0 + far), current=np.full(4, -1))
+    distance = np.hypot(*np.moveaxis(away.position - away.robot[:, None, :2], -1, 0))
+    nearest = np.where(away.kind == PELLET, distance, np.inf).argmin(axis=1)
+    np.testing.assert_array_equal(ClydeAware().select(away), nearest)
+
+
+def test_the_form_must_be_one_of_two() -> None:
+    with pytest.raises(ValueError, match="form = 'other'"):
+        ClydeAware("other")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+def test_a_parameter_out_of_range_is_named(value: float) -> None:
+    with pytest.raises(ValueError, match="risk_weight"):
+        ClydeAware(risk_weight=value)
+
+
+def test_an_unknown_parameter_is_named_with_the_known_ones() -> None:
+    with pytest.raises(TypeError, match=r"'risk_wait'.*risk_weight"):
+        ClydeAware(risk_wait=1.0)

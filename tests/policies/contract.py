@@ -1,0 +1,165 @@
+"""What every policy promises: inherit ``PolicyContract``, say how the policy is made, done."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from pacman_env.policies.base import Policy
+from pacman_env.sim.situation import HOLD, PELLET, REFUGE, Situation
+
+
+def random_situation(
+    seed: int, games: int, pellets: int = 8, refuges: int = 3, allowed: float = 0.7
+) -> Situation:
+    """Situations on a plain without walls, near enough to Clyde that every rule matters."""
+    rng = np.random.default_rng(seed)
+    candidates = pellets + refuges + 1
+    kind = np.array([PELLET] * pellets + [REFUGE] * refuges + [HOLD], np.int8)
+    robot = np.column_stack((rng.uniform(-4, 4, (games, 2)), rng.uniform(-np.pi, np.pi, games)))
+    clyde = robot[:, :2] + rng.uniform(-3, 3, (games, 2))
+    position = rng.uniform(-5, 5, (games, candidates, 2))
+    position[:, -1] = robot[:, :2]
+    mask = rng.random((games, candidates)) < allowed
+    mask[:, -1] = True
+    return Situation(
+        time_s=rng.uniform(0, 300, games),
+        robot=robot,
+        robot_velocity=rng.uniform(-0.3, 0.3, (games, 2)),
+        pose_age_s=rng.uniform(0, 1, games),
+        clyde=clyde,
+        clyde_velocity=rng.uniform(-0.3, 0.3, (games, 2)),
+        clyde_speed=np.full(games, 0.25),
+        closing_speed=rng.uniform(-0.2, 0.2, games),
+        kind=np.tile(kind, (games, 1)),
+        position=position,
+        mask=mask,
+        path_robot=1.2 * np.hypot(*np.moveaxis(position - robot[:, None, :2], -1, 0)),
+        path_clyde=1.2 * np.hypot(*np.moveaxis(position - clyde[:, None], -1, 0)),
+        current=rng.integers(-1, candidates, games),
+        seed=rng.integers(0, 2**64, games, np.uint64, endpoint=False),
+        tick=rng.integers(0, 1000, games),
+    )
+
+
+def copy(situation: Situation) -> Situation:
+    return Situation(**{f.name: getattr(situation, f.name).copy() for f in fields(situation)})
+
+
+class PolicyContract:
+    """Inherit and give ``make``."""
+
+    def make(self) -> Policy:
+        raise NotImplementedError
+
+    def fresh(self, games: int) -> Policy:
+        policy = self.make()
+        policy.reset(np.ones(games, np.bool_))
+        return policy
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_the_goal_is_never_a_masked_candidate(self, seed: int) -> None:
+        situation = random_situation(seed, 200, allowed=0.3)
+        goal = self.fresh(200).select(situation)
+        assert goal.shape == (200,)
+        assert goal.dtype == np.int64
+        assert situation.mask[np.arange(200), goal].all()
+
+    def test_a_candidate_with_score_minus_infinity_is_no_goal_but_hold(self) -> None:
+        situation = random_situation(3, 200, allowed=0.3)
+        policy = self.fresh(200)
+        scores = policy.scores(situation)
+        assert scores.shape == situation.mask.shape
+        assert not np.isnan(scores).any()
+        assert not (scores == np.inf).any()
+        goal = policy.select(situation)
+        games = np.arange(200)
+        assert ((scores[games, goal] > -np.inf) | (situation.kind[games, goal] == HOLD)).all()
+
+    def test_hold_is_the_goal_where_nothing_else_is_allowed(self) -> None:
+        situation = random_situation(4, 20, allowed=0.0)
+        last = situation.mask.shape[1] - 1
+        assert (self.fresh(20).select(situation) == last).all()
+
+    def test_the_answer_is_the_same_each_time(self) -> None:
+        sequence = [random_situation(seed, 50) for seed in range(5)]
+        first, second = self.fresh(50), self.fresh(50)
+        for situation in sequence:
+            np.testing.assert_array_equal(first.select(situation), second.select(situation))
+
+    def test_reset_makes_a_policy_as_new(self) -> None:
+        used, fresh = self.fresh(50), self.fresh(50)
+        used.select(random_situation(5, 50))
+        used.reset(np.ones(50, np.bool_))
+        situation = random_situation(6, 50)
+        np.testing.assert_array_equal(used.select(situation), fresh.select(situation))
+
+    def test_reset_of_some_games_leaves_the_others_alone(self) -> None:
+        some, kept, fresh = self.fresh(50), self.fresh(50), self.fresh(50)
+        before, after = random_situation(7, 50), random_situation(8, 50)
+        games = np.arange(50) % 2 == 0
+        some.select(before)
+        kept.select(before)
+        some.reset(games)
+        expected = np.where(games, fresh.select(after), kept.select(after))
+        np.testing.assert_array_equal(some.select(after), expected)
+
+    def test_permuted_games_have_permuted_answers(self) -> None:
+        order = np.random.default_rng(9).permutation(50)
+        straight, permuted = self.fresh(50), self.fresh(50)
+        for seed in range(3):
+            situation = random_situation(seed, 50)
+            np.testing.assert_array_equal(
+                straight.select(situation)[order], permuted.select(situation.rows(order))
+            )
+
+    def test_a_batch_gives_what_single_games_give(self) -> None:
+        sequence = [random_situation(seed, 20) for seed in range(3)]
+        batch = self.fresh(20)
+        singles = [self.fresh(1) for _ in range(20)]
+        for situation in sequence:
+            goals, scores = batch.select(situation), batch.scores(situation)
+            for game, single in enumerate(singles):
+                row = situation.rows(slice(game, game + 1))
+                assert single.select(row)[0] == goals[game]
+                np.testing.assert_array_equal(single.scores(row)[0], scores[game])
+
+    def test_the_situation_is_left_as_it_was(self) -> None:
+        situation = random_situation(10, 50)
+        before = copy(situation)
+        policy = self.fresh(50)
+        policy.scores(situation)
+        policy.select(situation)
+        policy.explain(situation)
+        for f in fields(situation):
+            np.testing.assert_array_equal(getattr(situation, f.name), getattr(before, f.name))
+
+    def test_asking_for_scores_or_reasons_does_not_change_the_answer(self) -> None:
+        first, second = random_situation(11, 50), random_situation(12, 50)
+        asked, silent = self.fresh(50), self.fresh(50)
+        for situation in (first, second):
+            asked.scores(situation)
+            asked.explain(situation)
+            np.testing.assert_array_equal(asked.select(situation), silent.select(situation))
+
+    def test_reasons_cover_every_candidate_and_agree_with_the_scores(self) -> None:
+        situation = random_situation(13, 5)
+        policy = self.fresh(5)
+        reasons = policy.explain(situation)
+        assert [len(row) for row in reasons] == [situation.mask.shape[1]] * 5
+        explained = [[candidate["score"] for candidate in row] for row in reasons]
+        np.testing.assert_array_equal(explained, policy.scores(situation))
+        names = {PELLET: "pellet", REFUGE: "refuge", HOLD: "hold"}
+        for row, kinds, mask in zip(reasons, situation.kind, situation.mask, strict=True):
+            assert [c["kind"] for c in row] == [names[int(k)] for k in kinds]
+            assert [c["allowed"] for c in row] == mask.tolist()
+
+    def test_what_masked_candidates_look_like_does_not_matter(self) -> None:
+        situation = random_situation(14, 50, allowed=0.5)
+        position, path = situation.position.copy(), situation.path_robot.copy()
+        position[~situation.mask] += 100.0
+        path[~situation.mask] = np.inf
+        changed = replace(situation, position=position, path_robot=path)
+        np.testing.assert_array_equal(self.fresh(50).select(situation), self.fresh(50).select(changed))

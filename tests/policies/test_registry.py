@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from pacman_env.policies.base import Policy
+from pacman_env.policies.registry import make_policy, policy_names, register
+from tests.policies.contract import PolicyContract
+
+
+@pytest.mark.parametrize("name", policy_names())
+class TestEveryPolicyByName(PolicyContract):
+    @pytest.fixture(autouse=True)
+    def _name(self, name: str) -> None:
+        self.policy_name = name
+
+    def make(self) -> Policy:
+        return make_policy(self.policy_name)
+
+    def test_a_policy_knows_the_name_it_is_made_by(self) -> None:
+        assert self.make().name == self.policy_name
+
+
+def test_the_handcrafted_policies_are_there() -> None:
+    assert {"clyde_aware", "clyde_aware:documented", "nearest", "random"} <= set(policy_names())
+
+
+def test_parameters_reach_the_policy() -> None:
+    assert make_policy("nearest", replan_margin_m=1.5).replan_margin_m == 1.5  # type: ignore[attr-defined]
+
+
+def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"unknown policy 'nearst': choose one of .*nearest"):
+        make_policy("nearst")
+
+
+def test_a_name_is_given_once() -> None:
+    with pytest.raises(ValueError, match="'nearest' is registered already"):
+        register("nearest", lambda: make_policy("random"))
+
+
+def test_the_registry_needs_neither_torch_nor_gymnasium() -> None:
+    code = (
+        "import sys, pacman_env.policies.registry; print({'torch', 'gymnasium', 'rclpy'} & set(sys.modules))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "set()"
