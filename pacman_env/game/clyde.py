@@ -21,6 +21,7 @@ from ..rng import below
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 16
+_WORTH_LANDMARKS = 2000  # cells
 _FAR = 2**30
 
 #: Column and row offset of the 8 steps, by angle; rows count from the top of the image.
@@ -51,7 +52,7 @@ class ClydeCells:
     part: NDArray[np.int32]  # (K,) connected part, numbered by falling size
     part_start: NDArray[np.int64]  # (parts + 1,) into part_cells
     part_cells: NDArray[np.int32]  # (K,) cells sorted by part
-    landmark: NDArray[np.int32]  # (K, L) cost to each landmark of the largest part
+    landmark: NDArray[np.int32]  # (K, L) cost to each landmark of the cell's part
     longest: int  # cells of the longest path that can occur
 
 
@@ -80,7 +81,7 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
     part_cells = np.argsort(part, kind="stable").astype(np.int32)
     sizes = np.bincount(part, minlength=len(order))
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    landmark = _landmarks(neighbours, part_cells[: start[1]])
+    landmark = _landmarks(neighbours, part_cells, start)
     x, y = pixel_to_world(occupancy, u, v)
     return ClydeCells(
         resolution=occupancy.resolution,
@@ -167,18 +168,24 @@ def _costs_from(neighbours, source, cost):  # type: ignore[no-untyped-def]
         level += 1
 
 
-def _landmarks(neighbours: NDArray[np.int32], cells: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Exact costs (K, L) from L cells far apart, the farthest from all before each time."""
-    table = np.full((len(neighbours), _LANDMARKS), _FAR, dtype=np.int32)
+def _landmarks(
+    neighbours: NDArray[np.int32], part_cells: NDArray[np.int32], part_start: NDArray[np.int64]
+) -> NDArray[np.int32]:
+    """Exact costs (K, L) from L cells far apart in the cell's own part, the farthest from all before each time."""
+    table = np.zeros((len(neighbours), _LANDMARKS), dtype=np.int32)
     cost = np.empty(len(neighbours), dtype=np.int32)
-    _costs_from(neighbours, cells[0], cost)
-    source = cells[cost[cells].argmax()]
-    nearest = np.full(len(neighbours), _FAR, dtype=np.int32)
-    for k in range(_LANDMARKS):
-        _costs_from(neighbours, source, cost)
-        table[:, k] = cost
-        np.minimum(nearest, cost, out=nearest)
-        source = cells[nearest[cells].argmax()]
+    for first, last in zip(part_start[:-1], part_start[1:], strict=True):
+        if last - first < _WORTH_LANDMARKS and first > 0:
+            break  # small parts do with the octile distance
+        cells = part_cells[first:last]
+        _costs_from(neighbours, cells[0], cost)
+        source = cells[cost[cells].argmax()]
+        nearest = np.full(len(cells), _FAR, dtype=np.int32)
+        for k in range(_LANDMARKS):
+            _costs_from(neighbours, source, cost)
+            table[cells, k] = cost[cells]
+            np.minimum(nearest, cost[cells], out=nearest)
+            source = cells[nearest.argmax()]
     return table
 
 

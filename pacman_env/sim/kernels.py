@@ -1,0 +1,343 @@
+"""One game's step, compiled, looped over the games of a batch.
+
+Each kernel is a stage of :meth:`pacman_env.sim.batch.GameBatch.step`; the rules they apply live in ``game/``, the
+robot's in ``world/``. Game i reads and writes row i only, so that a game is the same alone and among others.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..game import clyde as clyde_rule
+from ..game.execution import (
+    BACK_OFF,
+    CANCEL,
+    COLLECT,
+    LOSE,
+    SEND,
+    back_off_ticks,
+    closing_speed,
+    goal_action,
+    result_action,
+    within,
+)
+from ..jit import kernel
+from ..rng import CLYDE, LOCALIZATION, NAVIGATION, below, stream
+from ..world import localization, navigator
+
+RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
+
+GAME = np.dtype(
+    [
+        *navigator.NAVIGATOR_FIELDS,
+        *localization.LOCALIZATION_FIELDS,
+        *clyde_rule.CLYDE_FIELDS,
+        ("seed", np.uint64),
+        ("step", np.int64),  # physics steps done
+        ("tick", np.int64),  # decisions done
+        ("end", np.int64),  # RUNNING or how the game ended
+        ("pursued", np.int64),  # candidate, -1: none
+        ("spawned", np.int64),  # pellets at the start
+        ("collected", np.int64),
+        ("lost", np.int64),
+        ("aborts", np.int64),  # goals that Nav2 aborted
+        ("tick_pellets", np.int64),  # collected in the last tick
+        ("distance", np.float64),  # believed robot-Clyde distance at the last decision, m
+        ("closing", np.float64),  # m/s
+        ("deepest", np.float64),  # for navigation tests: smallest clearance seen, m
+    ],
+    align=True,
+)
+
+PARAMETERS = np.dtype(
+    [
+        ("dt", np.float64),
+        ("tick_s", np.float64),
+        ("ticks_max", np.int64),
+        ("scan_steps", np.int64),
+        ("clyde_steps", np.int64),
+        ("clyde_period", np.float64),
+        ("check_steps", np.int64),
+        ("plan_steps", np.int64),
+        ("perfect", np.int64),
+        ("update_distance", np.float64),
+        ("update_angle", np.float64),
+        ("use_tf", np.int64),
+        ("pickup", np.float64),
+        ("death", np.float64),
+        ("cancel_then_send", np.int64),
+        ("lose_on_abort", np.int64),
+        ("back_off_ticks", np.int64),
+        ("goal_tolerance", np.float64),
+        ("unreachable_tolerance", np.float64),
+        ("clyde_keepout", np.float64),
+        ("inscribed", np.float64),
+        ("comfort", np.float64),
+        ("progress_distance", np.float64),
+        ("progress_steps", np.int64),
+        ("no_path_steps", np.int64),
+        ("no_control_steps", np.int64),
+        ("stuck_steps", np.int64),
+        ("omega_max", np.float64),
+        ("omega_rate", np.float64),
+        ("wheel_max", np.float64),
+        ("wheel_rate", np.float64),
+        ("half_base", np.float64),
+        ("mass", np.float64),
+        ("inertia", np.float64),
+        ("resolution", np.float64),
+        ("pellets", np.int64),
+        ("pellet_slots", np.int64),
+        ("refuges", np.int64),
+    ],
+    align=True,
+)
+
+
+@kernel
+def believed(g, use_tf):  # type: ignore[no-untyped-def]
+    """The pose (x, y, heading) that the executor acts on."""
+    if use_tf:
+        return g.x + g.error_x, g.y + g.error_y, g.heading + g.error_heading
+    return g.amcl_x, g.amcl_y, g.amcl_heading
+
+
+@kernel
+def reset_games(  # type: ignore[no-untyped-def]
+    games, index, seeds, fresh, home, alive, waits, aborts, clyde_paths, spawn_cells, position, parameters
+):
+    """Start a new round in the games ``index``; ``fresh`` (M,) holds the per-round parameters already filled in."""
+    p = parameters[0]
+    for k in range(len(index)):
+        i = index[k]
+        games[i] = fresh[k]
+        g = games[i]
+        g.seed = seeds[k]
+        g.clyde_stream = stream(g.seed, CLYDE)
+        g.localization_stream = stream(g.seed, LOCALIZATION)
+        g.nav_stream = stream(g.seed, NAVIGATION)
+        g.x, g.y, g.heading = home[0], home[1], home[2]
+        g.nav_goal = -1
+        g.nav_next = -1
+        g.pursued = -1
+        g.spawned = p.pellets
+        g.deepest = 1e9
+        alive[i, :] = True
+        waits[i, :] = 0
+        aborts[i, :] = 0
+        localization.update(g, 0)
+        g.clyde_stream, pick = below(g.clyde_stream, len(spawn_cells))
+        clyde_rule.spawn(g, spawn_cells[pick], clyde_paths[i], position)
+        bx, by, _ = believed(g, p.use_tf)
+        g.distance = math.sqrt((bx - g.clyde_x) ** 2 + (by - g.clyde_y) ** 2)
+
+
+@kernel
+def decide(games, choices, parameters):  # type: ignore[no-untyped-def]
+    """Hand each game's choice (a candidate that its mask allows) to the navigator."""
+    p = parameters[0]
+    hold = p.pellet_slots + p.refuges
+    for i in range(len(games)):
+        g = games[i]
+        g.tick_pellets = 0
+        if g.end != RUNNING:
+            continue
+        chosen = choices[i]
+        if chosen == hold:
+            chosen = -1
+        navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
+        action = goal_action(chosen, g.pursued, navigating, p.cancel_then_send)
+        if action == CANCEL:
+            navigator.cancel(g)
+            g.nav_result = navigator.NO_RESULT
+            g.pursued = -1
+        elif action == SEND:
+            goal = chosen if chosen < p.pellet_slots else p.pellets + chosen - p.pellet_slots
+            navigator.send_goal(g, goal, g.step)
+            g.pursued = chosen
+
+
+@kernel
+def move_clydes(games, clyde_paths, parameters, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
+    """Clyde's update in the games where it is due."""
+    p = parameters[0]
+    for i in range(len(games)):
+        g = games[i]
+        if g.end == RUNNING and g.step % p.clyde_steps == 0:
+            clyde_rule.move(g, clyde_paths[i], p.clyde_period, arrays, scratch, heap_key, heap_cell)
+
+
+@kernel
+def _collect(g, i, slot, alive):  # type: ignore[no-untyped-def]
+    alive[i, slot] = False
+    g.collected += 1
+    g.tick_pellets += 1
+    if g.pursued == slot:
+        navigator.cancel(g)
+        g.nav_result = navigator.NO_RESULT
+        g.pursued = -1
+
+
+@kernel
+def _apply_result(g, i, goal_xy, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
+    """Algorithm 4's reaction to the result of the goal pursued."""
+    status = g.nav_result
+    g.nav_result = navigator.NO_RESULT
+    slot = g.pursued
+    g.pursued = -1
+    if slot < 0:
+        return
+    bx, by, _ = believed(g, p.use_tf)
+    goal = g.nav_result_goal
+    dx, dy = goal_xy[goal, 0] - bx, goal_xy[goal, 1] - by
+    is_pellet = slot < p.pellet_slots
+    if status == navigator.ABORTED:
+        g.aborts += 1
+    action = result_action(
+        status, math.sqrt(dx * dx + dy * dy), p.goal_tolerance, is_pellet, p.lose_on_abort
+    )
+    if action == COLLECT:
+        if alive[i, slot]:
+            _collect(g, i, slot, alive)
+        aborts[i, slot] = 0
+    elif action == LOSE:
+        if alive[i, slot]:
+            alive[i, slot] = False
+            g.lost += 1
+    elif action == BACK_OFF:
+        aborts[i, slot] += 1
+        waits[i, slot] = g.tick + 1 + back_off_ticks(p.back_off_ticks, aborts[i, slot])
+    else:
+        aborts[i, slot] = 0
+
+
+@kernel
+def _check(g, i, goal_xy, alive, p):  # type: ignore[no-untyped-def]
+    """Pick-up, death and completion on the believed pose, in the order of Algorithm 4."""
+    bx, by, _ = believed(g, p.use_tf)
+    for k in range(p.pellets):
+        if alive[i, k] and within(bx - goal_xy[k, 0], by - goal_xy[k, 1], p.pickup):
+            _collect(g, i, k, alive)
+    if within(bx - g.clyde_x, by - g.clyde_y, p.death):
+        g.end = DEAD
+    elif g.collected + g.lost >= g.spawned:
+        g.end = COMPLETE if g.lost == 0 else CLEARED
+    if g.end != RUNNING:
+        navigator.cancel(g)
+        g.nav_result = navigator.NO_RESULT
+        g.pursued = -1
+
+
+@kernel
+def _read(g, row):  # type: ignore[no-untyped-def]
+    """Take the true pose and velocity over from the physics."""
+    g.x, g.y, g.heading = row[0], row[1], row[2]
+    g.vx, g.vy, g.omega = row[3], row[4], row[5]
+
+
+@kernel
+def _sense(g, p):  # type: ignore[no-untyped-def]
+    if p.perfect:
+        localization.update(g, g.step)
+    elif g.step % p.scan_steps == 0:
+        localization.scan(g, g.step, p.update_distance, p.update_angle)
+
+
+@kernel
+def drive(  # type: ignore[no-untyped-def]
+    games, first, state, force, paths, alive, waits, aborts, parameters, goal_xy, nav, search
+):
+    """One controller step of every game; ``first``: the pose was already taken over at the tick's start."""
+    p = parameters[0]
+    for i in range(len(games)):
+        g = games[i]
+        if not first:
+            _read(g, state[i])
+            if g.end == RUNNING:
+                _sense(g, p)
+                if g.step % p.check_steps == 0:
+                    _check(g, i, goal_xy, alive, p)
+        navigator.navigate(g, paths[i], force[i], g.step, p, goal_xy, nav, search)
+        if g.nav_result != navigator.NO_RESULT:
+            _apply_result(g, i, goal_xy, alive, waits, aborts, p)
+        g.step += 1
+
+
+@kernel
+def finish(games, state, alive, parameters, goal_xy):  # type: ignore[no-untyped-def]
+    """The end of a tick: rules, time limit, closing speed."""
+    p = parameters[0]
+    for i in range(len(games)):
+        g = games[i]
+        _read(g, state[i])
+        if g.end != RUNNING:
+            continue
+        _sense(g, p)
+        g.tick += 1
+        if g.step % p.check_steps == 0:
+            _check(g, i, goal_xy, alive, p)
+        bx, by, _ = believed(g, p.use_tf)
+        distance = math.sqrt((bx - g.clyde_x) ** 2 + (by - g.clyde_y) ** 2)
+        g.closing = closing_speed(g.distance, distance, p.tick_s)
+        g.distance = distance
+        if g.end == RUNNING and g.tick >= p.ticks_max:
+            g.end = TIMEOUT
+
+
+@kernel
+def fill_situation(  # type: ignore[no-untyped-def]
+    games, alive, waits, parameters, goal_xy, affine, snap, length_cm, clyde_drive, clyde_paths, scalar, robot,
+    clyde, kind, position, mask, path, current, tick,
+):  # fmt: skip
+    """Write the arrays of N situations; the layouts are those of :class:`pacman_env.sim.situation.Situation`.
+
+    ``scalar`` (N, 4): time, pose age, Clyde's speed, closing speed. ``robot`` (N, 5) and ``clyde`` (N, 4): pose or
+    position, then velocity. ``path`` (N, 2, C): from the robot, from Clyde.
+    """
+    p = parameters[0]
+    slots, hold = p.pellet_slots, p.pellet_slots + p.refuges
+    rows, columns = snap.shape
+    for i in range(len(games)):
+        g = games[i]
+        bx, by, bh = believed(g, p.use_tf)
+        robot[i, 0], robot[i, 1], robot[i, 2] = bx, by, localization.wrap(bh)
+        robot[i, 3] = 0.5 * (g.left + g.right)
+        robot[i, 4] = 0.5 * (g.right - g.left) / p.half_base
+        clyde[i, 0], clyde[i, 1], clyde[i, 2], clyde[i, 3] = g.clyde_x, g.clyde_y, g.clyde_vx, g.clyde_vy
+        scalar[i, 0] = g.step * p.dt
+        scalar[i, 1] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
+        scalar[i, 2] = g.clyde_speed
+        scalar[i, 3] = g.closing
+        current[i] = g.pursued
+        tick[i] = g.tick
+        column, row = navigator.cell_of(affine, rows, columns, bx, by)
+        here = length_cm[snap[row, column]]
+        clyde_cell = clyde_drive[clyde_paths[i, g.clyde_at]]
+        there = length_cm[max(clyde_cell, 0)]
+        for c in range(hold + 1):
+            goal = -1
+            if c < p.pellets:
+                kind[i, c] = 0
+                mask[i, c] = alive[i, c] and waits[i, c] <= g.tick
+                goal = c
+            elif c < slots:
+                kind[i, c] = 0
+                mask[i, c] = False
+            elif c < hold:
+                kind[i, c] = 1
+                mask[i, c] = waits[i, c] <= g.tick
+                goal = p.pellets + c - slots
+            else:
+                kind[i, c] = 2
+                mask[i, c] = True
+            if goal < 0:
+                position[i, c, 0], position[i, c, 1] = bx, by
+                path[i, 0, c] = 0.0 if c == hold else np.inf
+                path[i, 1, c] = np.inf
+                continue
+            position[i, c, 0], position[i, c, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
+            robot_cm, clyde_cm = here[goal], there[goal]
+            path[i, 0, c] = robot_cm * 0.01 if robot_cm != 65535 else np.inf
+            path[i, 1, c] = clyde_cm * 0.01 if clyde_cell >= 0 and clyde_cm != 65535 else np.inf
