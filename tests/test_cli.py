@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pacman_env import __version__
+from pacman_env.cli import main
+from pacman_env.world import occupancy
+from pacman_env.world.occupancy import OccupancyMap
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """A free room of 3 x 2 m in walls, its lower left corner at (-1, -1)."""
+    pixels = np.zeros((42, 62), np.uint8)
+    pixels[1:-1, 1:-1] = 254
+    return OccupancyMap.from_pixels("room", pixels, 0.05, (-1.0, -1.0, 0.0)).save(tmp_path / "room.yaml")
+
+
+def test_check_prints_a_report(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["map", "check", str(room), "--spacing", "1.0"]) == 0
+    out, err = capsys.readouterr()
+    assert "room: 62 x 42 px, 0.05 m per px" in out
+    assert "free to game   6.0 m2" in out
+    assert "pellets        2, 0 of them unreachable" in out  # pixels (20, 20) and (40, 20)
+    assert "(0.00, 0.10)" in out
+    assert err == ""
+
+
+def test_check_prints_json(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["map", "check", str(room), "--json", "--home", "1.5", "-0.5", "--spacing", "1"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["home"] == [1.5, -0.5]
+    assert [(p["id"], p["x"], p["reachable"]) for p in report["pellets"]] == [(0, 0.0, True), (1, 1.0, True)]
+
+
+def test_warnings_leave_the_status_0(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["map", "check", str(room), "--home", "50", "50"]) == 0
+    assert "warning: home (50, 50) is not free" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], "nowhere: neither a YAML file"),
+        (["ROOM", "--spacing", "0"], "PelletConfig.spacing_m"),
+        (["ROOM", "--spacing", "0.001"], "below the map's resolution"),
+        (["BROKEN"], "key 'image' is missing"),
+    ],
+)
+def test_an_error_is_one_line_and_status_2(
+    room: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    broken = room.with_name("broken.yaml")
+    broken.write_text(room.read_text().replace("image:", "picture:"))
+    places = {"ROOM": str(room), "BROKEN": str(broken)}
+    assert main(["map", "check", *(places.get(a, a) for a in arguments)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+    assert err.startswith("pacman-env: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["fly"],
+        ["map"],
+        ["map", "check"],
+        ["map", "check", "x", "--home", "1"],
+        ["map", "check", "x", "--home", "nan", "0"],
+        ["map", "check", "x", "--spacing", "two"],
+    ],
+)
+def test_bad_arguments_are_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    err = capsys.readouterr().err
+    assert err.startswith("pacman-env")
+    assert err.count("\n") == 1
+
+
+def test_list_names_the_shipped_maps(
+    room: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maps = room.parent / "maps"
+    maps.mkdir()
+    for name in ("attic", "cellar"):
+        (maps / f"{name}.yaml").write_bytes(room.read_bytes())
+    monkeypatch.setattr(occupancy, "__file__", str(room.parent / "pacman_env" / "world" / "occupancy.py"))
+    assert main(["map", "list"]) == 0
+    assert capsys.readouterr().out == "attic\ncellar\n"
+
+
+def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_version() -> None:
+    code = "import runpy, sys; sys.argv = ['pacman-env', '--version']\n"
+    code += "try: runpy.run_module('pacman_env.cli', run_name='__main__')\n"
+    code += "finally: print(sorted({'cv2', 'numba', 'numpy', 'pymunk', 'torch'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n[]\n", "")
+
+
+def test_version_as_a_process() -> None:
+    command = [sys.executable, "-m", "pacman_env.cli", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n", "")
