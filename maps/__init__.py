@@ -1,0 +1,1 @@
+"""Maps that come with the project: YAML and PGM pairs, drawn by ``pacman_env.world.floor_plans``."""
