@@ -44,7 +44,7 @@ def kernel(function: F) -> F:
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_dir() / f"numba-{source_hash()}")
     try:
-        compiled: F = numba.njit(cache=True, error_model="numpy")(function)
+        compiled: F = numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
     finally:
         numba_config.CACHE_DIR = before
     return compiled

@@ -319,55 +319,58 @@ def choose_target(g, cell, part, part_start, part_cells):  # type: ignore[no-unt
 
 
 @kernel
-def walk(g, path, position, distance):  # type: ignore[no-untyped-def]
-    """Move Clyde ``distance`` m along his path, at most to its end; True: he stands at the end."""
-    at, beyond = g.clyde_at, g.clyde_beyond + distance
+def walk(g, i, paths, position, period):  # type: ignore[no-untyped-def]
+    """One update: move Clyde along his path ``paths[i]`` for ``period`` seconds, at most to its end."""
+    x, y = g.clyde_x, g.clyde_y
+    at, beyond = g.clyde_at, g.clyde_beyond + g.clyde_speed * period
     last = g.clyde_length - 1
+    here = paths[i, at]
+    g.clyde_x, g.clyde_y = position[here, 0], position[here, 1]
     while at < last:
-        a, b = path[at], path[at + 1]
-        dx, dy = position[b, 0] - position[a, 0], position[b, 1] - position[a, 1]
+        following = paths[i, at + 1]
+        dx, dy = position[following, 0] - position[here, 0], position[following, 1] - position[here, 1]
         length = math.sqrt(dx * dx + dy * dy)
         if beyond < length:
             f = beyond / length
-            g.clyde_x = position[a, 0] + f * dx
-            g.clyde_y = position[a, 1] + f * dy
-            g.clyde_at = at
-            g.clyde_beyond = beyond
-            return False
+            g.clyde_x = position[here, 0] + f * dx
+            g.clyde_y = position[here, 1] + f * dy
+            break
         beyond -= length
         at += 1
-    g.clyde_at = last
-    g.clyde_beyond = 0.0
-    g.clyde_x = position[path[last], 0]
-    g.clyde_y = position[path[last], 1]
-    return True
-
-
-@kernel
-def move(g, path, period, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
-    """One update of a wandering Clyde: choose a target if he has none, walk ``period`` seconds.
-
-    ``arrays`` is (position, pixel, neighbours, part, part_start, part_cells, landmark) of :class:`ClydeCells`.
-    """
-    position, pixel, neighbours, part, part_start, part_cells, landmark = arrays
-    x, y = g.clyde_x, g.clyde_y
-    if g.clyde_at >= g.clyde_length - 1:
-        here = path[g.clyde_at]
-        target = choose_target(g, here, part, part_start, part_cells)
-        count = find_path(here, target, neighbours, pixel, landmark, scratch, heap_key, heap_cell, path)
-        g.clyde_at = 0
-        g.clyde_beyond = 0.0
-        g.clyde_length = count
-        if count == 0:  # cannot happen within a part; he stays where he is
-            path[0] = here
-            g.clyde_length = 1
-    walk(g, path, position, g.clyde_speed * period)
+        here = following
+        g.clyde_x, g.clyde_y = position[here, 0], position[here, 1]
+    g.clyde_at = at
+    g.clyde_beyond = beyond if at < last else 0.0
     g.clyde_vx = (g.clyde_x - x) / period
     g.clyde_vy = (g.clyde_y - y) / period
 
 
+@kernel
+def at_target(g):  # type: ignore[no-untyped-def]
+    """He stands at the end of his path and needs a target before his next update."""
+    return g.clyde_at >= g.clyde_length - 1
+
+
+@kernel
+def retarget(g, path, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
+    """Choose a target and the way there.
+
+    ``arrays`` is (position, pixel, neighbours, part, part_start, part_cells, landmark) of :class:`ClydeCells`.
+    """
+    position, pixel, neighbours, part, part_start, part_cells, landmark = arrays
+    here = path[g.clyde_at]
+    target = choose_target(g, here, part, part_start, part_cells)
+    count = find_path(here, target, neighbours, pixel, landmark, scratch, heap_key, heap_cell, path)
+    g.clyde_at = 0
+    g.clyde_beyond = 0.0
+    g.clyde_length = count
+    if count == 0:  # cannot happen within a part; he stays where he is
+        path[0] = here
+        g.clyde_length = 1
+
+
 def cell_arrays(cells: ClydeCells) -> tuple[NDArray, ...]:
-    """The arrays of :class:`ClydeCells` in the order that :func:`move` takes them."""
+    """The arrays of :class:`ClydeCells` in the order that :func:`retarget` takes them."""
     return (
         cells.position,
         cells.pixel,

@@ -68,7 +68,7 @@ class MapAssets:
             self.cell_xy,
             self.length_cm,
             self.direction,
-            grid.clearance,
+            grid.clearance_cm,
         )
 
     def clyde_arrays(self) -> tuple[NDArray, ...]:

@@ -50,7 +50,7 @@ class GameBatch:
         self.alive = np.zeros((n, slots), dtype=np.bool_)
         self._waits = np.zeros((n, self.candidates), dtype=np.int64)
         self._aborts = np.zeros((n, self.candidates), dtype=np.int64)
-        self.paths = np.zeros((n, PATH_POINTS, 2))
+        self.paths = np.zeros((n, PATH_POINTS, 2), dtype=np.float32)
         self._clyde_paths = np.zeros((n, assets.clyde.longest), dtype=np.int32)
         self.physics = PhysicsWorld(
             assets.grid.walls,
@@ -75,6 +75,8 @@ class GameBatch:
         period = math.gcd(self.substeps, clyde_steps)
         # Games of a batch differ in phase; Clyde can be due at any multiple of this.
         self._clyde_due = [k % period == 0 for k in range(self.substeps)]
+        check_steps = round(config.execution.check_period_s / config.physics_step_s)
+        self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
 
     def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
         """Start a new round with its own seed in each of the games ``index`` (M,)."""
@@ -109,6 +111,7 @@ class GameBatch:
         fresh["sigma_heading"] = 0.0 if c.localization.perfect else c.localization.sigma_yaw_rad
         fresh["nav_accept_steps"] = round(c.nav2.accept_delay_s / c.physics_step_s)
         fresh["nav_abort_rate"] = c.nav2.abort_rate
+        fresh["nav_resolution"] = self.assets.grid.resolution
         for name in ("nav_no_path_step", "nav_no_control_step", "nav_stuck_step"):
             fresh[name] = -1
 
@@ -118,31 +121,24 @@ class GameBatch:
         ``choices`` (N,) are candidates that the mask allows; a caller that cannot promise it asks
         :meth:`allowed` first.
         """
-        parameters, games = self._parameters, self.games
-        kernels.decide(games, choices, parameters)
-        physics = self.physics
-        goal_xy = self.assets.goal_xy
+        parameters, games, goal_xy = self._parameters, self.games, self.assets.goal_xy
+        physics, nav, alive = self.physics, self._nav, self.alive
+        row, state, force = physics.row, physics.state, physics.force
+        due = kernels.decide(games, choices, parameters)
         for k in range(self.substeps):
-            if self._clyde_due[k]:
-                kernels.move_clydes(
-                    games, self._clyde_paths, parameters, self._clyde_arrays, *self._clyde_search
-                )
-            kernels.drive(
-                games,
-                k == 0,
-                physics.state,
-                physics.force,
-                self.paths,
-                self.alive,
-                self._waits,
-                self._aborts,
-                parameters,
-                goal_xy,
-                self._nav,
-                self._detour_search,
-            )
+            if self._check_due[k]:
+                kernels.check(games, row, state, goal_xy, alive, parameters)
+            if self._clyde_due[k] and kernels.move_clydes(
+                games, self._clyde_paths, parameters, self._clyde_arrays[0]
+            ):
+                kernels.retarget_clydes(games, self._clyde_paths, self._clyde_arrays, *self._clyde_search)
+            if due & kernels.PLAN_DUE:
+                kernels.plan(games, self.paths, parameters, goal_xy, nav, self._detour_search)
+            due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, nav[0], nav[6])
+            if due & kernels.RESULT_DUE:
+                kernels.apply_results(games, goal_xy, alive, self._waits, self._aborts, parameters)
             physics.step()
-        kernels.finish(games, physics.state, self.alive, parameters, goal_xy)
+        kernels.finish(games, row, state, goal_xy, alive, parameters)
 
     def situation(self) -> Situation:
         """What a policy sees now; new arrays at each call."""
@@ -213,7 +209,6 @@ def _parameters(config: Config, assets: MapAssets, slots: int) -> NDArray[Any]:
         "scan_steps": steps(loc.scan_period_s),
         "clyde_steps": steps(config.clyde.update_period_s),
         "clyde_period": config.clyde.update_period_s,
-        "check_steps": steps(execution.check_period_s),
         "plan_steps": steps(nav2.planner_period_s),
         "perfect": loc.perfect,
         "update_distance": loc.update_distance_m,
@@ -227,8 +222,8 @@ def _parameters(config: Config, assets: MapAssets, slots: int) -> NDArray[Any]:
         "goal_tolerance": nav2.goal_tolerance_m,
         "unreachable_tolerance": nav2.unreachable_tolerance_m,
         "clyde_keepout": nav2.clyde_keepout_m,
-        "inscribed": robot.inscribed_radius_m,
-        "comfort": robot.inscribed_radius_m + _CLEAR_OF_WALLS_M,
+        "inscribed_cm": math.floor(100 * robot.inscribed_radius_m),
+        "comfort_cm": math.floor(100 * (robot.inscribed_radius_m + _CLEAR_OF_WALLS_M)),
         "progress_distance": nav2.progress_distance_m,
         "progress_steps": steps(nav2.progress_time_s),
         "no_path_steps": steps(nav2.no_path_abort_s),

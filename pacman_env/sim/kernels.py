@@ -28,6 +28,7 @@ from ..rng import CLYDE, LOCALIZATION, NAVIGATION, below, stream
 from ..world import localization, navigator
 
 RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
+PLAN_DUE, RESULT_DUE = 1, 2
 
 GAME = np.dtype(
     [
@@ -59,7 +60,6 @@ PARAMETERS = np.dtype(
         ("scan_steps", np.int64),
         ("clyde_steps", np.int64),
         ("clyde_period", np.float64),
-        ("check_steps", np.int64),
         ("plan_steps", np.int64),
         ("perfect", np.int64),
         ("update_distance", np.float64),
@@ -73,8 +73,8 @@ PARAMETERS = np.dtype(
         ("goal_tolerance", np.float64),
         ("unreachable_tolerance", np.float64),
         ("clyde_keepout", np.float64),
-        ("inscribed", np.float64),
-        ("comfort", np.float64),
+        ("inscribed_cm", np.int64),
+        ("comfort_cm", np.int64),
         ("progress_distance", np.float64),
         ("progress_steps", np.int64),
         ("no_path_steps", np.int64),
@@ -136,9 +136,10 @@ def reset_games(  # type: ignore[no-untyped-def]
 
 @kernel
 def decide(games, choices, parameters):  # type: ignore[no-untyped-def]
-    """Hand each game's choice (a candidate that its mask allows) to the navigator."""
+    """Hand each game's choice (a candidate that its mask allows) to the navigator; returns what is due."""
     p = parameters[0]
     hold = p.pellet_slots + p.refuges
+    due = 0
     for i in range(len(games)):
         g = games[i]
         g.tick_pellets = 0
@@ -157,16 +158,31 @@ def decide(games, choices, parameters):  # type: ignore[no-untyped-def]
             goal = chosen if chosen < p.pellet_slots else p.pellets + chosen - p.pellet_slots
             navigator.send_goal(g, goal, g.step)
             g.pursued = chosen
+        if navigator.plan_due(g, g.step):
+            due |= PLAN_DUE
+    return due
 
 
 @kernel
-def move_clydes(games, clyde_paths, parameters, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
-    """Clyde's update in the games where it is due."""
+def move_clydes(games, clyde_paths, parameters, position):  # type: ignore[no-untyped-def]
+    """Clyde's update in the games where it is due; returns how many now need a target."""
     p = parameters[0]
+    waiting = 0
     for i in range(len(games)):
         g = games[i]
         if g.end == RUNNING and g.step % p.clyde_steps == 0:
-            clyde_rule.move(g, clyde_paths[i], p.clyde_period, arrays, scratch, heap_key, heap_cell)
+            clyde_rule.walk(g, i, clyde_paths, position, p.clyde_period)
+            waiting += clyde_rule.at_target(g)
+    return waiting
+
+
+@kernel
+def retarget_clydes(games, clyde_paths, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
+    """A new target and way for every Clyde that stands at the end of his."""
+    for i in range(len(games)):
+        g = games[i]
+        if g.end == RUNNING and clyde_rule.at_target(g):
+            clyde_rule.retarget(g, clyde_paths[i], arrays, scratch, heap_key, heap_cell)
 
 
 @kernel
@@ -231,53 +247,77 @@ def _check(g, i, goal_xy, alive, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _read(g, row):  # type: ignore[no-untyped-def]
-    """Take the true pose and velocity over from the physics."""
-    g.x, g.y, g.heading = row[0], row[1], row[2]
-    g.vx, g.vy, g.omega = row[3], row[4], row[5]
+def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
+    """Take the true pose and velocity over from the physics; localize."""
+    g.x, g.y, g.heading = state[r, 0], state[r, 1], state[r, 2]
+    g.vx, g.vy, g.omega = state[r, 3], state[r, 4], state[r, 5]
+    if g.end == RUNNING:
+        if p.perfect:
+            localization.update(g, g.step)
+        elif g.step % p.scan_steps == 0:
+            localization.scan(g, g.step, p.update_distance, p.update_angle)
 
 
 @kernel
-def _sense(g, p):  # type: ignore[no-untyped-def]
-    if p.perfect:
-        localization.update(g, g.step)
-    elif g.step % p.scan_steps == 0:
-        localization.scan(g, g.step, p.update_distance, p.update_angle)
-
-
-@kernel
-def drive(  # type: ignore[no-untyped-def]
-    games, first, state, force, paths, alive, waits, aborts, parameters, goal_xy, nav, search
-):
-    """One controller step of every game; ``first``: the pose was already taken over at the tick's start."""
+def plan(games, paths, parameters, goal_xy, nav, search):  # type: ignore[no-untyped-def]
+    """The planner, in the games where it is due."""
     p = parameters[0]
+    for i in range(len(games)):
+        navigator.plan(games[i], i, paths, p, goal_xy, nav, search)
+
+
+@kernel
+def drive(games, first, row, state, force, paths, parameters, affine, clearance):  # type: ignore[no-untyped-def]
+    """One controller step of every game; returns what is due before the next one.
+
+    ``first``: the pose was already taken over when the tick before ended.
+    """
+    p = parameters[0]
+    due = 0
     for i in range(len(games)):
         g = games[i]
         if not first:
-            _read(g, state[i])
-            if g.end == RUNNING:
-                _sense(g, p)
-                if g.step % p.check_steps == 0:
-                    _check(g, i, goal_xy, alive, p)
-        navigator.navigate(g, paths[i], force[i], g.step, p, goal_xy, nav, search)
-        if g.nav_result != navigator.NO_RESULT:
-            _apply_result(g, i, goal_xy, alive, waits, aborts, p)
+            _sense(g, state, row[i], p)
+        navigator.control(g, i, paths, force, row[i], p, affine, clearance)
         g.step += 1
+        if g.nav_result != navigator.NO_RESULT:
+            due |= RESULT_DUE
+        if navigator.plan_due(g, g.step):
+            due |= PLAN_DUE
+    return due
 
 
 @kernel
-def finish(games, state, alive, parameters, goal_xy):  # type: ignore[no-untyped-def]
+def apply_results(games, goal_xy, alive, waits, aborts, parameters):  # type: ignore[no-untyped-def]
+    """Algorithm 4's reaction where a goal has ended."""
+    p = parameters[0]
+    for i in range(len(games)):
+        if games[i].nav_result != navigator.NO_RESULT:
+            _apply_result(games[i], i, goal_xy, alive, waits, aborts, p)
+
+
+@kernel
+def check(games, row, state, goal_xy, alive, parameters):  # type: ignore[no-untyped-def]
+    """Pick-up, death and completion in the middle of a tick, where the rules are tested more often than that."""
+    p = parameters[0]
+    for i in range(len(games)):
+        g = games[i]
+        if g.end == RUNNING:
+            _sense(g, state, row[i], p)
+            _check(g, i, goal_xy, alive, p)
+
+
+@kernel
+def finish(games, row, state, goal_xy, alive, parameters):  # type: ignore[no-untyped-def]
     """The end of a tick: rules, time limit, closing speed."""
     p = parameters[0]
     for i in range(len(games)):
         g = games[i]
-        _read(g, state[i])
         if g.end != RUNNING:
             continue
-        _sense(g, p)
+        _sense(g, state, row[i], p)
         g.tick += 1
-        if g.step % p.check_steps == 0:
-            _check(g, i, goal_xy, alive, p)
+        _check(g, i, goal_xy, alive, p)
         bx, by, _ = believed(g, p.use_tf)
         distance = math.sqrt((bx - g.clyde_x) ** 2 + (by - g.clyde_y) ** 2)
         g.closing = closing_speed(g.distance, distance, p.tick_s)

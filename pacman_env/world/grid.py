@@ -35,6 +35,7 @@ class DriveGrid:
     affine: NDArray[np.float64]  # (6,) world to cell
     inverse: NDArray[np.float64]  # (6,) cell to world
     clearance: NDArray[np.float32]  # (H, W) m, cell centre to the nearest solid cell's centre
+    clearance_cm: NDArray[np.uint8]  # the same in whole cm, at most 255: what control looks at
     cost: NDArray[np.uint8]  # (H, W) inflated costmap, 0..254
     cell_id: NDArray[np.int32]  # (H, W) number of a drivable cell, -1 elsewhere
     snap: NDArray[np.int32]  # (H, W) number of the nearest drivable cell
@@ -212,6 +213,7 @@ def build_grid(
         affine=to_cell,
         inverse=to_world,
         clearance=clearance,
+        clearance_cm=np.minimum(np.floor(clearance * 100 + 1e-3), 255).astype(np.uint8),
         cost=inflate(clearance, res, robot, nav2),
         cell_id=cell_id,
         snap=by_label[nearest],

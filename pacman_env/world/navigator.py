@@ -14,7 +14,6 @@ import numpy as np
 
 from ..rng import uniform
 from ..jit import kernel
-from .localization import wrap
 from .paths import AT_GOAL, NO_DIRECTION, UNREACHABLE_CM
 
 IDLE, ACTIVE = 0, 1
@@ -22,12 +21,15 @@ NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalSt
 PATH_POINTS = 40
 _PATH_METRES = 1.2  # how far ahead a plan is written out; a robot drives 0.46 m at most until the next one
 _LOOKAHEAD = 0.35  # m along the path to the point that control steers to
-_ROTATE_ABOVE = 0.7  # rad off the path at which the robot turns on the spot
+_ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
+_ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
 _HORIZON = 0.8  # s of a roll-out
 _SAMPLES = 3  # points looked at along a roll-out
 _BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
+_DETOUR_AHEAD_CM = 300  # Clyde is gone from places farther along the way when the robot gets there
 _WAIT_S = 5.0  # recovery "wait"
-_SEARCH_CELLS = 60000  # a detour that needs more is no path
+_SEARCH_CELLS = 20000  # a detour that needs more is no path
+_GREED = 2.0  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
 
 NAVIGATOR_FIELDS = [
     ("x", np.float64),  # true pose and velocity: m, m, rad, m/s, m/s, rad/s
@@ -49,6 +51,10 @@ NAVIGATOR_FIELDS = [
     ("nav_end_y", np.float64),
     ("nav_points", np.int64),  # points of the plan written out, 0: no plan
     ("nav_at", np.int64),  # the point passed last
+    ("nav_ahead", np.int64),  # the point steered to
+    ("nav_static", np.int64),  # the plan follows the static field (no detour)
+    ("nav_tail", np.int64),  # the cell of the plan's last point, -1: the goal
+    ("nav_resolution", np.float64),  # m per cell
     ("nav_no_path_step", np.int64),  # since when there is no plan, -1: there is one
     ("nav_no_control_step", np.int64),  # since when there is no admissible control, -1: there is
     ("nav_progress_x", np.float64),
@@ -101,6 +107,7 @@ def _take_up(g, bx, by, step):  # type: ignore[no-untyped-def]
     g.nav_goal = g.nav_next
     g.nav_next = -1
     g.nav_state = ACTIVE
+    g.nav_static = 0
     g.nav_no_path_step = -1
     g.nav_no_control_step = -1
     g.nav_stuck_step = -1
@@ -122,17 +129,21 @@ def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped
 def _blocked_by_clyde(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
     """Whether the static path from ``cell`` to the goal passes Clyde's obstacle region."""
     affine, snap, neighbours, cell_xy, length_cm, direction = nav[:6]
+    dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
+    away_cm = math.sqrt(dx * dx + dy * dy) * 100.0
+    if away_cm > _DETOUR_AHEAD_CM + 100.0 * keepout:
+        return False
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
     clyde_cm = int(length_cm[snap[row, column], goal])
     here_cm = int(length_cm[cell, goal])
     margin_cm = int(keepout * 160.0) + 20  # lengths near walls exceed straight distances
     if clyde_cm == UNREACHABLE_CM or clyde_cm > here_cm + margin_cm:
         return False
-    dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
-    if math.sqrt(dx * dx + dy * dy) * 100.0 > here_cm - clyde_cm + 2 * margin_cm:
+    if away_cm > here_cm - clyde_cm + 2 * margin_cm:
         return False
     near = keepout * keepout
-    while length_cm[cell, goal] >= clyde_cm - margin_cm:
+    last_cm = max(clyde_cm - margin_cm, here_cm - _DETOUR_AHEAD_CM)
+    while int(length_cm[cell, goal]) >= last_cm:
         dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
         if dx * dx + dy * dy < near:
             return True
@@ -144,33 +155,47 @@ def _blocked_by_clyde(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-unty
 
 
 @kernel
-def _write_point(path, count, px, py, x, y):  # type: ignore[no-untyped-def]
-    path[count, 0] = x
-    path[count, 1] = y
-    return math.sqrt((x - px) * (x - px) + (y - py) * (y - py))
-
-
-@kernel
-def _follow_field(path, count, metres, cell, goal, goal_xy, nav):  # type: ignore[no-untyped-def]
-    """Write the static path from ``cell`` on, up to the goal or the length of a plan; returns the point count."""
-    affine, snap, neighbours, cell_xy, length_cm, direction = nav[:6]
-    px, py = cell_xy[cell, 0], cell_xy[cell, 1]
-    while count < PATH_POINTS - 1 and metres < _PATH_METRES:
+def _follow_field(g, i, paths, count, cell, goal_xy, nav):  # type: ignore[no-untyped-def]
+    """Write the static path from ``cell`` on, as far as a plan is written out; returns the point count."""
+    neighbours, cell_xy, direction = nav[2], nav[3], nav[5]
+    goal = g.nav_goal
+    enough = int(_PATH_METRES / (1.2 * g.nav_resolution))  # steps are 1 to 2.2 cells long
+    last = min(PATH_POINTS - 1, enough)
+    while count < last:
         d = direction[goal, cell]
         if d >= AT_GOAL:
             break
         cell = neighbours[cell, d]
-        metres += _write_point(path, count, px, py, cell_xy[cell, 0], cell_xy[cell, 1])
-        px, py = cell_xy[cell, 0], cell_xy[cell, 1]
+        paths[i, count, 0], paths[i, count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
         count += 1
+    g.nav_tail = cell
     if direction[goal, cell] == AT_GOAL and count < PATH_POINTS:
-        path[count, 0], path[count, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
+        paths[i, count, 0], paths[i, count, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
         count += 1
+        g.nav_tail = -1
     return count
 
 
 @kernel
-def _detour(g, path, start, goal, goal_xy, keepout, tolerance, resolution, nav, search):  # type: ignore[no-untyped-def]
+def _go_on(g, i, paths, bx, by, goal_xy, nav):  # type: ignore[no-untyped-def]
+    """Keep the rest of a static plan that the robot is still on, and extend it; returns the point count, 0: off it.
+
+    What NavFn would plan from here anew is what is left of the path, so only its far end is computed.
+    """
+    at, points = g.nav_at, g.nav_points
+    if not g.nav_static or at >= points:
+        return 0
+    dx, dy = paths[i, at, 0] - bx, paths[i, at, 1] - by
+    if dx * dx + dy * dy > _ON_PATH * _ON_PATH:
+        return 0
+    for k in range(at, points):
+        paths[i, k - at, 0], paths[i, k - at, 1] = paths[i, k, 0], paths[i, k, 1]
+    count = points - at
+    return count if g.nav_tail < 0 else _follow_field(g, i, paths, count, g.nav_tail, goal_xy, nav)
+
+
+@kernel
+def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, nav, search):  # type: ignore[no-untyped-def]
     """Plan around Clyde by A* with the static path length as the estimate; returns the point count, 0: no path.
 
     The search ends where the rest of the static path is clear of Clyde, at the goal, or, when Clyde stands on the
@@ -191,7 +216,7 @@ def _detour(g, path, start, goal, goal_xy, keepout, tolerance, resolution, nav, 
     node[start, 1] = stamp
     so_far[start] = 0.0
     size = 1
-    heap_key[1] = np.float32(length_cm[start, goal])
+    heap_key[1] = np.float32(_GREED) * np.float32(length_cm[start, goal])
     heap_cell[1] = start
     room = min(len(heap_key) - 17, _SEARCH_CELLS)
     pushed = 0
@@ -201,19 +226,19 @@ def _detour(g, path, start, goal, goal_xy, keepout, tolerance, resolution, nav, 
         key = heap_key[1]
         last_key, last_cell = heap_key[size], heap_cell[size]
         size -= 1
-        i = 1
+        hole = 1
         while True:
-            child = 2 * i
+            child = 2 * hole
             if child > size:
                 break
             if child < size and heap_key[child + 1] < heap_key[child]:
                 child += 1
             if heap_key[child] >= last_key:
                 break
-            heap_key[i], heap_cell[i] = heap_key[child], heap_cell[child]
-            i = child
-        heap_key[i], heap_cell[i] = last_key, last_cell
-        if key > so_far[u] + np.float32(length_cm[u, goal]):
+            heap_key[hole], heap_cell[hole] = heap_key[child], heap_cell[child]
+            hole = child
+        heap_key[hole], heap_cell[hole] = last_key, last_cell
+        if key > so_far[u] + np.float32(_GREED) * np.float32(length_cm[u, goal]):
             continue
         if u != start and (int(length_cm[u, goal]) < clear_cm or direction[goal, u] == AT_GOAL):
             reached = u
@@ -221,7 +246,7 @@ def _detour(g, path, start, goal, goal_xy, keepout, tolerance, resolution, nav, 
         if goal_blocked and abs(cell_xy[u, 0] - gx) <= tolerance and abs(cell_xy[u, 1] - gy) <= tolerance:
             reached = u
             break
-        for d in range(neighbours.shape[1]):
+        for d in range(0, neighbours.shape[1], 2):  # the 8 neighbours
             v = neighbours[u, d]
             if v < 0 or length_cm[v, goal] == UNREACHABLE_CM:
                 continue
@@ -234,7 +259,7 @@ def _detour(g, path, start, goal, goal_xy, keepout, tolerance, resolution, nav, 
             so_far[v] = new
             node[v, 0] = u
             node[v, 1] = stamp
-            new_key = new + np.float32(length_cm[v, goal])
+            new_key = new + np.float32(_GREED) * np.float32(length_cm[v, goal])
             size += 1
             pushed += 1
             j = size
@@ -250,23 +275,21 @@ def _detour(g, path, start, goal, goal_xy, keepout, tolerance, resolution, nav, 
         after = node[cell, 0]
         node[cell, 0] = before
         before, cell = cell, after
-    count, metres = 0, 0.0
+    count = 0
     cell = start
-    px, py = cell_xy[start, 0], cell_xy[start, 1]
-    while cell >= 0 and count < PATH_POINTS and metres < _PATH_METRES:
-        metres += _write_point(path, count, px, py, cell_xy[cell, 0], cell_xy[cell, 1])
-        px, py = cell_xy[cell, 0], cell_xy[cell, 1]
+    while cell >= 0 and count < PATH_POINTS:
+        paths[i, count, 0], paths[i, count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
         count += 1
         cell = node[cell, 0]
     if goal_blocked:
         g.nav_end_x, g.nav_end_y = cell_xy[reached, 0], cell_xy[reached, 1]
     elif cell < 0:
-        count = _follow_field(path, count, metres, reached, goal, goal_xy, nav)
+        count = _follow_field(g, i, paths, count, reached, goal_xy, nav)
     return count
 
 
 @kernel
-def _plan(g, path, bx, by, step, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
+def _plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
     """NavFn's tick: write the next stretch of the way to the current goal."""
     affine, snap, neighbours, cell_xy, length_cm, direction = nav[:6]
     goal = g.nav_goal
@@ -274,50 +297,61 @@ def _plan(g, path, bx, by, step, p, goal_xy, nav, search):  # type: ignore[no-un
     start = snap[row, column]
     g.nav_end_x, g.nav_end_y = goal_xy[goal, 0], goal_xy[goal, 1]
     count = 0
-    if length_cm[start, goal] != UNREACHABLE_CM:
+    static = 0
+    if direction[goal, start] != NO_DIRECTION:
         dx, dy = cell_xy[start, 0] - g.clyde_x, cell_xy[start, 1] - g.clyde_y
         keepout = min(p.clyde_keepout, math.sqrt(dx * dx + dy * dy) - 0.05)
         if keepout > 0.05 and _blocked_by_clyde(start, goal, g.clyde_x, g.clyde_y, keepout, nav):
             count = _detour(
-                g, path, start, goal, goal_xy, keepout, p.unreachable_tolerance, p.resolution, nav, search
+                g, i, paths, start, goal, goal_xy, keepout, p.unreachable_tolerance, p.resolution, nav, search
             )
         else:
-            path[0, 0], path[0, 1] = cell_xy[start, 0], cell_xy[start, 1]
-            count = _follow_field(path, 1, 0.0, start, goal, goal_xy, nav)
+            static = 1
+            count = _go_on(g, i, paths, bx, by, goal_xy, nav)
+            if count == 0:
+                paths[i, 0, 0], paths[i, 0, 1] = cell_xy[start, 0], cell_xy[start, 1]
+                count = _follow_field(g, i, paths, 1, start, goal_xy, nav)
     g.nav_points = count
+    g.nav_static = static
     g.nav_at = 0
+    g.nav_ahead = 0
     if count > 0:
         g.nav_no_path_step = -1
     elif g.nav_no_path_step < 0:
-        g.nav_no_path_step = step
+        g.nav_no_path_step = g.step
 
 
 @kernel
-def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, nav, p):  # type: ignore[no-untyped-def]
-    """Cost of driving (v, w) from pose (x, y, heading): wall and Clyde terms in m, -1: not admissible.
+def _turned(c, s, angle):  # type: ignore[no-untyped-def]
+    """Cosine and sine of a heading turned by a small angle: a series, 1e-5 off at 0.5 rad, no library call."""
+    a2 = angle * angle
+    ca = 1.0 - a2 * (0.5 - a2 * (1.0 / 24.0))
+    sa = angle * (1.0 - a2 * (1.0 / 6.0 - a2 * (1.0 / 120.0)))
+    return c * ca - s * sa, s * ca + c * sa
+
+
+@kernel
+def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p):  # type: ignore[no-untyped-def]
+    """Cost in m of driving (v, w) from pose (x, y, heading): how far it leaves comfort; -1: not admissible.
 
     Looks at ``_SAMPLES`` points of the arc. A point inside the inscribed radius is only admissible if it is no
-    worse than where the robot stands: that is how it gets out again.
+    worse than where the robot stands: that is how it gets out again. Likewise for Clyde's region.
     """
-    affine, snap, clearance = nav[0], nav[1], nav[6]
     cost = 0.0
-    now2 = (x - cx) * (x - cx) + (y - cy) * (y - cy)
+    rows, columns = clearance.shape
     for k in range(1, _SAMPLES + 1):
         t = _HORIZON * k / _SAMPLES
-        half = 0.5 * w * t
-        # Chord of the arc in second order: at most 0.76 rad of turn per sample at the base's limit.
-        ca, sa = 1.0 - 0.5 * half * half, half - half * half * half / 6.0
-        s = v * t
-        dx, dy = s * (ch * ca - sh * sa), s * (sh * ca + ch * sa)
-        column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], x + dx, y + dy)
-        free = float(clearance[row, column])
-        if free <= p.inscribed and free < here:
-            return -1.0
-        if free < p.comfort:
-            cost += p.comfort - free
+        ca, sa = _turned(ch, sh, 0.5 * w * t)  # the chord of the arc
+        px, py = x + v * t * ca, y + v * t * sa
+        column, row = cell_of(affine, rows, columns, px, py)
+        free = clearance[row, column]
+        if free < p.comfort_cm:
+            if free <= p.inscribed_cm and free < here:
+                return -1.0
+            cost += 0.01 * (p.comfort_cm - free)
         if clyde_near:
-            ex, ey = x + dx - cx, y + dy - cy
-            d2 = ex * ex + ey * ey
+            d2 = (px - cx) * (px - cx) + (py - cy) * (py - cy)
+            now2 = (x - cx) * (x - cx) + (y - cy) * (y - cy)
             if d2 < p.clyde_keepout * p.clyde_keepout and d2 < now2 - 1e-9:
                 return -1.0
     return cost
@@ -332,72 +366,71 @@ def _limit(v, w, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _command(g, path, bx, by, bh, p, nav):  # type: ignore[no-untyped-def]
+def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
+    """Turn rate on the spot towards a point in the robot's frame: as fast as braking in time allows."""
+    off = math.atan2(aside, forward)
+    return math.copysign(min(limit, math.sqrt(2.0 * _BRAKE * p.omega_rate * abs(off))), off)
+
+
+@kernel
+def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[no-untyped-def]
     """The local controller: (ok, v, omega) for the next step."""
     points = g.nav_points
     at = g.nav_at
-    best = (path[at, 0] - bx) ** 2 + (path[at, 1] - by) ** 2
+    best = (paths[i, at, 0] - bx) ** 2 + (paths[i, at, 1] - by) ** 2
     while at + 1 < points:
-        d2 = (path[at + 1, 0] - bx) ** 2 + (path[at + 1, 1] - by) ** 2
+        d2 = (paths[i, at + 1, 0] - bx) ** 2 + (paths[i, at + 1, 1] - by) ** 2
         if d2 > best:
             break
         best = d2
         at += 1
-    g.nav_at = at
-    ahead = at
+    ahead = max(at, min(g.nav_ahead, points - 1))
     while ahead + 1 < points:
-        ahead += 1
-        if (path[ahead, 0] - bx) ** 2 + (path[ahead, 1] - by) ** 2 > _LOOKAHEAD * _LOOKAHEAD:
+        if (paths[i, ahead, 0] - bx) ** 2 + (paths[i, ahead, 1] - by) ** 2 > _LOOKAHEAD * _LOOKAHEAD:
             break
-    tx, ty = path[ahead, 0] - bx, path[ahead, 1] - by
-    distance = math.sqrt(tx * tx + ty * ty)
-    off = wrap(math.atan2(ty, tx) - bh)
+        ahead += 1
+    g.nav_at, g.nav_ahead = at, ahead
+    tx, ty = paths[i, ahead, 0] - bx, paths[i, ahead, 1] - by
+    forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     v_max = g.speed_limit
-    if abs(off) > _ROTATE_ABOVE:
-        v = 0.0
-        w = math.copysign(min(p.omega_max, math.sqrt(2.0 * _BRAKE * p.omega_rate * abs(off))), off)
-    else:
-        # Pure pursuit: the arc through the point ahead, slower the sharper it is.
-        w = 2.0 * v_max * math.sin(off) / max(distance, 0.1)
-        v = v_max * math.cos(off)
-    v, w = _limit(v, w, p)
-    affine, clearance = nav[0], nav[6]
+    if forward < _ROTATE_COS * math.sqrt(tx * tx + ty * ty):
+        return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
+    # Pure pursuit: the arc through the point ahead, slower the sharper it is.
+    d2 = max(tx * tx + ty * ty, 0.01)
+    v, w = _limit(v_max * forward / math.sqrt(d2), 2.0 * v_max * aside / d2, p)
     column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
-    here = float(clearance[row, column])
+    here = clearance[row, column]
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * _HORIZON + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
-    ch, sh = math.cos(bh), math.sin(bh)
-    if v == 0.0:
-        return True, v, w
-    if _clear(bx, by, ch, sh, v, w, cx, cy, clyde_near, here, nav, p) >= 0.0:
+    if _clear(bx, by, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0:
         return True, v, w
     # The direct way is not admissible: sample the window, forward and turning, and take the best progress.
     best_score = 1e9
     ok, best_v, best_w = False, 0.0, 0.0
-    for i in range(1, 5):
+    for k in range(1, 5):
         for j in range(-4, 5):
-            sv, sw = _limit(v_max * i * 0.25, w + 0.35 * j, p)
-            cost = _clear(bx, by, ch, sh, sv, sw, cx, cy, clyde_near, here, nav, p)
+            sv, sw = _limit(v_max * k * 0.25, w + 0.35 * j, p)
+            cost = _clear(bx, by, ch, sh, sv, sw, cx, cy, clyde_near, here, affine, clearance, p)
             if cost < 0.0:
                 continue
-            half = 0.5 * sw * _HORIZON
+            ca, sa = _turned(ch, sh, 0.5 * sw * _HORIZON)
             s = sv * _HORIZON
-            ex = bx + s * math.cos(bh + half) - path[ahead, 0]
-            ey = by + s * math.sin(bh + half) - path[ahead, 1]
+            ex, ey = s * ca - tx, s * sa - ty
             score = math.sqrt(ex * ex + ey * ey) + cost + 0.02 * abs(j)
             if score < best_score:
                 best_score, ok, best_v, best_w = score, True, sv, sw
-    if ok:
-        return ok, best_v, best_w
-    if abs(off) > 0.1:  # turn towards the path before anything else
-        return True, 0.0, math.copysign(min(1.0, math.sqrt(2.0 * _BRAKE * p.omega_rate * abs(off))), off)
-    return False, 0.0, 0.0
+    if not ok and abs(aside) > 0.1 * forward:  # turn towards the path before anything else
+        return True, 0.0, _turn_rate(forward, aside, 1.0, p)
+    return ok, best_v, best_w
 
 
 @kernel
-def _drive(g, v, w, force, p):  # type: ignore[no-untyped-def]
-    """Wheels follow (v, w) within their acceleration; the force makes the body's velocity theirs."""
+def _drive(g, ch, sh, turned, v, w, force, r, p):  # type: ignore[no-untyped-def]
+    """Wheels follow (v, w) within their acceleration; the force makes the body's velocity theirs.
+
+    (ch, sh) is the heading turned by ``turned`` rad against the true one.
+    """
     change = p.wheel_rate * p.dt
     left, right = v - w * p.half_base, v + w * p.half_base
     left = min(max(left, g.left - change), g.left + change)
@@ -405,24 +438,42 @@ def _drive(g, v, w, force, p):  # type: ignore[no-untyped-def]
     g.left, g.right = left, right
     speed, turn = 0.5 * (left + right), 0.5 * (right - left) / p.half_base
     # Heading at the middle of the step: the body is where it was told to be after a turn.
-    h = g.heading + 0.5 * turn * p.dt
-    force[0] = p.mass * (speed * math.cos(h) - g.vx) / p.dt
-    force[1] = p.mass * (speed * math.sin(h) - g.vy) / p.dt
-    force[2] = p.inertia * (turn - g.omega) / p.dt
+    c, s = _turned(ch, sh, 0.5 * turn * p.dt - turned)
+    force[r, 0] = p.mass * (speed * c - g.vx) / p.dt
+    force[r, 1] = p.mass * (speed * s - g.vy) / p.dt
+    force[r, 2] = p.inertia * (turn - g.omega) / p.dt
 
 
 @kernel
-def navigate(g, path, force, step, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """One controller step of game ``g``: take up goals, plan, control, end goals; writes ``force`` (3,)."""
-    v, w = 0.0, 0.0
+def plan_due(g, step):  # type: ignore[no-untyped-def]
+    """Whether the planner has something to do for ``g`` before control runs at that step."""
+    if g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step):
+        return True
+    return g.nav_state == ACTIVE and step >= g.nav_plan_step
+
+
+@kernel
+def plan(g, i, paths, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
+    """Take up a waiting goal and plan, where due; the plan of ``g`` is ``paths[i]``."""
+    step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step):
         _take_up(g, bx, by, step)
         g.nav_plan_step = step
+    if g.nav_state == ACTIVE and step >= g.nav_plan_step:
+        _plan(g, i, paths, bx, by, p, goal_xy, nav, search)
+        g.nav_plan_step = step + p.plan_steps
+
+
+@kernel
+def control(g, i, paths, force, r, p, affine, clearance):  # type: ignore[no-untyped-def]
+    """One controller step of ``g`` on the plan ``paths[i]``: the force on its body goes to ``force[r]``."""
+    step = g.step
+    v, w = 0.0, 0.0
+    bx, by = g.x + g.error_x, g.y + g.error_y
+    bh = g.heading + g.error_heading
+    ch, sh = math.cos(bh), math.sin(bh)
     if g.nav_state == ACTIVE:
-        if step >= g.nav_plan_step:
-            _plan(g, path, bx, by, step, p, goal_xy, nav, search)
-            g.nav_plan_step = step + p.plan_steps
         ex, ey = g.nav_end_x - bx, g.nav_end_y - by
         if g.nav_points > 0 and ex * ex + ey * ey <= p.goal_tolerance * p.goal_tolerance:
             _end(g, SUCCEEDED)
@@ -430,22 +481,29 @@ def navigate(g, path, force, step, p, goal_xy, nav, search):  # type: ignore[no-
             if step - g.nav_no_path_step >= p.no_path_steps:
                 _end(g, ABORTED)
         elif step >= g.nav_wait_step:
-            ok, v, w = _command(g, path, bx, by, g.heading + g.error_heading, p, nav)
+            ok, v, w = _command(g, i, paths, bx, by, ch, sh, p, affine, clearance)
             if ok:
                 g.nav_no_control_step = -1
             elif g.nav_no_control_step < 0:
                 g.nav_no_control_step = step
             elif step - g.nav_no_control_step >= p.no_control_steps:
                 _end(g, ABORTED)
-            mx, my = bx - g.nav_progress_x, by - g.nav_progress_y
-            if mx * mx + my * my > p.progress_distance * p.progress_distance:
-                g.nav_progress_x, g.nav_progress_y, g.nav_progress_step = bx, by, step
-                g.nav_stuck_step = -1
-            elif step - g.nav_progress_step > p.progress_steps:
-                if g.nav_stuck_step < 0:
-                    g.nav_stuck_step = g.nav_progress_step
-                if step - g.nav_stuck_step >= p.stuck_steps:
-                    _end(g, ABORTED)
-                g.nav_progress_step = step
-                g.nav_wait_step = step + int(_WAIT_S / p.dt)
-    _drive(g, v, w, force, p)
+            if g.nav_state == ACTIVE:
+                _watch_progress(g, bx, by, p)
+    _drive(g, ch, sh, g.error_heading, v, w, force, r, p)
+
+
+@kernel
+def _watch_progress(g, bx, by, p):  # type: ignore[no-untyped-def]
+    """Nav2's progress checker: stuck robots wait and try again, for long ones the goal ends."""
+    mx, my = bx - g.nav_progress_x, by - g.nav_progress_y
+    if mx * mx + my * my > p.progress_distance * p.progress_distance:
+        g.nav_progress_x, g.nav_progress_y, g.nav_progress_step = bx, by, g.step
+        g.nav_stuck_step = -1
+    elif g.step - g.nav_progress_step > p.progress_steps:
+        if g.nav_stuck_step < 0:
+            g.nav_stuck_step = g.nav_progress_step
+        if g.step - g.nav_stuck_step >= p.stuck_steps:
+            _end(g, ABORTED)
+        g.nav_progress_step = g.step
+        g.nav_wait_step = g.step + int(_WAIT_S / p.dt)

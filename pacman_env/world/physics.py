@@ -37,8 +37,8 @@ def moment_of_inertia(mass_kg: float, radius_m: float) -> float:
 class PhysicsWorld:
     """N robots among one set of walls.
 
-    ``state`` (N, 6) holds x, y (m), angle (rad), vx, vy (m/s), omega (rad/s) after the last step; ``force`` (N, 3)
-    holds fx, fy (N) and torque (N m) for the next one. Both are float64 and written in place.
+    Robot i owns row ``row[i]`` of ``state`` (6 columns: x, y in m, angle in rad, vx, vy in m/s, omega in rad/s
+    after the last step) and of ``force`` (3 columns: fx, fy in N, torque in N m for the next one), both float64.
     """
 
     def __init__(
@@ -49,30 +49,19 @@ class PhysicsWorld:
             raise ValueError(f"n = {n}: a world holds at least one robot")
         self.n = n
         self.step_s = step_s
-        self.state = np.zeros((n, STATE_FIELDS))
-        self.force = np.zeros((n, FORCE_FIELDS))
+        # pymunk.batch counts each space's static body as its last row: one spare row per space.
+        self.row = np.arange(n) + np.arange(n) // GAMES_PER_SPACE
+        rows = int(self.row[-1]) + 2
+        self.state = np.zeros((rows, STATE_FIELDS))
+        self.force = np.zeros((rows, FORCE_FIELDS))
         self._bodies: list[pymunk.Body] = []
-        self._spaces: list[tuple[pymunk.Space, slice, pymunk.batch.Buffer, pymunk.batch.Buffer, NDArray]] = []
-        inertia = moment_of_inertia(mass_kg, radius_m)
-        only_walls = pymunk.ShapeFilter(group=1)
+        self._spaces: list[_Space] = []
         for first in range(0, n, GAMES_PER_SPACE):
-            last = min(first + GAMES_PER_SPACE, n)
-            space = pymunk.Space()
-            space.collision_slop = _COLLISION_SLOP_M
-            segments = [pymunk.Segment(space.static_body, w[:2], w[2:], 0.0) for w in walls.tolist()]
-            if segments:
-                space.add(*segments)
-            for _ in range(first, last):
-                body = pymunk.Body(mass_kg, inertia)
-                shape = pymunk.Circle(body, radius_m)
-                shape.filter = only_walls
-                space.add(body, shape)
-                self._bodies.append(body)
-            out = pymunk.batch.Buffer()
-            forces = np.zeros((last - first + 1, FORCE_FIELDS))  # the static body is the last row
-            into = pymunk.batch.Buffer()
-            into.set_float_buf(forces)
-            self._spaces.append((space, slice(first, last), out, into, forces))
+            count = min(GAMES_PER_SPACE, n - first)
+            rows_here = slice(self.row[first], self.row[first] + count + 1)
+            space = _Space(walls, count, self.state[rows_here], self.force[rows_here], radius_m, mass_kg)
+            self._spaces.append(space)
+            self._bodies += space.bodies
 
     def place(self, index: int, x: float, y: float, angle: float) -> None:
         """Put one robot somewhere, at rest."""
@@ -81,35 +70,76 @@ class PhysicsWorld:
         body.angle = angle
         body.velocity = (0.0, 0.0)
         body.angular_velocity = 0.0
-        self.state[index] = (x, y, angle, 0.0, 0.0, 0.0)
-        self.force[index] = 0.0
+        self.state[self.row[index]] = (x, y, angle, 0.0, 0.0, 0.0)
+        self.force[self.row[index]] = 0.0
 
     def step(self) -> None:
         """Apply ``force``, advance by one step, write ``state``."""
-        for space, rows, out, into, forces in self._spaces:
-            forces[:-1] = self.force[rows]
-            pymunk.batch.set_space_bodies(space, _FORCE, into)
+        for space in self._spaces:
             space.step(self.step_s)
-            out.clear()
-            pymunk.batch.get_space_bodies(space, _STATE, out)
-            count = rows.stop - rows.start
-            flat = np.frombuffer(out.float_buf(), dtype=np.float64, count=count * STATE_FIELDS)
-            self.state[rows] = flat.reshape(count, STATE_FIELDS)
 
     def deepest_contact(self) -> float:
         """Depth of the deepest overlap of a robot with a wall now, m (0: none)."""
-        deepest = 0.0
-        for space, *_ in self._spaces:
-            data = pymunk.batch.Buffer()
-            fields = pymunk.batch.ArbiterFields.CONTACT_COUNT | pymunk.batch.ArbiterFields.DISTANCE_1
-            pymunk.batch.get_space_arbiters(space, fields, data)
-            distances = np.frombuffer(data.float_buf(), dtype=np.float64)
-            if len(distances):
-                deepest = max(deepest, -float(distances.min()))
-        return deepest
+        return max(space.deepest_contact() for space in self._spaces)
 
-    def bare_steps(self, count: int) -> None:
-        """Step every space ``count`` times and do nothing else: the benchmark's yardstick."""
+    def bare_steps(self, count: int, speed_mps: float) -> None:
+        """Step every space ``count`` times and do nothing else: the benchmark's yardstick.
+
+        The bodies start from where they are, in directions all round, and bounce, so that they keep moving.
+        """
+        for i, body in enumerate(self._bodies):
+            body.velocity = pymunk.Vec2d(speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
+        for space in self._spaces:
+            for shape in space.space.shapes:
+                shape.elasticity = 1.0
         for _ in range(count):
-            for space, *_ in self._spaces:
-                space.step(self.step_s)
+            for space in self._spaces:
+                space.space.step(self.step_s)
+
+
+class _Space:
+    """One pymunk space with up to ``GAMES_PER_SPACE`` robots; reads and writes its rows of the world's arrays."""
+
+    def __init__(
+        self,
+        walls: NDArray[np.float64],
+        count: int,
+        state: NDArray[np.float64],
+        force: NDArray[np.float64],
+        radius_m: float,
+        mass_kg: float,
+    ) -> None:
+        space = pymunk.Space()
+        space.collision_slop = _COLLISION_SLOP_M
+        segments = [pymunk.Segment(space.static_body, w[:2], w[2:], 0.0) for w in walls.tolist()]
+        if segments:
+            space.add(*segments)
+        self.bodies = []
+        only_walls = pymunk.ShapeFilter(group=1)
+        for _ in range(count):
+            body = pymunk.Body(mass_kg, moment_of_inertia(mass_kg, radius_m))
+            shape = pymunk.Circle(body, radius_m)
+            shape.filter = only_walls
+            space.add(body, shape)
+            self.bodies.append(body)
+        self.space = space
+        self._state = state
+        self._force = pymunk.batch.Buffer()
+        self._force.set_float_buf(force)
+        self._out = pymunk.batch.Buffer()
+        pymunk.batch.get_space_bodies(space, _STATE, self._out)
+        # The buffer has its full size now and is never moved again, so one view serves every step.
+        self._view = np.frombuffer(self._out.float_buf(), dtype=np.float64).reshape(count + 1, STATE_FIELDS)
+
+    def step(self, step_s: float) -> None:
+        pymunk.batch.set_space_bodies(self.space, _FORCE, self._force)
+        self.space.step(step_s)
+        self._out.clear()
+        pymunk.batch.get_space_bodies(self.space, _STATE, self._out)
+        self._state[:] = self._view
+
+    def deepest_contact(self) -> float:
+        data = pymunk.batch.Buffer()
+        pymunk.batch.get_space_arbiters(self.space, pymunk.batch.ArbiterFields.DISTANCE_1, data)
+        distances = np.frombuffer(data.float_buf(), dtype=np.float64)
+        return max(0.0, -float(distances.min())) if len(distances) else 0.0
