@@ -22,7 +22,15 @@ from ..jit import source_hash
 from ..world.cache import cached_arrays
 from ..world.grid import DriveGrid, build_grid
 from ..world.occupancy import MapError, OccupancyMap, load_map
-from ..world.paths import STEPS16, navfn_weights, neighbour_table, path_field, step_lengths
+from ..world.paths import (
+    NO_STEP,
+    STEPS16,
+    UNREACHABLE_CM,
+    navfn_weights,
+    neighbour_table,
+    path_field,
+    step_lengths,
+)
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
@@ -44,9 +52,9 @@ class MapAssets:
     goal_xy: NDArray[np.float64]  # (G, 2) m
     goal_cell: NDArray[np.int32]  # (G,) drivable cell, -1: none within Nav2's tolerance
     neighbours: NDArray[np.int32]  # (K, 16)
-    cell_xy: NDArray[np.float64]  # (K, 2) m
+    cell_xy: NDArray[np.float32]  # (K, 2) m
     length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
-    direction: NDArray[np.uint8]  # (G, K) first step towards each goal
+    next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
 
     @property
     def pellets(self) -> int:
@@ -67,7 +75,7 @@ class MapAssets:
             self.neighbours,
             self.cell_xy,
             self.length_cm,
-            self.direction,
+            self.next_step,
             grid.clearance_cm,
         )
 
@@ -136,23 +144,15 @@ def _build(
             f"{occupancy.name}: no pellet that the robot can reach at a spacing of {config.pellets.spacing_m} m"
         )
     clyde = clyde_cells(occupancy, config.clyde, config.pellets.free_grey)
-    clyde_drive = _drive_cells(grid, clyde)
+    clyde_drive = grid.cells_under(clyde.position)
     part = _connected_part(clyde, clyde_drive, occupancy.name)
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges)
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
     neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
-    b = grid.inverse
-    centre = grid.cell + 0.5
-    cell_xy = np.stack(
-        [
-            b[0] * centre[:, 0] + b[1] * centre[:, 1] + b[2],
-            b[3] * centre[:, 0] + b[4] * centre[:, 1] + b[5],
-        ],
-        axis=1,
-    )
+    cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
     fields = cached_arrays(
-        key, ("length_cm", "direction"), lambda: _fields(grid, neighbours, goal_cell)
+        key, ("length_cm", "next_step"), lambda: _fields(grid, neighbours, goal_cell)
     )
     return MapAssets(
         occupancy=occupancy,
@@ -168,35 +168,23 @@ def _build(
         neighbours=neighbours,
         cell_xy=cell_xy,
         length_cm=fields["length_cm"],
-        direction=fields["direction"],
+        next_step=fields["next_step"],
     )
 
 
 def _fields(grid: DriveGrid, neighbours: NDArray, goal_cell: NDArray) -> dict[str, NDArray]:
     """Path fields of all goals; a goal without a cell is unreachable from everywhere."""
     count, goals = len(grid.cell), len(goal_cell)
-    length_cm = np.full((count, goals), 65535, dtype=np.uint16)
-    direction = np.full((goals, count), 255, dtype=np.uint8)
+    length_cm = np.full((count, goals), UNREACHABLE_CM, dtype=np.uint16)
+    next_step = np.full((goals, count), NO_STEP, dtype=np.int16)
     lengths = step_lengths(STEPS16)
     weight = navfn_weights(grid.cost, grid.cell)
     column = np.empty(count, dtype=np.uint16)
     for k, cell in enumerate(goal_cell):
         if cell >= 0:
-            path_field(neighbours, lengths, weight, np.float32(grid.resolution), cell, column, direction[k])
+            path_field(neighbours, lengths, weight, np.float32(grid.resolution), cell, column, next_step[k])
             length_cm[:, k] = column
-    return {"length_cm": length_cm, "direction": direction}
-
-
-def _drive_cells(grid: DriveGrid, clyde: ClydeCells) -> NDArray[np.int32]:
-    a = grid.affine
-    x, y = clyde.position[:, 0], clyde.position[:, 1]
-    column = np.floor(a[0] * x + a[1] * y + a[2]).astype(np.int64)
-    row = np.floor(a[3] * x + a[4] * y + a[5]).astype(np.int64)
-    rows, columns = grid.shape
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    result = np.full(len(x), -1, dtype=np.int32)
-    result[inside] = grid.cell_id[row[inside], column[inside]]
-    return result
+    return {"length_cm": length_cm, "next_step": next_step}
 
 
 def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:

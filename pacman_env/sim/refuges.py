@@ -42,11 +42,11 @@ def _spread(grid: DriveGrid, home: int, count: int) -> list[int]:
         roomy = clearance >= clearance.max()
     nearest = np.full(len(grid.cell), np.inf)
     field = np.empty(len(grid.cell), np.uint16)
-    direction = np.empty(len(grid.cell), np.uint8)
+    next_step = np.empty(len(grid.cell), np.int16)
     chosen: list[int] = []
     source = home
     for _ in range(count):
-        path_field(neighbours, lengths, weight, np.float32(grid.resolution), source, field, direction)
+        path_field(neighbours, lengths, weight, np.float32(grid.resolution), source, field, next_step)
         np.minimum(nearest, field, out=nearest)
         source = int(np.where(roomy, nearest, -1.0).argmax())
         if nearest[source] <= 0:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +22,10 @@ LETHAL = 254  # an obstacle's own cell
 INSCRIBED = 253  # the robot's centre cannot be here
 _MARGIN = 4  # solid cells around the kept part
 _WALL_TOLERANCE_PX = 0.5  # walls are simplified contours; half a cell stays inside the inscribed margin
+
+
+def _apply(affine: NDArray[np.float64], u: Any, v: Any) -> tuple[Any, Any]:
+    return affine[0] * u + affine[1] * v + affine[2], affine[3] * u + affine[4] * v + affine[5]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,22 +56,26 @@ class DriveGrid:
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
         """Column and row of a world position, clipped to the grid."""
-        a = self.affine
         rows, columns = self.shape
-        column = math.floor(a[0] * x + a[1] * y + a[2])
-        row = math.floor(a[3] * x + a[4] * y + a[5])
+        column, row = (math.floor(c) for c in _apply(self.affine, x, y))
         return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
 
-    def to_world(self, column: float, row: float) -> tuple[float, float]:
-        """World position of a cell's centre."""
-        b = self.inverse
-        column, row = column + 0.5, row + 0.5
-        return b[0] * column + b[1] * row + b[2], b[3] * column + b[4] * row + b[5]
+    def to_world(self, column: Any, row: Any) -> tuple[Any, Any]:
+        """World position x, y (m) of a cell's centre; numbers or arrays."""
+        return _apply(self.inverse, column + 0.5, row + 0.5)
+
+    def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Number of the drivable cell under each position (M, 2); -1: none there."""
+        columns, rows = _apply(self.affine, position[:, 0], position[:, 1])
+        column, row = np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64)
+        inside = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])
+        result = np.full(len(position), -1, dtype=np.int32)
+        result[inside] = self.cell_id[row[inside], column[inside]]
+        return result
 
     def nearest_cell(self, x: float, y: float, within_m: float) -> int:
         """Number of the drivable cell nearest to (x, y) inside a square of that half-width; -1: none."""
-        a = self.affine
-        cx, cy = a[0] * x + a[1] * y + a[2], a[3] * x + a[4] * y + a[5]
+        cx, cy = _apply(self.affine, x, y)
         reach = within_m / self.resolution + 0.5
         offset = self.cell + 0.5 - (cx, cy)
         candidates = np.flatnonzero(np.abs(offset).max(axis=1) <= reach)
@@ -159,10 +168,8 @@ def build_grid(
 
     to_cell, _ = affine(-_MARGIN, -_MARGIN)
     hx, hy, heading = home if home is not None else (0.0, 0.0, 0.0)
-    wished = (
-        math.floor(to_cell[0] * hx + to_cell[1] * hy + to_cell[2]),
-        math.floor(to_cell[3] * hx + to_cell[4] * hy + to_cell[5]),
-    )
+    column, row = _apply(to_cell, hx, hy)
+    wished = (math.floor(column), math.floor(row))
     home_cell = _home_cell(drivable, clearance, wished)
     if home is not None and home_cell != wished:
         raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
@@ -190,24 +197,13 @@ def build_grid(
 
     segments = []
     for polygon in _walls(~swept):
-        p = polygon + 0.5
-        xy = np.stack(
-            [
-                to_world[0] * p[:, 0] + to_world[1] * p[:, 1] + to_world[2],
-                to_world[3] * p[:, 0] + to_world[4] * p[:, 1] + to_world[5],
-            ],
-            axis=1,
-        )
+        xy = np.stack(_apply(to_world, polygon[:, 0] + 0.5, polygon[:, 1] + 0.5), axis=1)
         segments.append(np.concatenate([xy, np.roll(xy, -1, axis=0)], axis=1))
     hc, hr = home_cell[0] - c0, home_cell[1] - r0
     if wished == home_cell:
         home_xy = (hx, hy)
     else:
-        b = to_world
-        home_xy = (
-            b[0] * (hc + 0.5) + b[1] * (hr + 0.5) + b[2],
-            b[3] * (hc + 0.5) + b[4] * (hr + 0.5) + b[5],
-        )
+        home_xy = _apply(to_world, hc + 0.5, hr + 0.5)
     return DriveGrid(
         resolution=res,
         affine=to_cell,

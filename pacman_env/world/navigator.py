@@ -14,7 +14,7 @@ import numpy as np
 
 from ..rng import uniform
 from ..jit import kernel
-from .paths import AT_GOAL, NO_DIRECTION, UNREACHABLE_CM
+from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 
 IDLE, ACTIVE = 0, 1
 NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalStatus
@@ -128,7 +128,7 @@ def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped
 @kernel
 def _blocked_by_clyde(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
     """Whether the static path from ``cell`` to the goal passes Clyde's obstacle region."""
-    affine, snap, neighbours, cell_xy, length_cm, direction = nav[:6]
+    affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     away_cm = math.sqrt(dx * dx + dy * dy) * 100.0
     if away_cm > _DETOUR_AHEAD_CM + 100.0 * keepout:
@@ -147,29 +147,27 @@ def _blocked_by_clyde(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-unty
         dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
         if dx * dx + dy * dy < near:
             return True
-        d = direction[goal, cell]
-        if d >= AT_GOAL:
+        if next_step[goal, cell] == AT_GOAL:
             return False
-        cell = neighbours[cell, d]
+        cell += next_step[goal, cell]
     return False
 
 
 @kernel
 def _follow_field(g, i, paths, count, cell, goal_xy, nav):  # type: ignore[no-untyped-def]
     """Write the static path from ``cell`` on, as far as a plan is written out; returns the point count."""
-    neighbours, cell_xy, direction = nav[2], nav[3], nav[5]
+    cell_xy, next_step = nav[3], nav[5]
     goal = g.nav_goal
     enough = int(_PATH_METRES / (1.2 * g.nav_resolution))  # steps are 1 to 2.2 cells long
     last = min(PATH_POINTS - 1, enough)
     while count < last:
-        d = direction[goal, cell]
-        if d >= AT_GOAL:
+        if next_step[goal, cell] == AT_GOAL:
             break
-        cell = neighbours[cell, d]
+        cell += next_step[goal, cell]
         paths[i, count, 0], paths[i, count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
         count += 1
     g.nav_tail = cell
-    if direction[goal, cell] == AT_GOAL and count < PATH_POINTS:
+    if next_step[goal, cell] == AT_GOAL and count < PATH_POINTS:
         paths[i, count, 0], paths[i, count, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
         count += 1
         g.nav_tail = -1
@@ -201,7 +199,7 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
     The search ends where the rest of the static path is clear of Clyde, at the goal, or, when Clyde stands on the
     goal, at the first cell within the planner's tolerance of it.
     """
-    affine, snap, neighbours, cell_xy, length_cm, direction = nav[:6]
+    affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
     node, heap_key, heap_cell, so_far, step_length = search
     cx, cy = g.clyde_x, g.clyde_y
     near = keepout * keepout
@@ -240,7 +238,7 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
         heap_key[hole], heap_cell[hole] = last_key, last_cell
         if key > so_far[u] + np.float32(_GREED) * np.float32(length_cm[u, goal]):
             continue
-        if u != start and (int(length_cm[u, goal]) < clear_cm or direction[goal, u] == AT_GOAL):
+        if u != start and (int(length_cm[u, goal]) < clear_cm or next_step[goal, u] == AT_GOAL):
             reached = u
             break
         if goal_blocked and abs(cell_xy[u, 0] - gx) <= tolerance and abs(cell_xy[u, 1] - gy) <= tolerance:
@@ -291,14 +289,14 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
 @kernel
 def _plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
     """NavFn's tick: write the next stretch of the way to the current goal."""
-    affine, snap, neighbours, cell_xy, length_cm, direction = nav[:6]
+    affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
     goal = g.nav_goal
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], bx, by)
     start = snap[row, column]
     g.nav_end_x, g.nav_end_y = goal_xy[goal, 0], goal_xy[goal, 1]
     count = 0
     static = 0
-    if direction[goal, start] != NO_DIRECTION:
+    if next_step[goal, start] != NO_STEP:
         dx, dy = cell_xy[start, 0] - g.clyde_x, cell_xy[start, 1] - g.clyde_y
         keepout = min(p.clyde_keepout, math.sqrt(dx * dx + dy * dy) - 0.05)
         if keepout > 0.05 and _blocked_by_clyde(start, goal, g.clyde_x, g.clyde_y, keepout, nav):

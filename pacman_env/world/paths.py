@@ -1,4 +1,4 @@
-"""Path lengths and first steps from every drivable cell to a set of goals.
+"""Path lengths and next cells from every drivable cell to a set of goals.
 
 One field per static goal: Dijkstra over the inflated costmap with NavFn's cell weights, 16 directions (steps to the
 8 neighbours and the 8 knight's moves, so that a length is at most 2.7 % above the straight line).
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..jit import kernel
 
 UNREACHABLE_CM = 65535  # in a length field: no way
-AT_GOAL = 254  # in a direction field: this is the goal's cell
-NO_DIRECTION = 255  # in a direction field: no way
+AT_GOAL = 0  # in a next-step field: this is the goal's cell
+NO_STEP = -32768  # in a next-step field: no way
 
 #: Column and row offset of the 16 directions, ordered by angle: the opposite of d is (d + 8) % 16.
 STEPS16 = np.array(
@@ -55,8 +55,11 @@ def neighbour_table(cell_id, cell, steps):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def path_field(neighbours, step_length, weight, resolution, goal, length_cm, direction):  # type: ignore[no-untyped-def]
-    """Fill ``length_cm`` (K,) uint16 and ``direction`` (K,) uint8 for one goal cell.
+def path_field(neighbours, step_length, weight, resolution, goal, length_cm, next_step):  # type: ignore[no-untyped-def]
+    """Fill ``length_cm`` (K,) uint16 and ``next_step`` (K,) int16 for one goal cell.
+
+    The next cell on the way from cell k is ``k + next_step[k]``: cells are numbered row by row, so the difference
+    is small and one array is all that walking a path needs.
 
     Label-setting Dijkstra in buckets one cell wide: no step costs less than a cell, so the labels inside a bucket
     cannot improve one another and need no order.
@@ -65,14 +68,14 @@ def path_field(neighbours, step_length, weight, resolution, goal, length_cm, dir
     cost = np.full(count, np.inf, np.float32)
     metres = np.zeros(count, np.float32)
     length_cm[:] = UNREACHABLE_CM
-    direction[:] = NO_DIRECTION
+    next_step[:] = NO_STEP
     slots = int(math.ceil(step_length.max() * weight.max())) + 2
     head = np.full(slots, -1, np.int32)
     follow = np.full(count, -1, np.int32)
     before = np.full(count, -1, np.int32)
     queued = np.full(count, -1, np.int32)  # the bucket a cell waits in
     cost[goal] = 0.0
-    direction[goal] = AT_GOAL
+    next_step[goal] = AT_GOAL
     head[0] = goal
     queued[goal] = 0
     waiting = 1
@@ -105,7 +108,7 @@ def path_field(neighbours, step_length, weight, resolution, goal, length_cm, dir
                         waiting += 1
                     cost[v] = new
                     metres[v] = metres[u] + step_length[d] * resolution
-                    direction[v] = (d + directions // 2) % directions
+                    next_step[v] = u - v
                     target = int(new)
                     queued[v] = target
                     place = target % slots
