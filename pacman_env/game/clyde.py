@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bucket_queue import Queue, clear, new_queue, pop, push
 from ..config import ClydeConfig, ConfigError
 from ..jit import kernel
-from .pellets import FreeSpace, pixel_to_world
 from ..rng import below
+from .pellets import FreeSpace, pixel_to_world
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 16
@@ -68,7 +69,9 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
     roomy = cv2.erode(free, np.ones(kernel_size, np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
     v, u = np.nonzero(roomy)
     if len(u) == 0:
-        raise ConfigError(f"clyde.clearance_m = {config.clearance_m}: the map has no place that wide for Clyde")
+        raise ConfigError(
+            f"clyde.clearance_m = {config.clearance_m}: the map has no place that wide for Clyde"
+        )
     number = np.full(roomy.shape, -1, dtype=np.int32)
     number[v, u] = np.arange(len(u), dtype=np.int32)
     neighbours = _neighbours(number, np.stack([u, v], axis=1).astype(np.int64))
@@ -200,14 +203,12 @@ def _estimate(cell, goal, pixel, landmark, a, b, c):  # type: ignore[no-untyped-
 
 
 @kernel
-def find_path(start, goal, neighbours, pixel, landmark, scratch, heap_key, heap_cell, path):  # type: ignore[no-untyped-def]
+def find_path(start, goal, neighbours, pixel, landmark, node, queue, path):  # type: ignore[no-untyped-def]
     """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no way or no room).
 
-    ``scratch`` is int32 (K, 3): cost so far, cell before, the search's stamp; its stamp column starts at 0 and
-    row 0 of ``heap_cell`` holds the last stamp used.
+    ``node`` is int32 (K, 4): cost so far, cell before, the search that wrote them, the search that settled it.
     """
-    heap_cell[0] += 1
-    stamp = heap_cell[0]
+    search = clear(queue)
     # The three landmarks that bound this trip best.
     a, b, c = 0, 0, 0
     best_a, best_b, best_c = -1, -1, -1
@@ -219,81 +220,54 @@ def find_path(start, goal, neighbours, pixel, landmark, scratch, heap_key, heap_
             b, c, best_b, best_c = k, b, bound, best_b
         elif bound > best_c:
             c, best_c = k, bound
-    scratch[start, 0] = 0
-    scratch[start, 1] = -1
-    scratch[start, 2] = stamp
-    size = 1
-    room = len(heap_key) - 9
-    heap_key[1] = np.int64(_estimate(start, goal, pixel, landmark, a, b, c)) << 32
-    heap_cell[1] = start
+    node[start, 0] = 0
+    node[start, 1] = -1
+    node[start, 2] = search
+    least = _estimate(start, goal, pixel, landmark, a, b, c)
+    push(queue, 0, start)
     found = False
-    while size > 0 and size < room:
-        u = heap_cell[1]
-        key = heap_key[1]
-        # pop: move the last entry to the root and let it sink
-        last_key, last_cell = heap_key[size], heap_cell[size]
-        size -= 1
-        i = 1
-        while True:
-            child = 2 * i
-            if child > size:
-                break
-            if child < size and heap_key[child + 1] < heap_key[child]:
-                child += 1
-            if heap_key[child] >= last_key:
-                break
-            heap_key[i], heap_cell[i] = heap_key[child], heap_cell[child]
-            i = child
-        heap_key[i], heap_cell[i] = last_key, last_cell
+    while True:
+        u = pop(queue)
+        if u < 0:
+            break
         if u == goal:
             found = True
             break
-        so_far = scratch[u, 0]
-        if (key & 0xFFFFFFFF) != (_FAR - so_far) and u != start:
-            continue  # an older, dearer entry of this cell
+        if node[u, 3] == search:
+            continue
+        node[u, 3] = search  # the estimate is consistent: the first time is the cheapest
         for d in range(8):
             v = neighbours[u, d]
             if v < 0:
                 continue
-            new = so_far + (DIAGONAL if d % 2 else STRAIGHT)
-            if scratch[v, 2] == stamp and scratch[v, 0] <= new:
+            new = node[u, 0] + (DIAGONAL if d % 2 else STRAIGHT)
+            if node[v, 2] == search and node[v, 0] <= new:
                 continue
-            scratch[v, 0] = new
-            scratch[v, 1] = u
-            scratch[v, 2] = stamp
-            # Among equal totals the farther along goes first: on an open plan that is a straight dash.
-            total = np.int64(new + _estimate(v, goal, pixel, landmark, a, b, c))
-            new_key = (total << 32) | np.int64(_FAR - new)
-            size += 1
-            j = size
-            while j > 1 and heap_key[j // 2] > new_key:
-                heap_key[j], heap_cell[j] = heap_key[j // 2], heap_cell[j // 2]
-                j //= 2
-            heap_key[j], heap_cell[j] = new_key, v
+            node[v, 0] = new
+            node[v, 1] = u
+            node[v, 2] = search
+            push(queue, new + _estimate(v, goal, pixel, landmark, a, b, c) - least, v)
     if not found:
         return 0
     count = 0
     cell = np.int64(goal)
     while cell >= 0:
         count += 1
-        cell = scratch[cell, 1]
+        cell = node[cell, 1]
     if count > len(path):
         return 0
     cell = np.int64(goal)
     for i in range(count - 1, -1, -1):
         path[i] = cell
-        cell = scratch[cell, 1]
+        cell = node[cell, 1]
     return count
 
 
-def search_memory(cells: ClydeCells) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int32]]:
-    """Scratch arrays for :func:`find_path`: node table, heap keys, heap cells."""
+def search_memory(cells: ClydeCells) -> tuple[NDArray[np.int32], Queue]:
+    """Scratch memory for :func:`find_path`: node table and queue."""
     count = len(cells.position)
-    return (
-        np.zeros((count, 3), dtype=np.int32),
-        np.zeros(8 * count + 16, dtype=np.int64),
-        np.zeros(8 * count + 16, dtype=np.int32),
-    )
+    # No shortest path costs more than the longest one of diagonals alone.
+    return np.zeros((count, 4), dtype=np.int32), new_queue(cells.longest * DIAGONAL, 8 * count + 1)
 
 
 @kernel
@@ -352,7 +326,7 @@ def at_target(g):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def retarget(g, path, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
+def retarget(g, path, arrays, node, queue):  # type: ignore[no-untyped-def]
     """Choose a target and the way there.
 
     ``arrays`` is (position, pixel, neighbours, part, part_start, part_cells, landmark) of :class:`ClydeCells`.
@@ -360,7 +334,7 @@ def retarget(g, path, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-
     position, pixel, neighbours, part, part_start, part_cells, landmark = arrays
     here = path[g.clyde_at]
     target = choose_target(g, here, part, part_start, part_cells)
-    count = find_path(here, target, neighbours, pixel, landmark, scratch, heap_key, heap_cell, path)
+    count = find_path(here, target, neighbours, pixel, landmark, node, queue, path)
     g.clyde_at = 0
     g.clyde_beyond = 0.0
     g.clyde_length = count

@@ -151,9 +151,7 @@ def _build(
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
     neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
-    fields = cached_arrays(
-        key, ("length_cm", "next_step"), lambda: _fields(grid, neighbours, goal_cell)
-    )
+    fields = cached_arrays(key, ("length_cm", "next_step"), lambda: _fields(grid, neighbours, goal_cell))
     return MapAssets(
         occupancy=occupancy,
         grid=grid,

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
 from ..game.clyde import search_memory
-from ..world.navigator import PATH_POINTS
-from ..world.paths import STEPS16, step_lengths
-from ..world.physics import PhysicsWorld, moment_of_inertia
+from ..world.navigator import HORIZON_S, PATH_POINTS, detour_memory
+from ..world.physics import PhysicsWorld
 from . import kernels
 from .assets import MapAssets
 from .situation import Situation
@@ -63,14 +62,7 @@ class GameBatch:
         self._nav = assets.navigation_arrays()
         self._clyde_arrays = assets.clyde_arrays()
         self._clyde_search = search_memory(assets.clyde)
-        cells = len(assets.cell_xy)
-        self._detour_search = (
-            np.zeros((cells, 2), dtype=np.int32),
-            np.zeros(8 * cells + 32, dtype=np.float32),
-            np.zeros(8 * cells + 32, dtype=np.int32),
-            np.zeros(cells, dtype=np.float32),
-            step_lengths(STEPS16),
-        )
+        self._detour_search = detour_memory(assets.length_cm)
         clyde_steps = int(self._parameters[0]["clyde_steps"])
         period = math.gcd(self.substeps, clyde_steps)
         # Games of a batch differ in phase; Clyde can be due at any multiple of this.
@@ -100,7 +92,7 @@ class GameBatch:
         )
         self.alive[index, assets.pellets :] = False
         for i in index.tolist():
-            self.physics.place(i, *assets.grid.home.tolist())
+            self.physics.place(i, *assets.grid.home[:2].tolist())
 
     def _round_parameters(self, fresh: NDArray[Any]) -> None:
         """Fill in what may differ from round to round."""
@@ -142,16 +134,7 @@ class GameBatch:
 
     def situation(self) -> Situation:
         """What a policy sees now; new arrays at each call."""
-        n, c = self.n, self.candidates
-        scalar = np.empty((n, 4))
-        robot = np.empty((n, 5))
-        clyde = np.empty((n, 4))
-        kind = np.empty((n, c), dtype=np.int8)
-        position = np.empty((n, c, 2))
-        mask = np.empty((n, c), dtype=np.bool_)
-        path = np.empty((n, 2, c))
-        current = np.empty(n, dtype=np.int64)
-        tick = np.empty(n, dtype=np.int64)
+        situation = Situation.empty(self.n, self.candidates)
         assets = self.assets
         kernels.fill_situation(
             self.games,
@@ -164,34 +147,9 @@ class GameBatch:
             assets.length_cm,
             assets.clyde_drive,
             self._clyde_paths,
-            scalar,
-            robot,
-            clyde,
-            kind,
-            position,
-            mask,
-            path,
-            current,
-            tick,
+            situation.arrays(),
         )
-        return Situation(
-            time_s=scalar[:, 0],
-            robot=robot[:, :3],
-            robot_velocity=robot[:, 3:],
-            pose_age_s=scalar[:, 1],
-            clyde=clyde[:, :2],
-            clyde_velocity=clyde[:, 2:],
-            clyde_speed=scalar[:, 2],
-            closing_speed=scalar[:, 3],
-            kind=kind,
-            position=position,
-            mask=mask,
-            path_robot=path[:, 0],
-            path_clyde=path[:, 1],
-            current=current,
-            seed=self.games["seed"].copy(),
-            tick=tick,
-        )
+        return situation
 
 
 def _parameters(config: Config, assets: MapAssets, slots: int) -> NDArray[Any]:
@@ -224,6 +182,9 @@ def _parameters(config: Config, assets: MapAssets, slots: int) -> NDArray[Any]:
         "clyde_keepout": nav2.clyde_keepout_m,
         "inscribed_cm": math.floor(100 * robot.inscribed_radius_m),
         "comfort_cm": math.floor(100 * (robot.inscribed_radius_m + _CLEAR_OF_WALLS_M)),
+        "open_cm": math.ceil(
+            100 * (robot.inscribed_radius_m + robot.speed_mps * HORIZON_S + 2 * assets.grid.resolution)
+        ),
         "progress_distance": nav2.progress_distance_m,
         "progress_steps": steps(nav2.progress_time_s),
         "no_path_steps": steps(nav2.no_path_abort_s),
@@ -235,7 +196,6 @@ def _parameters(config: Config, assets: MapAssets, slots: int) -> NDArray[Any]:
         "wheel_rate": robot.wheel_acceleration_mps2,
         "half_base": robot.wheel_base_m / 2,
         "mass": robot.mass_kg,
-        "inertia": moment_of_inertia(robot.mass_kg, robot.radius_m),
         "resolution": assets.grid.resolution,
         "pellets": assets.pellets,
         "pellet_slots": slots,

@@ -26,6 +26,8 @@ from ..game.execution import (
 from ..jit import kernel
 from ..rng import CLYDE, LOCALIZATION, NAVIGATION, below, stream
 from ..world import localization, navigator
+from ..world.paths import UNREACHABLE_CM
+from .situation import HOLD, PELLET, REFUGE
 
 RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
 PLAN_DUE, RESULT_DUE = 1, 2
@@ -75,6 +77,7 @@ PARAMETERS = np.dtype(
         ("clyde_keepout", np.float64),
         ("inscribed_cm", np.int64),
         ("comfort_cm", np.int64),
+        ("open_cm", np.int64),
         ("progress_distance", np.float64),
         ("progress_steps", np.int64),
         ("no_path_steps", np.int64),
@@ -86,7 +89,6 @@ PARAMETERS = np.dtype(
         ("wheel_rate", np.float64),
         ("half_base", np.float64),
         ("mass", np.float64),
-        ("inertia", np.float64),
         ("resolution", np.float64),
         ("pellets", np.int64),
         ("pellet_slots", np.int64),
@@ -177,12 +179,12 @@ def move_clydes(games, clyde_paths, parameters, position):  # type: ignore[no-un
 
 
 @kernel
-def retarget_clydes(games, clyde_paths, arrays, scratch, heap_key, heap_cell):  # type: ignore[no-untyped-def]
+def retarget_clydes(games, clyde_paths, arrays, node, queue):  # type: ignore[no-untyped-def]
     """A new target and way for every Clyde that stands at the end of his."""
     for i in range(len(games)):
         g = games[i]
         if g.end == RUNNING and clyde_rule.at_target(g):
-            clyde_rule.retarget(g, clyde_paths[i], arrays, scratch, heap_key, heap_cell)
+            clyde_rule.retarget(g, clyde_paths[i], arrays, node, queue)
 
 
 @kernel
@@ -211,9 +213,7 @@ def _apply_result(g, i, goal_xy, alive, waits, aborts, p):  # type: ignore[no-un
     is_pellet = slot < p.pellet_slots
     if status == navigator.ABORTED:
         g.aborts += 1
-    action = result_action(
-        status, math.sqrt(dx * dx + dy * dy), p.goal_tolerance, is_pellet, p.lose_on_abort
-    )
+    action = result_action(status, math.sqrt(dx * dx + dy * dy), p.goal_tolerance, is_pellet, p.lose_on_abort)
     if action == COLLECT:
         if alive[i, slot]:
             _collect(g, i, slot, alive)
@@ -249,8 +249,7 @@ def _check(g, i, goal_xy, alive, p):  # type: ignore[no-untyped-def]
 @kernel
 def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
     """Take the true pose and velocity over from the physics; localize."""
-    g.x, g.y, g.heading = state[r, 0], state[r, 1], state[r, 2]
-    g.vx, g.vy, g.omega = state[r, 3], state[r, 4], state[r, 5]
+    g.x, g.y, g.vx, g.vy = state[r, 0], state[r, 1], state[r, 2], state[r, 3]
     if g.end == RUNNING:
         if p.perfect:
             localization.update(g, g.step)
@@ -327,15 +326,14 @@ def finish(games, row, state, goal_xy, alive, parameters):  # type: ignore[no-un
 
 
 @kernel
-def fill_situation(  # type: ignore[no-untyped-def]
-    games, alive, waits, parameters, goal_xy, affine, snap, length_cm, clyde_drive, clyde_paths, scalar, robot,
-    clyde, kind, position, mask, path, current, tick,
-):  # fmt: skip
-    """Write the arrays of N situations; the layouts are those of :class:`pacman_env.sim.situation.Situation`.
-
-    ``scalar`` (N, 4): time, pose age, Clyde's speed, closing speed. ``robot`` (N, 5) and ``clyde`` (N, 4): pose or
-    position, then velocity. ``path`` (N, 2, C): from the robot, from Clyde.
-    """
+def fill_situation(
+    games, alive, waits, parameters, goal_xy, affine, snap, length_cm, clyde_drive, clyde_paths, out
+):  # type: ignore[no-untyped-def]
+    """Write N situations into ``out``: the arrays of a Situation in the order of its fields."""
+    (
+        time_s, robot, robot_velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
+        path_robot, path_clyde, current, seed, tick,
+    ) = out  # fmt: skip
     p = parameters[0]
     slots, hold = p.pellet_slots, p.pellet_slots + p.refuges
     rows, columns = snap.shape
@@ -343,41 +341,41 @@ def fill_situation(  # type: ignore[no-untyped-def]
         g = games[i]
         bx, by, bh = believed(g, p.use_tf)
         robot[i, 0], robot[i, 1], robot[i, 2] = bx, by, localization.wrap(bh)
-        robot[i, 3] = 0.5 * (g.left + g.right)
-        robot[i, 4] = 0.5 * (g.right - g.left) / p.half_base
-        clyde[i, 0], clyde[i, 1], clyde[i, 2], clyde[i, 3] = g.clyde_x, g.clyde_y, g.clyde_vx, g.clyde_vy
-        scalar[i, 0] = g.step * p.dt
-        scalar[i, 1] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
-        scalar[i, 2] = g.clyde_speed
-        scalar[i, 3] = g.closing
+        robot_velocity[i, 0] = 0.5 * (g.left + g.right)
+        robot_velocity[i, 1] = 0.5 * (g.right - g.left) / p.half_base
+        clyde[i, 0], clyde[i, 1] = g.clyde_x, g.clyde_y
+        clyde_velocity[i, 0], clyde_velocity[i, 1] = g.clyde_vx, g.clyde_vy
+        time_s[i] = g.step * p.dt
+        pose_age[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
+        clyde_speed[i] = g.clyde_speed
+        closing[i] = g.closing
         current[i] = g.pursued
+        seed[i] = g.seed
         tick[i] = g.tick
         column, row = navigator.cell_of(affine, rows, columns, bx, by)
-        here = length_cm[snap[row, column]]
+        here = snap[row, column]
         clyde_cell = clyde_drive[clyde_paths[i, g.clyde_at]]
-        there = length_cm[max(clyde_cell, 0)]
+        there = max(clyde_cell, 0)
         for c in range(hold + 1):
             goal = -1
-            if c < p.pellets:
-                kind[i, c] = 0
+            if c < slots:
+                kind[i, c] = PELLET
                 mask[i, c] = alive[i, c] and waits[i, c] <= g.tick
-                goal = c
-            elif c < slots:
-                kind[i, c] = 0
-                mask[i, c] = False
+                if c < p.pellets:
+                    goal = c
             elif c < hold:
-                kind[i, c] = 1
+                kind[i, c] = REFUGE
                 mask[i, c] = waits[i, c] <= g.tick
                 goal = p.pellets + c - slots
             else:
-                kind[i, c] = 2
+                kind[i, c] = HOLD
                 mask[i, c] = True
             if goal < 0:
                 position[i, c, 0], position[i, c, 1] = bx, by
-                path[i, 0, c] = 0.0 if c == hold else np.inf
-                path[i, 1, c] = np.inf
+                path_robot[i, c] = 0.0 if c == hold else np.inf
+                path_clyde[i, c] = np.inf
                 continue
             position[i, c, 0], position[i, c, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
-            robot_cm, clyde_cm = here[goal], there[goal]
-            path[i, 0, c] = robot_cm * 0.01 if robot_cm != 65535 else np.inf
-            path[i, 1, c] = clyde_cm * 0.01 if clyde_cell >= 0 and clyde_cm != 65535 else np.inf
+            robot_cm, clyde_cm = length_cm[here, goal], length_cm[there, goal]
+            path_robot[i, c] = robot_cm * 0.01 if robot_cm != UNREACHABLE_CM else np.inf
+            path_clyde[i, c] = clyde_cm * 0.01 if clyde_cell >= 0 and clyde_cm != UNREACHABLE_CM else np.inf

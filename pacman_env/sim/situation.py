@@ -6,7 +6,7 @@ frame (m, rad). Candidates are laid out as pellets (padded), refuges, hold.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,33 @@ class Situation:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    def arrays(self) -> tuple[NDArray, ...]:
+        """The arrays in the order of the fields."""
+        return tuple(self.__dict__.values())
+
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
         """The situations at ``index`` as a smaller batch."""
-        return Situation(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+        return Situation(*(array[index] for array in self.arrays()))
+
+    @classmethod
+    def empty(cls, n: int, candidates: int) -> Situation:
+        """Arrays for n situations, not yet filled."""
+        c = candidates
+        return cls(
+            time_s=np.empty(n),
+            robot=np.empty((n, 3)),
+            robot_velocity=np.empty((n, 2)),
+            pose_age_s=np.empty(n),
+            clyde=np.empty((n, 2)),
+            clyde_velocity=np.empty((n, 2)),
+            clyde_speed=np.empty(n),
+            closing_speed=np.empty(n),
+            kind=np.empty((n, c), dtype=np.int8),
+            position=np.empty((n, c, 2)),
+            mask=np.empty((n, c), dtype=np.bool_),
+            path_robot=np.empty((n, c)),
+            path_clyde=np.empty((n, c)),
+            current=np.empty(n, dtype=np.int64),
+            seed=np.empty(n, dtype=np.uint64),
+            tick=np.empty(n, dtype=np.int64),
+        )

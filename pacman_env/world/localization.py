@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from ..rng import normal
 from ..jit import kernel
+from ..rng import normal
 
 LOCALIZATION_FIELDS = [
     ("error_x", np.float64),  # m, of the last update

@@ -11,25 +11,29 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..rng import uniform
+from ..bucket_queue import Queue, clear, new_queue, pop, push
 from ..jit import kernel
+from ..rng import uniform
 from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 
 IDLE, ACTIVE = 0, 1
 NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalStatus
-PATH_POINTS = 40
+PATH_POINTS = 64
 _PATH_METRES = 1.2  # how far ahead a plan is written out; a robot drives 0.46 m at most until the next one
 _LOOKAHEAD = 0.35  # m along the path to the point that control steers to
 _ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
 _ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
-_HORIZON = 0.8  # s of a roll-out
+HORIZON_S = 0.8  # s of a roll-out
 _SAMPLES = 3  # points looked at along a roll-out
 _BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
-_DETOUR_AHEAD_CM = 300  # Clyde is gone from places farther along the way when the robot gets there
+_DETOUR_AHEAD_CM = 200  # Clyde is gone from places farther along the way when the robot gets there
 _WAIT_S = 5.0  # recovery "wait"
-_SEARCH_CELLS = 20000  # a detour that needs more is no path
-_GREED = 2.0  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
+_SEARCH_CELLS = 8000  # a detour that needs more is no path
+_GREED = (
+    2  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
+)
 
 NAVIGATOR_FIELDS = [
     ("x", np.float64),  # true pose and velocity: m, m, rad, m/s, m/s, rad/s
@@ -159,7 +163,7 @@ def _follow_field(g, i, paths, count, cell, goal_xy, nav):  # type: ignore[no-un
     cell_xy, next_step = nav[3], nav[5]
     goal = g.nav_goal
     enough = int(_PATH_METRES / (1.2 * g.nav_resolution))  # steps are 1 to 2.2 cells long
-    last = min(PATH_POINTS - 1, enough)
+    last = min(PATH_POINTS - 1, g.nav_at + enough)
     while count < last:
         if next_step[goal, cell] == AT_GOAL:
             break
@@ -186,10 +190,22 @@ def _go_on(g, i, paths, bx, by, goal_xy, nav):  # type: ignore[no-untyped-def]
     dx, dy = paths[i, at, 0] - bx, paths[i, at, 1] - by
     if dx * dx + dy * dy > _ON_PATH * _ON_PATH:
         return 0
-    for k in range(at, points):
-        paths[i, k - at, 0], paths[i, k - at, 1] = paths[i, k, 0], paths[i, k, 1]
-    count = points - at
-    return count if g.nav_tail < 0 else _follow_field(g, i, paths, count, g.nav_tail, goal_xy, nav)
+    if g.nav_tail < 0:
+        return points
+    if 2 * at > PATH_POINTS:  # make room at the far end
+        for k in range(at, points):
+            paths[i, k - at, 0], paths[i, k - at, 1] = paths[i, k, 0], paths[i, k, 1]
+        points -= at
+        g.nav_ahead = max(g.nav_ahead - at, 0)
+        g.nav_at = 0
+    return _follow_field(g, i, paths, points, g.nav_tail, goal_xy, nav)
+
+
+def detour_memory(length_cm: NDArray[np.uint16]) -> tuple[NDArray[np.int32], Queue]:
+    """Scratch memory for the search around Clyde: node table and queue."""
+    longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
+    keys = (_GREED + 2) * longest + 2000  # a detour longer than twice the longest way is none
+    return np.zeros((len(length_cm), 4), dtype=np.int32), new_queue(keys, 8 * _SEARCH_CELLS + 1)
 
 
 @kernel
@@ -200,44 +216,28 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
     goal, at the first cell within the planner's tolerance of it.
     """
     affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
-    node, heap_key, heap_cell, so_far, step_length = search
+    node, queue = search
     cx, cy = g.clyde_x, g.clyde_y
     near = keepout * keepout
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
-    clyde_cm = int(length_cm[snap[row, column], goal])
-    clear_cm = clyde_cm - int(keepout * 160.0) - 20
+    clear_cm = int(length_cm[snap[row, column], goal]) - int(keepout * 160.0) - 20
     gx, gy = goal_xy[goal, 0], goal_xy[goal, 1]
     goal_blocked = (gx - cx) * (gx - cx) + (gy - cy) * (gy - cy) < near
-    heap_cell[0] += 1
-    stamp = heap_cell[0]
-    node[start, 0] = -1
-    node[start, 1] = stamp
-    so_far[start] = 0.0
-    size = 1
-    heap_key[1] = np.float32(_GREED) * np.float32(length_cm[start, goal])
-    heap_cell[1] = start
-    room = min(len(heap_key) - 17, _SEARCH_CELLS)
-    pushed = 0
+    stamp = clear(queue)
+    node[start, 0] = 0  # cm so far
+    node[start, 1] = -1  # cell before
+    node[start, 2] = stamp
+    least = int(length_cm[start, goal])
+    straight, diagonal = int(100.0 * resolution + 0.5), int(141.4 * resolution + 0.5)
+    push(queue, _GREED * least, start)
     reached = -1
-    while size > 0 and pushed < room:
-        u = heap_cell[1]
-        key = heap_key[1]
-        last_key, last_cell = heap_key[size], heap_cell[size]
-        size -= 1
-        hole = 1
-        while True:
-            child = 2 * hole
-            if child > size:
-                break
-            if child < size and heap_key[child + 1] < heap_key[child]:
-                child += 1
-            if heap_key[child] >= last_key:
-                break
-            heap_key[hole], heap_cell[hole] = heap_key[child], heap_cell[child]
-            hole = child
-        heap_key[hole], heap_cell[hole] = last_key, last_cell
-        if key > so_far[u] + np.float32(_GREED) * np.float32(length_cm[u, goal]):
+    for _ in range(_SEARCH_CELLS):
+        u = pop(queue)
+        if u < 0:
+            break
+        if node[u, 3] == stamp:
             continue
+        node[u, 3] = stamp
         if u != start and (int(length_cm[u, goal]) < clear_cm or next_step[goal, u] == AT_GOAL):
             reached = u
             break
@@ -246,39 +246,32 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
             break
         for d in range(0, neighbours.shape[1], 2):  # the 8 neighbours
             v = neighbours[u, d]
-            if v < 0 or length_cm[v, goal] == UNREACHABLE_CM:
+            if v < 0:
                 continue
             dx, dy = cell_xy[v, 0] - cx, cell_xy[v, 1] - cy
             if dx * dx + dy * dy < near:
                 continue
-            new = so_far[u] + step_length[d] * np.float32(100.0 * resolution)
-            if node[v, 1] == stamp and so_far[v] <= new:
+            new = node[u, 0] + (diagonal if d % 4 else straight)
+            if node[v, 2] == stamp and node[v, 0] <= new:
                 continue
-            so_far[v] = new
-            node[v, 0] = u
-            node[v, 1] = stamp
-            new_key = new + np.float32(_GREED) * np.float32(length_cm[v, goal])
-            size += 1
-            pushed += 1
-            j = size
-            while j > 1 and heap_key[j // 2] > new_key:
-                heap_key[j], heap_cell[j] = heap_key[j // 2], heap_cell[j // 2]
-                j //= 2
-            heap_key[j], heap_cell[j] = new_key, v
+            node[v, 0] = new
+            node[v, 1] = u
+            node[v, 2] = stamp
+            push(queue, new + _GREED * int(length_cm[v, goal]), v)
     if reached < 0:
         return 0
     # Reverse the chain of predecessors in place, then write it out from the start.
     before, cell = -1, reached
     while cell >= 0:
-        after = node[cell, 0]
-        node[cell, 0] = before
+        after = node[cell, 1]
+        node[cell, 1] = before
         before, cell = cell, after
     count = 0
     cell = start
     while cell >= 0 and count < PATH_POINTS:
         paths[i, count, 0], paths[i, count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
         count += 1
-        cell = node[cell, 0]
+        cell = node[cell, 1]
     if goal_blocked:
         g.nav_end_x, g.nav_end_y = cell_xy[reached, 0], cell_xy[reached, 1]
     elif cell < 0:
@@ -300,6 +293,8 @@ def _plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no-unty
         dx, dy = cell_xy[start, 0] - g.clyde_x, cell_xy[start, 1] - g.clyde_y
         keepout = min(p.clyde_keepout, math.sqrt(dx * dx + dy * dy) - 0.05)
         if keepout > 0.05 and _blocked_by_clyde(start, goal, g.clyde_x, g.clyde_y, keepout, nav):
+            g.nav_at = 0
+            g.nav_ahead = 0
             count = _detour(
                 g, i, paths, start, goal, goal_xy, keepout, p.unreachable_tolerance, p.resolution, nav, search
             )
@@ -307,12 +302,12 @@ def _plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no-unty
             static = 1
             count = _go_on(g, i, paths, bx, by, goal_xy, nav)
             if count == 0:
+                g.nav_at = 0
+                g.nav_ahead = 0
                 paths[i, 0, 0], paths[i, 0, 1] = cell_xy[start, 0], cell_xy[start, 1]
                 count = _follow_field(g, i, paths, 1, start, goal_xy, nav)
     g.nav_points = count
     g.nav_static = static
-    g.nav_at = 0
-    g.nav_ahead = 0
     if count > 0:
         g.nav_no_path_step = -1
     elif g.nav_no_path_step < 0:
@@ -338,7 +333,7 @@ def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p): 
     cost = 0.0
     rows, columns = clearance.shape
     for k in range(1, _SAMPLES + 1):
-        t = _HORIZON * k / _SAMPLES
+        t = HORIZON_S * k / _SAMPLES
         ca, sa = _turned(ch, sh, 0.5 * w * t)  # the chord of the arc
         px, py = x + v * t * ca, y + v * t * sa
         column, row = cell_of(affine, rows, columns, px, py)
@@ -399,8 +394,11 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
     column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
     here = clearance[row, column]
     cx, cy = g.clyde_x, g.clyde_y
-    reach = p.clyde_keepout + v_max * _HORIZON + 0.05
+    reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
+    # Clearance falls by no more than the way driven: in the open no roll-out needs to be looked at.
+    if not clyde_near and here > p.open_cm:
+        return True, v, w
     if _clear(bx, by, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0:
         return True, v, w
     # The direct way is not admissible: sample the window, forward and turning, and take the best progress.
@@ -412,8 +410,8 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
             cost = _clear(bx, by, ch, sh, sv, sw, cx, cy, clyde_near, here, affine, clearance, p)
             if cost < 0.0:
                 continue
-            ca, sa = _turned(ch, sh, 0.5 * sw * _HORIZON)
-            s = sv * _HORIZON
+            ca, sa = _turned(ch, sh, 0.5 * sw * HORIZON_S)
+            s = sv * HORIZON_S
             ex, ey = s * ca - tx, s * sa - ty
             score = math.sqrt(ex * ex + ey * ey) + cost + 0.02 * abs(j)
             if score < best_score:
@@ -435,11 +433,13 @@ def _drive(g, ch, sh, turned, v, w, force, r, p):  # type: ignore[no-untyped-def
     right = min(max(right, g.right - change), g.right + change)
     g.left, g.right = left, right
     speed, turn = 0.5 * (left + right), 0.5 * (right - left) / p.half_base
-    # Heading at the middle of the step: the body is where it was told to be after a turn.
-    c, s = _turned(ch, sh, 0.5 * turn * p.dt - turned)
+    # Chipmunk moves bodies first and changes velocities then, so this velocity is driven with in the next step:
+    # its direction is the heading at the middle of that.
+    c, s = _turned(ch, sh, (g.omega + 0.5 * turn) * p.dt - turned)
+    g.heading += g.omega * p.dt
+    g.omega = turn
     force[r, 0] = p.mass * (speed * c - g.vx) / p.dt
     force[r, 1] = p.mass * (speed * s - g.vy) / p.dt
-    force[r, 2] = p.inertia * (turn - g.omega) / p.dt
 
 
 @kernel

@@ -17,31 +17,22 @@ from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
 GAMES_PER_SPACE = 64
-STATE_FIELDS = 6  # x, y, angle, vx, vy, omega
-FORCE_FIELDS = 3  # fx, fy, torque
+STATE_FIELDS = 4  # x, y, vx, vy
+FORCE_FIELDS = 2  # fx, fy
 
-_STATE = (
-    pymunk.batch.BodyFields.POSITION
-    | pymunk.batch.BodyFields.ANGLE
-    | pymunk.batch.BodyFields.VELOCITY
-    | pymunk.batch.BodyFields.ANGULAR_VELOCITY
-)
-_FORCE = pymunk.batch.BodyFields.FORCE | pymunk.batch.BodyFields.TORQUE
+_STATE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
+_FORCE = pymunk.batch.BodyFields.FORCE
 
 #: Overlap that the solver tolerates, m. Chipmunk's default of 0.1 is made for pixels.
 _COLLISION_SLOP_M = 0.001
 
 
-def moment_of_inertia(mass_kg: float, radius_m: float) -> float:
-    """Of a full disc, kg m2."""
-    return 0.5 * mass_kg * radius_m**2
-
-
 class PhysicsWorld:
     """N robots among one set of walls.
 
-    Robot i owns row ``row[i]`` of ``state`` (6 columns: x, y in m, angle in rad, vx, vy in m/s, omega in rad/s
-    after the last step) and of ``force`` (3 columns: fx, fy in N, torque in N m for the next one), both float64.
+    Robot i owns row ``row[i]`` of ``state`` (4 columns: x, y in m, vx, vy in m/s after the last step) and of
+    ``force`` (2 columns: fx, fy in N for the next one), both float64. Headings are not physics' business: a disc
+    without friction gets no torque from a wall, so its wheels alone turn it.
     """
 
     def __init__(
@@ -66,14 +57,12 @@ class PhysicsWorld:
             self._spaces.append(space)
             self._bodies += space.bodies
 
-    def place(self, index: int, x: float, y: float, angle: float) -> None:
+    def place(self, index: int, x: float, y: float) -> None:
         """Put one robot somewhere, at rest."""
         body = self._bodies[index]
         body.position = (x, y)
-        body.angle = angle
         body.velocity = (0.0, 0.0)
-        body.angular_velocity = 0.0
-        self.state[self.row[index]] = (x, y, angle, 0.0, 0.0, 0.0)
+        self.state[self.row[index]] = (x, y, 0.0, 0.0)
         self.force[self.row[index]] = 0.0
 
     def step(self) -> None:
@@ -142,7 +131,7 @@ class _Space:
         self.bodies = []
         only_walls = pymunk.ShapeFilter(group=1)
         for _ in range(count):
-            body = pymunk.Body(mass_kg, moment_of_inertia(mass_kg, radius_m))
+            body = pymunk.Body(mass_kg, float("inf"))
             shape = pymunk.Circle(body, radius_m)
             shape.filter = only_walls
             space.add(body, shape)

@@ -1,0 +1,211 @@
+"""The native vector environment: a batch of many games behind Gymnasium's VectorEnv."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from ..config import Config
+from ..sim.assets import MapSource
+from ..sim.kernels import RUNNING
+from ..sim.observation import observe
+from ..sim.situation import Situation
+from . import outcome
+from .rendering import render_frame
+from .setup import RENDER_FPS, check_render_mode, make_batch
+from .spaces import action_space, observation_space
+
+Observation = dict[str, NDArray[Any]]
+
+
+class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
+    """Many games of :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` at once, on one map.
+
+    ```python
+    gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
+    ```
+
+    Spaces, rewards and arguments are those of the single environment; game i with seed s equals a single environment
+    with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with ``DISABLED`` pass
+    ``options={"reset_mask": mask}`` to ``reset``.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["rgb_array"],
+        "render_fps": RENDER_FPS,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 64,
+        map: MapSource = "house",
+        preset: str = "robot",
+        execution: str = "robust",
+        *,
+        settings: Mapping[str, Any] | None = None,
+        config: Config | None = None,
+        home: tuple[float, float, float] | None = None,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        if num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs}: must be at least 1")
+        self.batch = make_batch(num_envs, map, preset, execution, settings, config, home)
+        self.config = self.batch.config
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = observation_space(self.batch)
+        self.single_action_space = action_space(self.batch)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._situation: Situation | None = None
+        self._all = np.arange(num_envs)
+        self._everyone = np.ones(num_envs, dtype=np.bool_)
+        self._everyone.flags.writeable = False
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start new rounds, in all games or those of ``options["reset_mask"]``.
+
+        Args:
+            seed: one seed s (game i gets s + i), one per game, or None: the generators go on.
+            options: may hold ``reset_mask``, bool (N,).
+        """
+        index = self._reset_index(options)
+        for i in index.tolist():
+            self._seed(i, self._seed_of(seed, i))
+        self._new_rounds(index)
+        self._situation = self.batch.situation()
+        return observe(self._situation), self._infos(index)
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """One decision in every game.
+
+        Raises:
+            ValueError: the actions are not N integers of the action space.
+            ResetNeeded: before the first reset.
+        """
+        batch = self.batch
+        mask = self.situation.mask
+        choices = self._choices(actions)
+        choices = np.where(mask[self._all, choices], choices, batch.hold)
+        over = batch.games["end"] != RUNNING
+        batch.step(choices)
+        games = batch.games
+        reward = outcome.rewards(games, self.config.reward)
+        terminated, truncated = outcome.terminated(games), outcome.truncated(games)
+        final: dict[str, Any] = {}
+        if over.any():
+            reward[over] = 0.0
+            if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+                self._new_rounds(np.flatnonzero(over))
+                terminated[over] = truncated[over] = False
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            ended = np.flatnonzero(terminated | truncated)
+            if len(ended):
+                final = self._final(ended)
+                self._new_rounds(ended)
+        self._situation = batch.situation()
+        return observe(self._situation), reward, terminated, truncated, {**final, **self._infos(self._all)}
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """(N, C) bool: which candidates may be chosen now."""
+        return self.situation.mask.copy()
+
+    @property
+    def situation(self) -> Situation:
+        """What a policy of this package sees now: N situations."""
+        if self._situation is None:
+            raise gym.error.ResetNeeded("call reset() first")
+        return self._situation
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+        """One picture per game."""
+        if self.render_mode is None:
+            return None
+        return tuple(render_frame(self.batch, i) for i in range(self.num_envs))
+
+    def _choices(self, actions: NDArray[np.int64]) -> NDArray[np.int64]:
+        choices = np.asarray(actions)
+        if choices.shape != (self.num_envs,) or choices.dtype.kind not in "iu":
+            raise ValueError(
+                f"actions must be {self.num_envs} integers, got {choices.dtype} of shape {choices.shape}"
+            )
+        if choices.min() < 0 or choices.max() >= self.batch.candidates:
+            bad = int(np.flatnonzero((choices < 0) | (choices >= self.batch.candidates))[0])
+            raise ValueError(f"action {choices[bad]} of game {bad} is not in {self.single_action_space}")
+        return choices.astype(np.int64, copy=False)
+
+    def _reset_index(self, options: dict[str, Any] | None) -> NDArray[np.int64]:
+        if not options or "reset_mask" not in options:
+            return self._all
+        mask = options["reset_mask"]
+        if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},)")
+        if not mask.any():
+            raise ValueError("options['reset_mask'] must have at least one True value")
+        return np.flatnonzero(mask)
+
+    def _seed_of(self, seed: int | Sequence[int | None] | None, i: int) -> int | None:
+        if seed is None:
+            return None
+        if isinstance(seed, (int, np.integer)):
+            return int(seed) + i
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds for {self.num_envs} games")
+        return seed[i]
+
+    def _seed(self, i: int, seed: int | None) -> None:
+        if seed is not None or self._generators[i] is None:
+            self._generators[i], _ = gym.utils.seeding.np_random(seed)
+
+    def _new_rounds(self, index: NDArray[np.int64]) -> None:
+        seeds = [self._generators[i].integers(2**63, dtype=np.uint64) for i in index.tolist()]  # type: ignore[union-attr]
+        self.batch.reset(index, np.array(seeds, dtype=np.uint64))
+
+    def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
+        """Gymnasium's layout: an array per key and a mask of the games that have it."""
+        if len(index) == self.num_envs:
+            present = self._everyone
+        else:
+            present = np.zeros(self.num_envs, dtype=np.bool_)
+            present[index] = True
+        result: dict[str, Any] = {}
+        for key, array in outcome.infos(self.batch.games).items():
+            if present is not self._everyone:
+                array[~present] = None if array.dtype == object else 0
+            result[key], result[f"_{key}"] = array, present
+        return result
+
+    def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:
+        """Last observation and info of the games that have just ended."""
+        last = observe(self.batch.situation())
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        for i in ended.tolist():
+            final_obs[i] = {key: array[i].copy() for key, array in last.items()}
+        present = np.zeros(self.num_envs, dtype=np.bool_)
+        present[ended] = True
+        return {
+            "final_obs": final_obs,
+            "_final_obs": present,
+            "final_info": self._infos(ended),
+            "_final_info": present.copy(),
+        }
