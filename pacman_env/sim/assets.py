@@ -151,7 +151,7 @@ def _build(
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
     neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
-    fields = cached_arrays(key, ("length_cm", "next_step"), lambda: _fields(grid, neighbours, goal_cell))
+    fields = cached_arrays(key, ("length_cm", "next_step"), lambda: path_fields(grid, neighbours, goal_cell))
     return MapAssets(
         occupancy=occupancy,
         grid=grid,
@@ -170,8 +170,10 @@ def _build(
     )
 
 
-def _fields(grid: DriveGrid, neighbours: NDArray, goal_cell: NDArray) -> dict[str, NDArray]:
-    """Path fields of all goals; a goal without a cell is unreachable from everywhere."""
+def path_fields(
+    grid: DriveGrid, neighbours: NDArray[np.int32], goal_cell: NDArray[np.int32]
+) -> dict[str, NDArray]:
+    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere."""
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.full((count, goals), UNREACHABLE_CM, dtype=np.uint16)
     next_step = np.full((goals, count), NO_STEP, dtype=np.int16)

@@ -49,7 +49,6 @@ GAME = np.dtype(
         ("tick_pellets", np.int64),  # collected in the last tick
         ("distance", np.float64),  # believed robot-Clyde distance at the last decision, m
         ("closing", np.float64),  # m/s
-        ("deepest", np.float64),  # for navigation tests: smallest clearance seen, m
     ],
     align=True,
 )
@@ -125,7 +124,6 @@ def reset_games(  # type: ignore[no-untyped-def]
         g.nav_next = -1
         g.pursued = -1
         g.spawned = p.pellets
-        g.deepest = 1e9
         alive[i, :] = True
         waits[i, :] = 0
         aborts[i, :] = 0
@@ -275,7 +273,9 @@ def drive(games, first, row, state, force, paths, parameters, affine, clearance)
     due = 0
     for i in range(len(games)):
         g = games[i]
-        if not first:
+        if first:
+            navigator.refresh_heading(g)
+        else:
             _sense(g, state, row[i], p)
         navigator.control(g, i, paths, force, row[i], p, affine, clearance)
         g.step += 1

@@ -17,6 +17,8 @@ LOCALIZATION_FIELDS = [
     ("error_x", np.float64),  # m, of the last update
     ("error_y", np.float64),
     ("error_heading", np.float64),  # rad
+    ("error_cos", np.float64),  # its unit vector
+    ("error_sin", np.float64),
     ("amcl_x", np.float64),  # the latched pose: m, m, rad
     ("amcl_y", np.float64),
     ("amcl_heading", np.float64),
@@ -48,6 +50,7 @@ def update(g, step):  # type: ignore[no-untyped-def]
     if g.sigma_heading > 0.0:
         stream, c = normal(stream)
         g.error_heading = c * g.sigma_heading
+    g.error_cos, g.error_sin = math.cos(g.error_heading), math.sin(g.error_heading)
     g.localization_stream = stream
     g.odom_x, g.odom_y, g.odom_heading = g.x, g.y, g.heading
     g.amcl_x = g.x + g.error_x

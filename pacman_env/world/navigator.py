@@ -39,6 +39,8 @@ NAVIGATOR_FIELDS = [
     ("x", np.float64),  # true pose and velocity: m, m, rad, m/s, m/s, rad/s
     ("y", np.float64),
     ("heading", np.float64),
+    ("heading_cos", np.float64),  # its unit vector
+    ("heading_sin", np.float64),
     ("vx", np.float64),
     ("vy", np.float64),
     ("omega", np.float64),
@@ -68,6 +70,8 @@ NAVIGATOR_FIELDS = [
     ("nav_wait_step", np.int64),  # recovering until this step
     ("nav_result", np.int64),  # result of the last goal that ended, until it is read
     ("nav_result_goal", np.int64),
+    ("nav_last", np.int64),  # the last result, kept
+    ("nav_last_step", np.int64),  # and when it came
     ("nav_accept_steps", np.int64),
     ("nav_abort_rate", np.float64),
     ("nav_stream", np.uint64),
@@ -92,6 +96,8 @@ def send_goal(g, goal, step):  # type: ignore[no-untyped-def]
 def _end(g, result):  # type: ignore[no-untyped-def]
     g.nav_result = result
     g.nav_result_goal = g.nav_goal
+    g.nav_last = result
+    g.nav_last_step = g.step
     g.nav_state = IDLE
     g.nav_goal = -1
     g.nav_points = 0
@@ -332,10 +338,13 @@ def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p): 
     """
     cost = 0.0
     rows, columns = clearance.shape
+    # The chord from the start to a point of an arc turns by the same small angle from point to point.
+    step_s = HORIZON_S / _SAMPLES
+    ct, st = _turned(1.0, 0.0, 0.5 * w * step_s)
     for k in range(1, _SAMPLES + 1):
-        t = HORIZON_S * k / _SAMPLES
-        ca, sa = _turned(ch, sh, 0.5 * w * t)  # the chord of the arc
-        px, py = x + v * t * ca, y + v * t * sa
+        ch, sh = ch * ct - sh * st, sh * ct + ch * st
+        s = v * step_s * k
+        px, py = x + s * ch, y + s * sh
         column, row = cell_of(affine, rows, columns, px, py)
         free = clearance[row, column]
         if free < p.comfort_cm:
@@ -347,6 +356,8 @@ def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p): 
             now2 = (x - cx) * (x - cx) + (y - cy) * (y - cy)
             if d2 < p.clyde_keepout * p.clyde_keepout and d2 < now2 - 1e-9:
                 return -1.0
+        elif free > p.open_cm - int(100.0 * s):
+            break  # clearance falls by no more than the way driven: the rest is free
     return cost
 
 
@@ -396,15 +407,15 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
-    # Clearance falls by no more than the way driven: in the open no roll-out needs to be looked at.
+    # In the open no roll-out needs to be looked at.
     if not clyde_near and here > p.open_cm:
         return True, v, w
     if _clear(bx, by, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0:
         return True, v, w
-    # The direct way is not admissible: sample the window, forward and turning, and take the best progress.
+    # The direct way is not admissible: sample the window and take the best progress at the highest speed that has any.
     best_score = 1e9
     ok, best_v, best_w = False, 0.0, 0.0
-    for k in range(1, 5):
+    for k in range(4, 0, -1):
         for j in range(-4, 5):
             sv, sw = _limit(v_max * k * 0.25, w + 0.35 * j, p)
             cost = _clear(bx, by, ch, sh, sv, sw, cx, cy, clyde_near, here, affine, clearance, p)
@@ -416,17 +427,16 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
             score = math.sqrt(ex * ex + ey * ey) + cost + 0.02 * abs(j)
             if score < best_score:
                 best_score, ok, best_v, best_w = score, True, sv, sw
+        if ok:
+            break
     if not ok and abs(aside) > 0.1 * forward:  # turn towards the path before anything else
         return True, 0.0, _turn_rate(forward, aside, 1.0, p)
     return ok, best_v, best_w
 
 
 @kernel
-def _drive(g, ch, sh, turned, v, w, force, r, p):  # type: ignore[no-untyped-def]
-    """Wheels follow (v, w) within their acceleration; the force makes the body's velocity theirs.
-
-    (ch, sh) is the heading turned by ``turned`` rad against the true one.
-    """
+def _drive(g, v, w, force, r, p):  # type: ignore[no-untyped-def]
+    """Wheels follow (v, w) within their acceleration; the force makes the body's velocity theirs."""
     change = p.wheel_rate * p.dt
     left, right = v - w * p.half_base, v + w * p.half_base
     left = min(max(left, g.left - change), g.left + change)
@@ -435,11 +445,19 @@ def _drive(g, ch, sh, turned, v, w, force, r, p):  # type: ignore[no-untyped-def
     speed, turn = 0.5 * (left + right), 0.5 * (right - left) / p.half_base
     # Chipmunk moves bodies first and changes velocities then, so this velocity is driven with in the next step:
     # its direction is the heading at the middle of that.
-    c, s = _turned(ch, sh, (g.omega + 0.5 * turn) * p.dt - turned)
     g.heading += g.omega * p.dt
-    g.omega = turn
+    c, s = _turned(g.heading_cos, g.heading_sin, g.omega * p.dt)
+    g.heading_cos, g.heading_sin = c, s
+    c, s = _turned(c, s, 0.5 * turn * p.dt)
     force[r, 0] = p.mass * (speed * c - g.vx) / p.dt
     force[r, 1] = p.mass * (speed * s - g.vy) / p.dt
+    g.omega = turn
+
+
+@kernel
+def refresh_heading(g):  # type: ignore[no-untyped-def]
+    """The heading's unit vector exactly: between refreshes, once a tick, it is turned step by step."""
+    g.heading_cos, g.heading_sin = math.cos(g.heading), math.sin(g.heading)
 
 
 @kernel
@@ -469,8 +487,9 @@ def control(g, i, paths, force, r, p, affine, clearance):  # type: ignore[no-unt
     step = g.step
     v, w = 0.0, 0.0
     bx, by = g.x + g.error_x, g.y + g.error_y
-    bh = g.heading + g.error_heading
-    ch, sh = math.cos(bh), math.sin(bh)
+    # The heading believed, as a unit vector.
+    ch = g.heading_cos * g.error_cos - g.heading_sin * g.error_sin
+    sh = g.heading_sin * g.error_cos + g.heading_cos * g.error_sin
     if g.nav_state == ACTIVE:
         ex, ey = g.nav_end_x - bx, g.nav_end_y - by
         if g.nav_points > 0 and ex * ex + ey * ey <= p.goal_tolerance * p.goal_tolerance:
@@ -488,7 +507,7 @@ def control(g, i, paths, force, r, p, affine, clearance):  # type: ignore[no-unt
                 _end(g, ABORTED)
             if g.nav_state == ACTIVE:
                 _watch_progress(g, bx, by, p)
-    _drive(g, ch, sh, g.error_heading, v, w, force, r, p)
+    _drive(g, v, w, force, r, p)
 
 
 @kernel
