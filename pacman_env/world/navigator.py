@@ -429,9 +429,16 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
                 best_score, ok, best_v, best_w = score, True, sv, sw
         if ok:
             break
-    if not ok and abs(aside) > 0.1 * forward:  # turn towards the path before anything else
+    if ok:
+        return ok, best_v, best_w
+    # Nothing leads on towards the point ahead, round a corner perhaps: creep along the path itself.
+    near = min(at + 2, points - 1)
+    tx, ty = paths[i, near, 0] - bx, paths[i, near, 1] - by
+    forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
+    if abs(aside) > 0.1 * forward:
         return True, 0.0, _turn_rate(forward, aside, 1.0, p)
-    return ok, best_v, best_w
+    v = 0.25 * v_max
+    return _clear(bx, by, ch, sh, v, 0.0, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0, v, 0.0
 
 
 @kernel
@@ -501,10 +508,12 @@ def control(g, i, paths, force, r, p, affine, clearance):  # type: ignore[no-unt
             ok, v, w = _command(g, i, paths, bx, by, ch, sh, p, affine, clearance)
             if ok:
                 g.nav_no_control_step = -1
-            elif g.nav_no_control_step < 0:
-                g.nav_no_control_step = step
-            elif step - g.nav_no_control_step >= p.no_control_steps:
-                _end(g, ABORTED)
+            else:
+                v, w = 0.0, 0.0
+                if g.nav_no_control_step < 0:
+                    g.nav_no_control_step = step
+                elif step - g.nav_no_control_step >= p.no_control_steps:
+                    _end(g, ABORTED)
             if g.nav_state == ACTIVE:
                 _watch_progress(g, bx, by, p)
     _drive(g, v, w, force, r, p)

@@ -1,0 +1,203 @@
+"""The symbols and texts that a picture of a game is made of.
+
+Positions are pixels (x, y), whole at pixel centres, as floats; angles grow clockwise because y points down. Symbols
+are drawn finer than the picture and averaged, so that they move smoothly and stay clear when small. Where they go
+is decided elsewhere.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]  # (H, W, 3) RGB
+Colour = tuple[int, int, int]
+
+PAC, GHOST, OUTLINE, EYE, PUPIL = (255, 214, 0), (255, 140, 26), (48, 42, 24), (255, 255, 255), (22, 40, 110)
+PLAN, BELIEF, DANGER = (25, 103, 210), (142, 36, 170), (214, 40, 40)
+PLACE, PLACE_FILL, COLLECTED = (0, 128, 110), (222, 244, 238), (160, 164, 172)
+
+_OVERSAMPLE = 4
+_SHIFT = 4  # fractional bits of the coordinates given to OpenCV
+_MOUTH = math.radians(36)  # half of Pac-Man's mouth
+_CAP = 22  # px, height of capitals at OpenCV's font scale 1
+_HAS_WEIGHTS = int(cv2.__version__.split(".")[0]) >= 5  # before, only strokes of a given thickness
+
+
+class _Pen:
+    """Draws on a magnified patch in the coordinates of the whole picture."""
+
+    def __init__(self, patch: Image, corner: tuple[int, int]) -> None:
+        self.patch = patch
+        self._corner = np.array(corner)
+
+    def _fixed(self, points: Any) -> NDArray[np.int32]:
+        fine = (np.asarray(points, dtype=np.float64) - self._corner + 0.5) * _OVERSAMPLE - 0.5
+        return np.rint(fine * (1 << _SHIFT)).astype(np.int32)
+
+    def disc(self, centre: Any, radius: float, colour: Colour, width: float = 0.0) -> None:
+        """A filled disc, or with ``width`` a circle."""
+        x, y = self._fixed(centre).tolist()
+        thickness = max(1, round(width * _OVERSAMPLE)) if width else -1
+        fine_radius = round(max(radius, 0) * _OVERSAMPLE * (1 << _SHIFT))
+        cv2.circle(self.patch, (x, y), fine_radius, colour, thickness, cv2.LINE_AA, _SHIFT)
+
+    def lines(self, lines: list[Any], colour: Colour, width: float, closed: bool = False) -> None:
+        """Lines (P, 2) of one width."""
+        thickness = max(1, round(width * _OVERSAMPLE))
+        fixed = [self._fixed(line) for line in lines]
+        cv2.polylines(self.patch, fixed, closed, colour, thickness, cv2.LINE_AA, _SHIFT)
+
+    def polygon(self, points: Any, fill: Colour, outline: Colour, width: float) -> None:
+        """A filled polygon (P, 2) with an outline."""
+        cv2.fillPoly(self.patch, [self._fixed(points)], fill, cv2.LINE_AA, _SHIFT)
+        self.lines([points], outline, width, closed=True)
+
+
+@contextlib.contextmanager
+def _pen(image: Image, centre: NDArray, reach: float) -> Iterator[_Pen]:
+    """A pen for the square of half-width ``reach`` around ``centre``, as far as it lies in the picture."""
+    x0, y0 = np.maximum(np.floor(centre - reach), 0).astype(int).tolist()
+    x1, y1 = np.maximum(np.ceil(centre + reach) + 1, 0).astype(int).tolist()
+    patch = image[y0:y1, x0:x1]
+    if patch.size == 0:
+        yield _Pen(np.zeros((1, 1, 3), dtype=np.uint8), (x0, y0))
+        return
+    size = (patch.shape[1], patch.shape[0])
+    fine = cv2.resize(patch, (size[0] * _OVERSAMPLE, size[1] * _OVERSAMPLE), interpolation=cv2.INTER_NEAREST)
+    yield _Pen(fine, (x0, y0))
+    patch[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+
+
+def _arc(start: float, end: float, count: int) -> NDArray[np.float64]:
+    angle = np.linspace(start, end, count)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _outline(radius: float) -> float:
+    return min(max(0.14 * radius, 0.9), 2.5)
+
+
+_HEM = [(x, 0.95 - 0.3 * abs(math.sin(1.5 * math.pi * (x + 1)))) for x in np.linspace(0.92, -0.92, 25)]
+_PAC_SHAPE = np.concatenate([_arc(_MOUTH, 2 * math.pi - _MOUTH, 40), [(-0.12, 0.0)]])
+_GHOST_SHAPE = np.concatenate([_arc(math.pi, 2 * math.pi, 24) * (0.92, 0.95) - (0, 0.05), _HEM])
+_HOUSE_SHAPE = np.array(
+    [(0, -1.05), (1.15, 0), (0.78, 0), (0.78, 0.9), (-0.78, 0.9), (-0.78, 0), (-1.15, 0)], dtype=np.float64
+)
+_DIAMOND_SHAPE = np.array([(0, -1.05), (0.85, 0), (0, 1.05), (-0.85, 0)])
+
+
+def pac_man(image: Image, centre: NDArray, radius: float, angle: float) -> None:
+    """The robot, its mouth towards ``angle``."""
+    c, s = math.cos(angle), math.sin(angle)
+    width = _outline(radius)
+    shape = (radius - 0.5 * width) * _PAC_SHAPE @ np.array([(c, s), (-s, c)])
+    with _pen(image, centre, radius + 2) as pen:
+        pen.polygon(centre + shape, PAC, OUTLINE, width)
+
+
+def ghost(image: Image, centre: NDArray, radius: float, look: NDArray) -> None:
+    """Clyde, his eyes towards ``look`` (2,), of length 1 or 0."""
+    width = _outline(radius)
+    with _pen(image, centre, 1.2 * radius + 2) as pen:
+        pen.polygon(centre + radius * _GHOST_SHAPE, GHOST, OUTLINE, width)
+        for side in (-0.36, 0.36):
+            eye = centre + radius * (np.array([side, -0.2]) + 0.1 * look)
+            pen.disc(eye, 0.29 * radius, EYE)
+            pen.disc(eye + 0.12 * radius * look, 0.16 * radius, PUPIL)
+
+
+def catch_circle(image: Image, centre: NDArray, radius: float, width: float) -> None:
+    """A tinted disc with a dashed edge: closer than this and Clyde has caught the robot."""
+    count = max(9, round(radius * 0.6))
+    step = 2 * math.pi / count
+    with _pen(image, centre, radius + width + 1) as pen:
+        tinted = pen.patch.copy()
+        pen.disc(centre, radius, DANGER)
+        cv2.addWeighted(pen.patch, 0.16, tinted, 0.84, 0, dst=pen.patch)
+        dashes = [centre + radius * _arc(k * step, (k + 0.55) * step, 6) for k in range(count)]
+        pen.lines(dashes, DANGER, width)
+
+
+def believed_pose(image: Image, centre: NDArray, radius: float, angle: float, width: float) -> None:
+    """A circle with a tick towards ``angle``."""
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    with _pen(image, centre, 1.5 * radius + 2) as pen:
+        pen.disc(centre, radius, BELIEF, width)
+        pen.lines([[centre + radius * direction, centre + 1.5 * radius * direction]], BELIEF, width)
+
+
+def pellet(image: Image, centre: NDArray, radius: float, there: bool) -> None:
+    """A pellet, or the faint ring that a collected one leaves."""
+    with _pen(image, centre, radius + 2) as pen:
+        if there:
+            pen.disc(centre, radius, OUTLINE)
+            pen.disc(centre, radius - 1.2 * _outline(radius), PAC)
+        else:
+            pen.disc(centre, 0.85 * radius, COLLECTED, 0.9)
+
+
+def goal_ring(image: Image, centre: NDArray, radius: float, width: float) -> None:
+    """Marks the goal pursued now."""
+    with _pen(image, centre, radius + width + 1) as pen:
+        pen.disc(centre, radius, PLAN, width)
+
+
+def plan(image: Image, points: NDArray, width: float) -> None:
+    """The way (P, 2) to the goal."""
+    fixed = np.rint(points * (1 << _SHIFT)).astype(np.int32)
+    cv2.polylines(image, [fixed], False, PLAN, max(1, round(width)), cv2.LINE_AA, _SHIFT)
+
+
+def home(image: Image, centre: NDArray, radius: float) -> None:
+    """A house."""
+    door = np.array([(-0.24, 0.9), (-0.24, 0.25), (0.24, 0.25), (0.24, 0.9)])
+    with _pen(image, centre, 1.3 * radius + 2) as pen:
+        pen.polygon(centre + radius * _HOUSE_SHAPE, PLACE, PLACE, 0.5)
+        pen.polygon(centre + radius * door, PLACE_FILL, PLACE_FILL, 0.25)
+
+
+def refuge(image: Image, centre: NDArray, radius: float) -> None:
+    """A diamond."""
+    with _pen(image, centre, 1.2 * radius + 2) as pen:
+        pen.polygon(centre + radius * _DIAMOND_SHAPE, PLACE_FILL, PLACE, 1.3 * _outline(radius))
+
+
+def scale_bar(image: Image, centre: NDArray, half: float, radius: float, colour: Colour) -> None:
+    """A bar of length 2 ``half`` with end marks."""
+    ends = [centre + (side * half, 0.0) for side in (-1, 1)]
+    marks = [[end + np.array([0.0, -radius]), end + np.array([0.0, radius])] for end in ends]
+    with _pen(image, centre, half + 3) as pen:
+        pen.lines([ends, *marks], colour, _outline(2 * radius))
+
+
+@functools.lru_cache(maxsize=512)
+def text(words: str, cap: float, bold: bool, colour: Colour, background: Colour) -> Image:
+    """Text as a picture of its own, capitals ``cap`` px high; other characters than ASCII become '?'."""
+    size = cap * _OVERSAMPLE
+    stroke = 1 if _HAS_WEIGHTS and not bold else max(1, round(size * (0.2 if bold else 0.12)))
+    plain = words.encode("ascii", "replace").decode()
+    scale = size / _CAP
+    width = cv2.getTextSize(plain, cv2.FONT_HERSHEY_SIMPLEX, scale, stroke)[0][0]
+    rows, columns = math.ceil(1.7 * cap), math.ceil(width / _OVERSAMPLE) + 2
+    canvas = np.zeros((rows * _OVERSAMPLE, columns * _OVERSAMPLE), dtype=np.uint8)
+    origin = (_OVERSAMPLE, round(1.3 * size))
+    cv2.putText(canvas, plain, origin, cv2.FONT_HERSHEY_SIMPLEX, scale, 255, stroke, cv2.LINE_AA)
+    share = cv2.resize(canvas, (columns, rows), interpolation=cv2.INTER_AREA)[:, :, None] / 255.0
+    picture = np.rint((1 - share) * background + share * np.array(colour)).astype(np.uint8)
+    picture.flags.writeable = False
+    return picture
+
+
+def paste(image: Image, x: float, middle: float, picture: Image) -> None:
+    """Put a text at column ``x``, the middle of its capitals on row ``middle``; cut where it does not fit."""
+    left, top = max(round(x), 0), max(round(middle - 0.47 * picture.shape[0]), 0)
+    target = image[top : top + picture.shape[0], left : left + picture.shape[1]]
+    target[:] = picture[: target.shape[0], : target.shape[1]]
