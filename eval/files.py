@@ -1,0 +1,36 @@
+"""Result files that are whole or absent. What is written into them is decided elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def prepare(path: Path) -> Path:
+    """Create the folder of a file that will be written later.
+
+    Raises:
+        ValueError: there cannot be such a file; found out before the work, not after it.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot create its folder: {error.strerror}") from None
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder, not a file")
+    if not os.access(path.parent, os.W_OK):
+        raise ValueError(f"{path}: its folder cannot be written to")
+    return path
+
+
+@contextlib.contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """A temporary file beside ``path``, with its suffix, that takes its place if the block succeeds."""
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,33 @@
+"""Rounds that the tests of the comparison share: few, on a shipped map, with the time limit kept short."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.episodes import EPISODE, episode_seeds, play
+from pacman_env.config import make_config
+from pacman_env.sim.assets import map_assets
+from pacman_env.sim.kernels import CLEARED, COMPLETE, DEAD, TIMEOUT
+
+CONFIG = make_config("robot", "as_built", **{"pellets.spacing_m": 3.0, "time_limit_s": 120.0})
+
+
+@functools.cache
+def played(policy: str, episodes: int = 12, batch_size: int = 64) -> tuple[NDArray, NDArray[np.float64]]:
+    return play(map_assets("house", CONFIG), CONFIG, policy, episode_seeds(5, episodes), batch_size=batch_size)
+
+
+def records(ends: list[int], collected: list[int], spawned: int = 8) -> NDArray:
+    """Records written by hand: 10 s, 20 s, ... long."""
+    out = np.zeros(len(ends), dtype=EPISODE)
+    out["seed"] = np.arange(len(ends))
+    out["end"], out["collected"], out["spawned"] = ends, collected, spawned
+    out["time_s"] = 10.0 * np.arange(1, len(ends) + 1)
+    return out
+
+
+FIVE = records([COMPLETE, COMPLETE, CLEARED, DEAD, TIMEOUT], [8, 8, 7, 2, 0])
+OTHER_FIVE = records([COMPLETE, DEAD, DEAD, DEAD, DEAD], [8, 1, 1, 1, 1])

@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from eval.compare import SCHEMA, main
+from pacman_env import __version__
+from pacman_env.world.occupancy import load_map
+from tests.eval.test_rows import PROMISED
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT = ["--episodes", "8", "--spacing", "3", "--time-limit", "120"]
+
+
+def run(folder: Path, *arguments: str) -> dict[str, Any]:
+    path = folder / "out.json"
+    assert main([*SHORT, "--json", str(path), *arguments]) == 0
+    result: dict[str, Any] = json.loads(path.read_text())
+    return result
+
+
+def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{k: v for k, v in row.items() if not k.startswith("decision")} for row in rows]
+
+
+def test_the_json_holds_what_is_promised(tmp_path: Path) -> None:
+    result = run(tmp_path, "--clyde-speed", "0.25", "0.4", "--policies", "nearest", "random", "--seed", "7")
+    rows = result["rows"]
+    assert [(r["policy"], r["clyde_speed"]) for r in rows] == [
+        ("nearest", 0.25),
+        ("random", 0.25),
+        ("nearest", 0.4),
+        ("random", 0.4),
+    ]
+    for row in rows:
+        assert set(row) >= PROMISED
+        assert (row["map"], row["episodes"]) == ("house", 8)
+        for name in ("completion", "all_but_one"):
+            low, high = row[f"{name}_ci"]
+            assert 0 <= low <= row[f"{name}_rate"] <= high <= 1
+        assert row["completion_rate"] <= row["all_but_one_rate"]
+        ends = ("completion_rate", "cleared_rate", "death_rate", "timeout_rate")
+        assert sum(row[end] for end in ends) == pytest.approx(1)
+        assert 0 <= row["pellets_mean"] <= row["pellets"]
+        assert 0 < row["time_mean_s"] <= 120
+        assert 0 < row["decision_ms_p50"] <= row["decision_ms_p99"]
+        low, high = row["paired_ci"]
+        assert low <= row["paired_difference"] <= high
+    assert rows[0]["paired_ci"] == [0.0, 0.0]
+    assert rows[1]["paired_difference"] == pytest.approx(rows[1]["completion_rate"] - rows[0]["completion_rate"])
+    assert (result["schema"], result["version"], result["seed"]) == (SCHEMA, __version__, 7)
+    assert (result["preset"], result["execution"]) == ("robot", "robust")
+    assert result["maps"] == [{"name": "house", "source": "house", "hash": load_map("house").hash}]
+    assert result["config"]["pellets"]["spacing_m"] == 3.0
+    assert result["arguments"]["clyde_speed"] == [0.25, 0.4]
+
+
+def test_workers_change_nothing_but_decision_times(tmp_path: Path) -> None:
+    one = run(tmp_path)
+    two = run(tmp_path, "--workers", "2")
+    assert without_times(one["rows"]) == without_times(two["rows"])
+
+
+def test_options_reach_the_game(tmp_path: Path) -> None:
+    options = ["--preset", "ideal", "--execution", "as_built", "--clyde-spawn", "anywhere"]
+    options += ["--clyde-spawn-distance", "0", "--set", "nav2.abort_rate=1", "--policies", "nearest"]
+    result = run(tmp_path, *options)
+    config = result["config"]
+    assert config["localization"]["perfect"] is True
+    assert config["clyde"]["spawn"] == "anywhere"
+    assert config["clyde"]["spawn_distance_m"] == 0.0
+    assert config["time_limit_s"] == 120.0
+    # every goal is aborted, and as built each abort loses the pellet
+    assert result["rows"][0]["lost_mean"] > 0
+    assert result["rows"][0]["aborts_mean"] >= result["rows"][0]["lost_mean"]
+
+
+def test_a_repeated_policy_is_played_once(tmp_path: Path) -> None:
+    rows = run(tmp_path, "--policies", "nearest", "nearest")["rows"]
+    assert [row["policy"] for row in rows] == ["nearest"]
+
+
+def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
+    run(tmp_path, "--policies", "nearest")
+    assert (tmp_path / "out.png").is_file()
+    run(tmp_path, "--policies", "nearest", "--plot", str(tmp_path / "sub" / "other.png"))
+    assert (tmp_path / "sub" / "other.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--map", "nowhere"], "nowhere"),
+        (["--policies", "nearst"], "unknown policy 'nearst'"),
+        (["--preset", "perfect"], "invalid choice: 'perfect'"),
+        (["--episodes", "0"], "must be at least 1"),
+        (["--episodes", "many"], "invalid"),
+        (["--workers", "0"], "must be at least 1"),
+        (["--seed", "-1"], "must be at least 0"),
+        (["--clyde-speed", "-0.1"], "ClydeConfig.speed_mps"),
+        (["--clyde-speed", "nan"], "ClydeConfig.speed_mps"),
+        (["--spacing", "0"], "PelletConfig.spacing_m"),
+        (["--set", "clyde.speed_mps=1"], "--clyde-speed"),
+        (["--spacing", "2", "--set", "pellets.spacing_m=2"], "given twice"),
+        (["--set", "nav2.haste=1"], "unknown configuration field 'nav2.haste'"),
+        (["--clyde-spawn-distance", "1000"], "spawn_distance_m"),
+        (["--video", "film.avi"], "must end in .mp4 or .gif"),
+        (["--plot", "plot.jpg"], "must end in .png"),
+        (["--json", "x.png"], "is the plot's file too"),
+    ],
+)
+def test_errors_are_one_line_and_nothing_is_written(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = main(["--episodes", "1", *arguments])
+    except SystemExit as stop:
+        status = stop.code  # type: ignore[assignment]
+    out, err = capsys.readouterr()
+    assert status == 2
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_maps_of_one_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    load_map("house").save(tmp_path / "house.yaml")
+    assert main([*SHORT, "--map", "house", str(tmp_path / "house.yaml")]) == 2
+    assert "two maps are called house" in capsys.readouterr().err
+
+
+def test_help_tells_what_decision_times_hold(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert "policy alone" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_command_runs_as_in_the_readme(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "eval.compare", *SHORT, "--map", "house", "--policies", "clyde_aware"]
+    command += ["nearest", "random", "--preset", "robot", "--execution", "as_built", "--clyde-speed", "0.25"]
+    command += ["--seed", "1", "--json", str(tmp_path / "new" / "result.json")]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=True, env={**os.environ, "COLUMNS": "100"}
+    )
+    assert "house: " in done.stdout
+    for policy in ("clyde_aware", "nearest", "random"):
+        assert f"\n{policy} " in done.stdout
+    assert "24/24" in done.stderr  # the progress bar
+    assert {p.name for p in (tmp_path / "new").iterdir()} == {"result.json", "result.png"}

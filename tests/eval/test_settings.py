@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import pytest
+
+from eval.settings import parse_settings
+from pacman_env.config import ConfigError, make_config
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("nav2.abort_rate=0.01", 0.01),
+        ("refuges.spread=3", 3),
+        ("localization.perfect=True", True),
+        ("pellets.reachable_only=false", False),
+        ("execution.on_abort=lose_pellet", "lose_pellet"),
+        ("time_limit_s=60", 60.0),
+        ("max_pellets=20", 20),
+        ("max_pellets=none", None),
+    ],
+)
+def test_values_get_the_type_of_their_field(text: str, value: object) -> None:
+    name = text.partition("=")[0]
+    changes = parse_settings([text])
+    assert changes == {name: value}
+    assert type(changes[name]) is type(value)
+    make_config(**changes)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("nav2.abort_rate", "must be name=value"),
+        ("nav2.abort=1", "unknown configuration field 'nav2.abort'"),
+        ("physics_step_s.real=1", "unknown configuration field 'physics_step_s.real'"),
+        ("refuges=1", r"'refuges' is a group: choose one of refuges\.spread"),
+        ("nav2.abort_rate=often", "'often': must be a number"),
+        ("refuges.spread=1.5", "'1.5': must be a whole number"),
+        ("localization.perfect=1", "'1': must be true or false"),
+    ],
+)
+def test_wrong_settings_are_named(text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        parse_settings([text])

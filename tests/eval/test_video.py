@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+
+from eval.compare import main
+from eval.episodes import episode_seeds
+from eval.video import round_frames, save_video
+from pacman_env.sim.assets import map_assets
+from tests.eval.helpers import CONFIG, played
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_a_film_has_all_frames_and_shows_the_last_for_a_while(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"film{suffix}"
+    # a white bar that grows, so that no two frames are one to the GIF writer
+    frames = (np.where(np.arange(64)[None, :, None] < 6 * k, 255, 0).repeat(48, 0).repeat(3, 2) for k in range(9))
+    save_video((f.astype(np.uint8) for f in frames), path, tick_s=0.5)
+    assert list(tmp_path.iterdir()) == [path]
+    with imageio.get_reader(path) as reader:
+        shown = [np.asarray(frame)[..., :3] for frame in reader]
+        seconds = len(shown) / 8 if suffix == ".mp4" else None
+    assert {frame.shape for frame in shown} == {(48, 64, 3)}
+    brightness = [frame.mean() for frame in shown]
+    assert brightness[0] < 10 < brightness[8]
+    assert seconds is None or seconds == pytest.approx(9 / 8 + 1.5)
+
+
+def test_frames_are_those_of_the_measured_round() -> None:
+    policies = ("nearest", "random")
+    longest = max(played(policy)[0]["time_s"][0] for policy in policies)
+    seed = episode_seeds(5, 1)[0]
+    frames = list(round_frames(map_assets("house", CONFIG), CONFIG, policies, seed, height=120))
+    assert len(frames) == 1 + round(longest / CONFIG.execution.tick_s)
+    assert len({frame.shape for frame in frames}) == 1
+    assert (frames[0] != frames[-1]).any()
+
+
+def test_the_command_writes_a_film(tmp_path: Path) -> None:
+    out = ["--json", str(tmp_path / "r.json"), "--video", str(tmp_path / "film.mp4")]
+    assert main(["--episodes", "1", "--policies", "nearest", "--time-limit", "3", *out]) == 0
+    with imageio.get_reader(tmp_path / "film.mp4") as reader:
+        assert reader.get_data(0).shape[0] == 720
+    assert {p.name for p in tmp_path.iterdir()} == {"r.json", "r.png", "film.mp4"}
