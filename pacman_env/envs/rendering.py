@@ -288,12 +288,12 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
     _draw_goal(image, view, batch, game)
     robot = view.pixels(np.array([g["x"], g["y"]]))
     symbols.pac_man(image, robot, view.body_px, view.angle(float(g["heading"])))
-    look = _look(view, float(g["clyde_vx"]), float(g["clyde_vy"]))
-    symbols.ghost(image, clyde, view.body_px, look)
     if not batch.config.localization.perfect:
         x, y, heading = _believed(g, batch.config)
         believed = view.pixels(np.array([x, y]))
         symbols.believed_pose(image, believed, view.body_px, view.angle(heading), view.line)
+    look = _look(view, float(g["clyde_vx"]), float(g["clyde_vy"]))
+    symbols.ghost(image, clyde, view.body_px, look)
     _draw_header(image, view, batch, game, title)
     return image
 
@@ -321,8 +321,8 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
     if goal >= 0 and points > 0:
         written = batch.paths[game, at:points].astype(np.float64)
         rest = _rest_of_plan(assets, int(g["nav_tail"]), goal, written[-1])
-        way = np.concatenate([[(g["x"], g["y"])], written[1:], rest])
-        symbols.plan(image, view.pixels(way), 1.6 * view.line)
+        robot, *way = view.pixels(np.concatenate([[(g["x"], g["y"])], written[1:], rest]))
+        symbols.plan(image, _outside(np.array(way).reshape(-1, 2), robot, view.body_px), 1.6 * view.line)
     pursued = int(g["pursued"])
     if pursued >= 0:
         if pursued < batch.pellet_slots:
@@ -331,6 +331,16 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
         else:
             centre = view.goals[assets.pellets + pursued - batch.pellet_slots]
         symbols.goal_ring(image, centre, max(1.9 * view.pellet_px, 1.4 * view.mark_px), 1.3 * view.line)
+
+
+def _outside(way: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64]:
+    """The way (P, 2) from the edge of a disc on: within it, it would fill Pac-Man's mouth."""
+    away = np.hypot(way[:, 0] - centre[0], way[:, 1] - centre[1])
+    if not (away > radius).any():
+        return way[:0]
+    first = int((away > radius).argmax())
+    edge = centre + (way[first] - centre) * (radius / away[first])
+    return np.concatenate([[edge], way[first:]])
 
 
 def _rest_of_plan(assets: MapAssets, cell: int, goal: int, end: NDArray) -> NDArray[np.float64]:

@@ -172,8 +172,9 @@ def refuge(image: Image, centre: NDArray, radius: float) -> None:
 
 def scale_bar(image: Image, centre: NDArray, half: float, radius: float, colour: Colour) -> None:
     """A bar of length 2 ``half`` with end marks."""
-    ends = [centre + (side * half, 0.0) for side in (-1, 1)]
-    marks = [[end + np.array([0.0, -radius]), end + np.array([0.0, radius])] for end in ends]
+    across, down = np.array([half, 0.0]), np.array([0.0, radius])
+    ends = [centre - across, centre + across]
+    marks = [[end - down, end + down] for end in ends]
     with _pen(image, centre, half + 3) as pen:
         pen.lines([ends, *marks], colour, _outline(2 * radius))
 
@@ -182,7 +183,7 @@ def scale_bar(image: Image, centre: NDArray, half: float, radius: float, colour:
 def text(words: str, cap: float, bold: bool, colour: Colour, background: Colour) -> Image:
     """Text as a picture of its own, capitals ``cap`` px high; other characters than ASCII become '?'."""
     size = cap * _OVERSAMPLE
-    stroke = 1 if _HAS_WEIGHTS and not bold else max(1, round(size * (0.2 if bold else 0.12)))
+    stroke = 1 if _HAS_WEIGHTS and not bold else max(1, round(size * (0.17 if bold else 0.12)))
     plain = words.encode("ascii", "replace").decode()
     scale = size / _CAP
     width = cv2.getTextSize(plain, cv2.FONT_HERSHEY_SIMPLEX, scale, stroke)[0][0]
