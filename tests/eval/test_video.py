@@ -2,15 +2,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import imageio.v2 as imageio
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from eval.compare import main
 from eval.episodes import episode_seeds
 from eval.video import round_frames, save_video
 from pacman_env.sim.assets import map_assets
 from tests.eval.helpers import CONFIG, played
+
+
+def film(path: Path) -> list[NDArray]:
+    """All frames; by OpenCV, for imageio's reader leaves the pipes of a finished ffmpeg open."""
+    capture, frames = cv2.VideoCapture(str(path)), []
+    while True:
+        ok, frame = capture.read()
+        if not ok:
+            capture.release()
+            return frames
+        frames.append(frame)
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
@@ -20,13 +32,13 @@ def test_a_film_has_all_frames_and_shows_the_last_for_a_while(suffix: str, tmp_p
     frames = (np.where(np.arange(64)[None, :, None] < 6 * k, 255, 0).repeat(48, 0).repeat(3, 2) for k in range(9))
     save_video((f.astype(np.uint8) for f in frames), path, tick_s=0.5)
     assert list(tmp_path.iterdir()) == [path]
-    with imageio.get_reader(path) as reader:
-        shown = [np.asarray(frame)[..., :3] for frame in reader]
-        seconds = len(shown) / 8 if suffix == ".mp4" else None
+    shown = film(path)
     assert {frame.shape for frame in shown} == {(48, 64, 3)}
     brightness = [frame.mean() for frame in shown]
-    assert brightness[0] < 10 < brightness[8]
-    assert seconds is None or seconds == pytest.approx(9 / 8 + 1.5)
+    assert brightness[0] < 10 < 100 < brightness[8]
+    if suffix == ".mp4":  # a GIF holds equal frames once
+        assert len(shown) == 9 + 1.5 * 8
+        assert np.ptp(brightness[8:]) < 1
 
 
 def test_frames_are_those_of_the_measured_round() -> None:
@@ -42,6 +54,7 @@ def test_frames_are_those_of_the_measured_round() -> None:
 def test_the_command_writes_a_film(tmp_path: Path) -> None:
     out = ["--json", str(tmp_path / "r.json"), "--video", str(tmp_path / "film.mp4")]
     assert main(["--episodes", "1", "--policies", "nearest", "--time-limit", "3", *out]) == 0
-    with imageio.get_reader(tmp_path / "film.mp4") as reader:
-        assert reader.get_data(0).shape[0] == 720
+    shown = film(tmp_path / "film.mp4")
+    assert len(shown) == 1 + 3 / 0.5 + 1.5 * 8
+    assert shown[0].shape[0] == 720
     assert {p.name for p in tmp_path.iterdir()} == {"r.json", "r.png", "film.mp4"}
