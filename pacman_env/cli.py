@@ -57,13 +57,9 @@ def _add_map_group(commands: Any) -> None:
         metavar="SUBCOMMAND", required=True
     )
     check = group.add_parser("check", help="areas, pellets and warnings of one map")
-    check.add_argument(
-        "map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name"
-    )
+    check.add_argument("map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name")
     check.add_argument("--json", action="store_true", help="print the report as JSON")
-    check.add_argument(
-        "--home", nargs=2, type=_finite, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)"
-    )
+    check.add_argument("--home", nargs=2, type=_finite, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)")
     check.add_argument("--spacing", type=_finite, default=2.0, help="pellet spacing, m (%(default)s)")
     check.set_defaults(run=_map_check)
     group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)

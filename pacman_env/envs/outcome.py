@@ -8,37 +8,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RewardConfig
-from ..sim.kernels import CLEARED, COMPLETE, DEAD, TIMEOUT
+from ..sim.kernels import COMPLETE, DEAD, TIMEOUT, summarize
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)
+_COUNTS = ("collected", "lost", "spawned", "aborts", "round_seed")
 
 
-def rewards(games: NDArray[Any], config: RewardConfig) -> NDArray[np.float64]:
-    """(N,) reward of the tick that has just ended."""
+def reward_and_end(
+    games: NDArray[Any], over_before: NDArray[np.bool_], config: RewardConfig
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Reward (N,), terminated (N,) and truncated (N,) of the tick that has just ended.
+
+    Terminated: caught, complete, or no pellet left; truncated: the time limit. Games that were over before it
+    (``over_before``) get no reward.
+    """
+    n = len(games)
     by_end = np.zeros(len(OUTCOMES))
     by_end[DEAD], by_end[COMPLETE], by_end[TIMEOUT] = config.death, config.completion, config.timeout
-    return config.tick + config.pellet * games["tick_pellets"] + by_end[games["end"]]
-
-
-def terminated(games: NDArray[Any]) -> NDArray[np.bool_]:
-    """(N,) the round is over by the rules: caught, complete, or nothing left to collect."""
-    end = games["end"]
-    return (end == DEAD) | (end == COMPLETE) | (end == CLEARED)
-
-
-def truncated(games: NDArray[Any]) -> NDArray[np.bool_]:
-    """(N,) the time limit."""
-    return games["end"] == TIMEOUT
+    reward, terminated, truncated = np.empty(n), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
+    summarize(games, config.tick, config.pellet, by_end, terminated, truncated, over_before, reward)
+    return reward, terminated, truncated
 
 
 def infos(games: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Per game: outcome, pellets collected, lost and spawned, goals aborted by Nav2, seconds."""
-    return {
-        "outcome": OUTCOMES[games["end"]],
-        "collected": games["collected"].copy(),
-        "lost": games["lost"].copy(),
-        "spawned": games["spawned"].copy(),
-        "aborts": games["aborts"].copy(),
-        "round_seed": games["seed"].copy(),
-    }
+    """Per game: outcome, pellets collected, lost and spawned, goals aborted by Nav2, the round's seed."""
+    result = {"outcome": OUTCOMES[games["end"]]}
+    for name in _COUNTS:
+        result[name] = games["seed" if name == "round_seed" else name].copy()
+    return result

@@ -133,18 +133,17 @@ class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
         if self._situation is None:
             raise gym.error.ResetNeeded("call reset() before step()")
         choice = self._choice(action)
-        was_over = bool(self.batch.games[0]["end"] != RUNNING)
+        was_over = self.batch.games["end"] != RUNNING
         self.batch.step(choice)
         self._situation = self.batch.situation()
-        games = self.batch.games
-        reward = 0.0 if was_over else float(outcome.rewards(games, self.config.reward)[0])
+        reward, terminated, truncated = outcome.reward_and_end(self.batch.games, was_over, self.config.reward)
         if self.render_mode == "human":
             self.render()
         return (
             self._observation(),
-            reward,
-            bool(outcome.terminated(games)[0]),
-            bool(outcome.truncated(games)[0]),
+            float(reward[0]),
+            bool(terminated[0]),
+            bool(truncated[0]),
             self._info(),
         )
 
@@ -185,10 +184,7 @@ class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
             isinstance(action, np.ndarray) and action.shape == () and self.action_space.contains(action[()])
         ):
             raise ValueError(f"action {action!r} is not in {self.action_space}")
-        choice = int(action)
-        if not self.situation.mask[0, choice]:
-            choice = self.batch.hold
-        return np.array([choice], dtype=np.int64)
+        return np.array([action], dtype=np.int64)
 
     def _observation(self) -> dict[str, NDArray[Any]]:
         return {key: array[0] for key, array in observe(self.situation).items()}

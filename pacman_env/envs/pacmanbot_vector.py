@@ -104,20 +104,17 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             ResetNeeded: before the first reset.
         """
         batch = self.batch
-        mask = self.situation.mask
+        if self._situation is None:
+            raise gym.error.ResetNeeded("call reset() before step()")
         choices = self._choices(actions)
-        choices = np.where(mask[self._all, choices], choices, batch.hold)
         over = batch.games["end"] != RUNNING
         batch.step(choices)
         games = batch.games
-        reward = outcome.rewards(games, self.config.reward)
-        terminated, truncated = outcome.terminated(games), outcome.truncated(games)
+        reward, terminated, truncated = outcome.reward_and_end(games, over, self.config.reward)
         final: dict[str, Any] = {}
-        if over.any():
-            reward[over] = 0.0
-            if self.autoreset_mode == AutoresetMode.NEXT_STEP:
-                self._new_rounds(np.flatnonzero(over))
-                terminated[over] = truncated[over] = False
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
+            self._new_rounds(np.flatnonzero(over))
+            terminated[over] = truncated[over] = False
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             ended = np.flatnonzero(terminated | truncated)
             if len(ended):
@@ -146,12 +143,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
     def _choices(self, actions: NDArray[np.int64]) -> NDArray[np.int64]:
         choices = np.asarray(actions)
         if choices.shape != (self.num_envs,) or choices.dtype.kind not in "iu":
-            raise ValueError(
-                f"actions must be {self.num_envs} integers, got {choices.dtype} of shape {choices.shape}"
-            )
-        if choices.min() < 0 or choices.max() >= self.batch.candidates:
-            bad = int(np.flatnonzero((choices < 0) | (choices >= self.batch.candidates))[0])
-            raise ValueError(f"action {choices[bad]} of game {bad} is not in {self.single_action_space}")
+            raise ValueError(f"actions must be {self.num_envs} integers, got {choices.dtype} of shape {choices.shape}")
         return choices.astype(np.int64, copy=False)
 
     def _reset_index(self, options: dict[str, Any] | None) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ leaves the paths as short as plain A* finds them. No simulator and no ROS here: 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -21,7 +22,8 @@ from ..rng import below
 from .pellets import FreeSpace, pixel_to_world
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
-_LANDMARKS = 16
+_LANDMARKS = 6
+_AT_LANDMARKS, _AT_PIXEL = 8, 14  # columns of the search graph
 _WORTH_LANDMARKS = 2000  # cells
 _FAR = 2**30
 
@@ -35,8 +37,8 @@ CLYDE_FIELDS = [
     ("clyde_vx", np.float64),  # velocity of his last move, m/s
     ("clyde_vy", np.float64),
     ("clyde_speed", np.float64),  # m/s in this round
-    ("clyde_at", np.int64),  # index into his path of the last cell passed
-    ("clyde_length", np.int64),  # cells of his path
+    ("clyde_at", np.int32),  # index into his path of the last cell passed
+    ("clyde_length", np.int32),  # cells of his path
     ("clyde_beyond", np.float64),  # m walked beyond that cell
     ("clyde_stream", np.uint64),
 ]
@@ -48,13 +50,26 @@ class ClydeCells:
 
     resolution: float
     position: NDArray[np.float64]  # (K, 2) m
-    pixel: NDArray[np.int64]  # (K, 2) u, v
-    neighbours: NDArray[np.int32]  # (K, 8) cell numbers, -1: not allowed
+    graph: NDArray[np.int32]  # (K, 16) the search's view of a cell, in one cache line: see the properties
     part: NDArray[np.int32]  # (K,) connected part, numbered by falling size
     part_start: NDArray[np.int64]  # (parts + 1,) into part_cells
     part_cells: NDArray[np.int32]  # (K,) cells sorted by part
-    landmark: NDArray[np.int32]  # (K, L) cost to each landmark of the cell's part
     longest: int  # cells of the longest path that can occur
+
+    @property
+    def neighbours(self) -> NDArray[np.int32]:
+        """(K, 8) cell numbers by step, -1: not allowed."""
+        return self.graph[:, :_AT_LANDMARKS]
+
+    @property
+    def landmark(self) -> NDArray[np.int32]:
+        """(K, 6) cost to each landmark of the cell's part."""
+        return self.graph[:, _AT_LANDMARKS:_AT_PIXEL]
+
+    @property
+    def pixel(self) -> NDArray[np.int32]:
+        """(K, 2) column u and row v of the map's image."""
+        return self.graph[:, _AT_PIXEL:]
 
 
 def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:
@@ -69,9 +84,7 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
     roomy = cv2.erode(free, np.ones(kernel_size, np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
     v, u = np.nonzero(roomy)
     if len(u) == 0:
-        raise ConfigError(
-            f"clyde.clearance_m = {config.clearance_m}: the map has no place that wide for Clyde"
-        )
+        raise ConfigError(f"clyde.clearance_m = {config.clearance_m}: the map has no place that wide for Clyde")
     number = np.full(roomy.shape, -1, dtype=np.int32)
     number[v, u] = np.arange(len(u), dtype=np.int32)
     neighbours = _neighbours(number, np.stack([u, v], axis=1).astype(np.int64))
@@ -89,12 +102,10 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
     return ClydeCells(
         resolution=occupancy.resolution,
         position=np.stack([x, y], axis=1),
-        pixel=np.stack([u, v], axis=1).astype(np.int64),
-        neighbours=neighbours,
+        graph=np.column_stack([neighbours, landmark, u, v]).astype(np.int32),
         part=part,
         part_start=start,
         part_cells=part_cells,
-        landmark=landmark,
         longest=_longest_path(neighbours, part_cells, start, landmark),
     )
 
@@ -108,7 +119,7 @@ def _longest_path(
     """Upper bound of the cells of a path: from anywhere over one fixed cell of the part to anywhere."""
     bound = int(landmark[part_cells[: part_start[1]], 0].max()) * 2 // STRAIGHT
     cost = np.empty(len(neighbours), dtype=np.int32)
-    for first, last in zip(part_start[1:-1], part_start[2:], strict=True):
+    for first, last in itertools.pairwise(part_start[1:]):
         if last - first <= bound:
             break  # a path never has more cells than its part, and the parts to come are smaller
         cells = part_cells[first:last]
@@ -177,7 +188,7 @@ def _landmarks(
     """Exact costs (K, L) from L cells far apart in the cell's own part, the farthest from all before each time."""
     table = np.zeros((len(neighbours), _LANDMARKS), dtype=np.int32)
     cost = np.empty(len(neighbours), dtype=np.int32)
-    for first, last in zip(part_start[:-1], part_start[1:], strict=True):
+    for first, last in itertools.pairwise(part_start):
         if last - first < _WORTH_LANDMARKS and first > 0:
             break  # small parts do with the octile distance
         cells = part_cells[first:last]
@@ -193,27 +204,29 @@ def _landmarks(
 
 
 @kernel
-def _estimate(cell, goal, pixel, landmark, a, b, c):  # type: ignore[no-untyped-def]
-    """Lower bound of the cost from ``cell`` to ``goal``: octile distance and three landmarks."""
-    dx, dy = abs(pixel[cell, 0] - pixel[goal, 0]), abs(pixel[cell, 1] - pixel[goal, 1])
+def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
+    """Lower bound of the cost from ``cell`` to ``goal``: octile distance and three landmarks (columns a, b, c)."""
+    dx = abs(graph[cell, _AT_PIXEL] - graph[goal, _AT_PIXEL])
+    dy = abs(graph[cell, _AT_PIXEL + 1] - graph[goal, _AT_PIXEL + 1])
     bound = STRAIGHT * max(dx, dy) + (DIAGONAL - STRAIGHT) * min(dx, dy)
-    bound = max(bound, abs(landmark[cell, a] - landmark[goal, a]))
-    bound = max(bound, abs(landmark[cell, b] - landmark[goal, b]))
-    return max(bound, abs(landmark[cell, c] - landmark[goal, c]))
+    bound = max(bound, abs(graph[cell, a] - graph[goal, a]))
+    bound = max(bound, abs(graph[cell, b] - graph[goal, b]))
+    return max(bound, abs(graph[cell, c] - graph[goal, c]))
 
 
 @kernel
-def find_path(start, goal, neighbours, pixel, landmark, node, queue, path):  # type: ignore[no-untyped-def]
+def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
     """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no way or no room).
 
-    ``node`` is int32 (K, 4): cost so far, cell before, the search that wrote them, the search that settled it.
+    ``graph`` is that of :class:`ClydeCells`; ``node`` is int32 (K, 4): cost so far, cell before, the search that
+    wrote them, the search that settled it.
     """
     search = clear(queue)
     # The three landmarks that bound this trip best.
-    a, b, c = 0, 0, 0
+    a, b, c = _AT_LANDMARKS, _AT_LANDMARKS, _AT_LANDMARKS
     best_a, best_b, best_c = -1, -1, -1
-    for k in range(landmark.shape[1]):
-        bound = abs(landmark[start, k] - landmark[goal, k])
+    for k in range(_AT_LANDMARKS, _AT_PIXEL):
+        bound = abs(graph[start, k] - graph[goal, k])
         if bound > best_a:
             a, b, c, best_a, best_b, best_c = k, a, b, bound, best_a, best_b
         elif bound > best_b:
@@ -223,7 +236,7 @@ def find_path(start, goal, neighbours, pixel, landmark, node, queue, path):  # t
     node[start, 0] = 0
     node[start, 1] = -1
     node[start, 2] = search
-    least = _estimate(start, goal, pixel, landmark, a, b, c)
+    least = _estimate(graph, start, goal, a, b, c)
     push(queue, 0, start)
     found = False
     while True:
@@ -237,7 +250,7 @@ def find_path(start, goal, neighbours, pixel, landmark, node, queue, path):  # t
             continue
         node[u, 3] = search  # the estimate is consistent: the first time is the cheapest
         for d in range(8):
-            v = neighbours[u, d]
+            v = graph[u, d]
             if v < 0:
                 continue
             new = node[u, 0] + (DIAGONAL if d % 2 else STRAIGHT)
@@ -246,7 +259,7 @@ def find_path(start, goal, neighbours, pixel, landmark, node, queue, path):  # t
             node[v, 0] = new
             node[v, 1] = u
             node[v, 2] = search
-            push(queue, new + _estimate(v, goal, pixel, landmark, a, b, c) - least, v)
+            push(queue, new + _estimate(graph, v, goal, a, b, c) - least, v)
     if not found:
         return 0
     count = 0
@@ -329,12 +342,12 @@ def at_target(g):  # type: ignore[no-untyped-def]
 def retarget(g, path, arrays, node, queue):  # type: ignore[no-untyped-def]
     """Choose a target and the way there.
 
-    ``arrays`` is (position, pixel, neighbours, part, part_start, part_cells, landmark) of :class:`ClydeCells`.
+    ``arrays`` is (graph, part, part_start, part_cells) of :class:`ClydeCells`.
     """
-    position, pixel, neighbours, part, part_start, part_cells, landmark = arrays
+    graph, part, part_start, part_cells = arrays
     here = path[g.clyde_at]
     target = choose_target(g, here, part, part_start, part_cells)
-    count = find_path(here, target, neighbours, pixel, landmark, node, queue, path)
+    count = find_path(here, target, graph, node, queue, path)
     g.clyde_at = 0
     g.clyde_beyond = 0.0
     g.clyde_length = count
@@ -345,12 +358,4 @@ def retarget(g, path, arrays, node, queue):  # type: ignore[no-untyped-def]
 
 def cell_arrays(cells: ClydeCells) -> tuple[NDArray, ...]:
     """The arrays of :class:`ClydeCells` in the order that :func:`retarget` takes them."""
-    return (
-        cells.position,
-        cells.pixel,
-        cells.neighbours,
-        cells.part,
-        cells.part_start,
-        cells.part_cells,
-        cells.landmark,
-    )
+    return cells.graph, cells.part, cells.part_start, cells.part_cells

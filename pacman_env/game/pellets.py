@@ -62,9 +62,7 @@ def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     step = round(config.spacing_m / map.resolution)
     clearance = round(config.wall_clearance_m / map.resolution)
     if step < 1:
-        raise ValueError(
-            f"pellet spacing {config.spacing_m} m is below the map's resolution {map.resolution} m"
-        )
+        raise ValueError(f"pellet spacing {config.spacing_m} m is below the map's resolution {map.resolution} m")
     free = map.game_free(config.free_grey)
     height, width = free.shape
     blocked = np.zeros((height + 1, width + 1), np.int64)  # summed-area table

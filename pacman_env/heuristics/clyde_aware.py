@@ -209,9 +209,7 @@ class ClydeAware(BasePolicy):
         ]
 
     @staticmethod
-    def _explain_candidate(
-        kind: int, allowed: bool, terms: NDArray[np.float64]
-    ) -> dict[str, float | bool | str]:
+    def _explain_candidate(kind: int, allowed: bool, terms: NDArray[np.float64]) -> dict[str, float | bool | str]:
         common: dict[str, float | bool | str] = {"kind": KIND_NAMES[kind], "allowed": allowed}
         if kind != PELLET:
             return common | {"score": -math.inf}
@@ -225,9 +223,7 @@ class ClydeAware(BasePolicy):
             "skipped": bool(terms[SKIPPED]),
         }
 
-    def _evaluate(
-        self, situation: Situation
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
+    def _evaluate(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
         games, candidates = situation.mask.shape
         if self._threatened is None or self.parameters.threat_exit_margin_m == 0:
             was = np.zeros(games, np.bool_)

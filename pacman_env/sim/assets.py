@@ -103,9 +103,7 @@ def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, floa
     return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def map_assets(
-    source: MapSource, config: Config, home: tuple[float, float, float] | None = None
-) -> MapAssets:
+def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
     """The assets of a map (name, file or loaded map) under a configuration.
 
     Raises:
@@ -125,9 +123,7 @@ def map_assets(
         return assets
 
 
-def _build(
-    occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str
-) -> MapAssets:
+def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str) -> MapAssets:
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
     tolerance = config.nav2.unreachable_tolerance_m
@@ -170,9 +166,7 @@ def _build(
     )
 
 
-def path_fields(
-    grid: DriveGrid, neighbours: NDArray[np.int32], goal_cell: NDArray[np.int32]
-) -> dict[str, NDArray]:
+def path_fields(grid: DriveGrid, neighbours: NDArray[np.int32], goal_cell: NDArray[np.int32]) -> dict[str, NDArray]:
     """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere."""
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.full((count, goals), UNREACHABLE_CM, dtype=np.uint16)

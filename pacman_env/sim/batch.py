@@ -110,18 +110,23 @@ class GameBatch:
     def step(self, choices: NDArray[np.int64]) -> None:
         """One decision and the physics steps until the next; games that have ended stand still.
 
-        ``choices`` (N,) are candidates that the mask allows; a caller that cannot promise it asks
-        :meth:`allowed` first.
+        ``choices`` (N,) int64 are candidates; one that the mask forbids makes the robot hold.
+
+        Raises:
+            ValueError: a choice is no candidate; nothing has been changed then.
         """
         parameters, games, goal_xy = self._parameters, self.games, self.assets.goal_xy
         physics, nav, alive = self.physics, self._nav, self.alive
         row, state, force = physics.row, physics.state, physics.force
-        due = kernels.decide(games, choices, parameters)
+        due = kernels.decide(games, choices, alive, self._waits, parameters)
+        if due < 0:
+            bad = -1 - due
+            raise ValueError(f"choice {choices[bad]} of game {bad}: candidates are 0 to {self.hold}")
         for k in range(self.substeps):
             if self._check_due[k]:
                 kernels.check(games, row, state, goal_xy, alive, parameters)
             if self._clyde_due[k] and kernels.move_clydes(
-                games, self._clyde_paths, parameters, self._clyde_arrays[0]
+                games, self._clyde_paths, parameters, self.assets.clyde.position
             ):
                 kernels.retarget_clydes(games, self._clyde_paths, self._clyde_arrays, *self._clyde_search)
             if due & kernels.PLAN_DUE:

@@ -32,26 +32,31 @@ from .situation import HOLD, PELLET, REFUGE
 RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
 PLAN_DUE, RESULT_DUE = 1, 2
 
-GAME = np.dtype(
-    [
-        *navigator.NAVIGATOR_FIELDS,
-        *localization.LOCALIZATION_FIELDS,
-        *clyde_rule.CLYDE_FIELDS,
-        ("seed", np.uint64),
-        ("step", np.int64),  # physics steps done
-        ("tick", np.int64),  # decisions done
-        ("end", np.int64),  # RUNNING or how the game ended
-        ("pursued", np.int64),  # candidate, -1: none
-        ("spawned", np.int64),  # pellets at the start
-        ("collected", np.int64),
-        ("lost", np.int64),
-        ("aborts", np.int64),  # goals that Nav2 aborted
-        ("tick_pellets", np.int64),  # collected in the last tick
-        ("distance", np.float64),  # believed robot-Clyde distance at the last decision, m
-        ("closing", np.float64),  # m/s
-    ],
-    align=True,
-)
+_FIELDS = [
+    *navigator.NAVIGATOR_FIELDS,
+    *localization.LOCALIZATION_FIELDS,
+    *clyde_rule.CLYDE_FIELDS,
+    ("seed", np.uint64),
+    ("step", np.int32),  # physics steps done
+    ("tick", np.int32),  # decisions done
+    ("end", np.int32),  # RUNNING or how the game ended
+    ("pursued", np.int32),  # candidate, -1: none
+    ("spawned", np.int32),  # pellets at the start
+    ("collected", np.int32),
+    ("lost", np.int32),
+    ("aborts", np.int32),  # goals that Nav2 aborted
+    ("tick_pellets", np.int32),  # collected in the last tick
+    ("distance", np.float64),  # believed robot-Clyde distance at the last decision, m
+    ("closing", np.float64),  # m/s
+]
+#: What every physics step touches lies together, first: a game's step then needs four cache lines, not eleven.
+_HOT = (
+    "x y vx vy heading heading_cos heading_sin omega left right error_x error_y error_cos error_sin "
+    "step end nav_state nav_points nav_at nav_ahead nav_next nav_next_step nav_plan_step nav_wait_step "
+    "nav_no_control_step nav_progress_step nav_result nav_no_path_step "
+    "nav_end_x nav_end_y speed_limit clyde_x clyde_y nav_progress_x nav_progress_y odom_x odom_y odom_heading"
+).split()
+GAME = np.dtype(sorted(_FIELDS, key=lambda f: _HOT.index(f[0]) if f[0] in _HOT else len(_HOT)), align=True)
 
 PARAMETERS = np.dtype(
     [
@@ -135,10 +140,22 @@ def reset_games(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def decide(games, choices, parameters):  # type: ignore[no-untyped-def]
-    """Hand each game's choice (a candidate that its mask allows) to the navigator; returns what is due."""
+def allowed(g, i, candidate, alive, waits, p):  # type: ignore[no-untyped-def]
+    """The action mask: a pellet is there, and the goal does not wait after an abort; hold is always allowed."""
+    return (candidate >= p.pellet_slots or alive[i, candidate]) and waits[i, candidate] <= g.tick
+
+
+@kernel
+def decide(games, choices, alive, waits, parameters):  # type: ignore[no-untyped-def]
+    """Hand each game's choice to the navigator; a candidate that its mask forbids is hold.
+
+    Returns what is due, or -1 - i without any change if the choice of game i is no candidate.
+    """
     p = parameters[0]
     hold = p.pellet_slots + p.refuges
+    for i in range(len(games)):
+        if choices[i] < 0 or choices[i] > hold:
+            return -1 - i
     due = 0
     for i in range(len(games)):
         g = games[i]
@@ -146,7 +163,7 @@ def decide(games, choices, parameters):  # type: ignore[no-untyped-def]
         if g.end != RUNNING:
             continue
         chosen = choices[i]
-        if chosen == hold:
+        if chosen == hold or not allowed(g, i, chosen, alive, waits, p):
             chosen = -1
         navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
         action = goal_action(chosen, g.pursued, navigating, p.cancel_then_send)
@@ -326,9 +343,20 @@ def finish(games, row, state, goal_xy, alive, parameters):  # type: ignore[no-un
 
 
 @kernel
-def fill_situation(
-    games, alive, waits, parameters, goal_xy, affine, snap, length_cm, clyde_drive, clyde_paths, out
-):  # type: ignore[no-untyped-def]
+def summarize(games, ticks, pellets, ends, terminated, truncated, over_before, reward):  # type: ignore[no-untyped-def]
+    """Reward and ending of the tick, per game; ``ends`` (5,) is the reward of each end code.
+
+    Games that were over before get no reward.
+    """
+    for i in range(len(games)):
+        g = games[i]
+        terminated[i] = g.end != RUNNING and g.end != TIMEOUT
+        truncated[i] = g.end == TIMEOUT
+        reward[i] = 0.0 if over_before[i] else ticks + pellets * g.tick_pellets + ends[g.end]
+
+
+@kernel
+def fill_situation(games, alive, waits, parameters, goal_xy, affine, snap, length_cm, clyde_drive, clyde_paths, out):  # type: ignore[no-untyped-def]
     """Write N situations into ``out``: the arrays of a Situation in the order of its fields."""
     (
         time_s, robot, robot_velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
@@ -360,12 +388,12 @@ def fill_situation(
             goal = -1
             if c < slots:
                 kind[i, c] = PELLET
-                mask[i, c] = alive[i, c] and waits[i, c] <= g.tick
+                mask[i, c] = allowed(g, i, c, alive, waits, p)
                 if c < p.pellets:
                     goal = c
             elif c < hold:
                 kind[i, c] = REFUGE
-                mask[i, c] = waits[i, c] <= g.tick
+                mask[i, c] = allowed(g, i, c, alive, waits, p)
                 goal = p.pellets + c - slots
             else:
                 kind[i, c] = HOLD

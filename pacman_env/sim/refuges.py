@@ -20,9 +20,7 @@ from ..world.paths import STEPS16, navfn_weights, neighbour_table, path_field, s
 _ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
 
 
-def choose_refuges(
-    grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig
-) -> NDArray[np.float64]:
+def choose_refuges(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> NDArray[np.float64]:
     """Places (R, 2) in m: the home pose, up to ``spread`` spread-out ones, up to ``nooks`` nooks."""
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     places = [(float(grid.home[0]), float(grid.home[1]))]

@@ -50,7 +50,8 @@ class Situation:
     def empty(cls, n: int, candidates: int) -> Situation:
         """Arrays for n situations, not yet filled."""
         c = candidates
-        return cls(
+        situation = cls.__new__(cls)  # a frozen dataclass sets its fields one by one, slowly
+        situation.__dict__.update(
             time_s=np.empty(n),
             robot=np.empty((n, 3)),
             robot_velocity=np.empty((n, 2)),
@@ -68,3 +69,4 @@ class Situation:
             seed=np.empty(n, dtype=np.uint64),
             tick=np.empty(n, dtype=np.int64),
         )
+        return situation

@@ -146,9 +146,7 @@ def survey(name: str, sketch: Sketch, seed: int, *, stop_every_m: float = 1.0) -
     stops = np.zeros_like(solid)
     stops[home_row % every :: every, home_col % every :: every] = True
     seen = _scan(solid, *np.nonzero(stops & drivable))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        (~seen & ~solid).astype(np.uint8), connectivity=8
-    )
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((~seen & ~solid).astype(np.uint8), connectivity=8)
     for k in range(1, count):  # lone cells between two rays
         if stats[k, cv2.CC_STAT_AREA] <= 4:
             seen |= labels == k
@@ -287,9 +285,7 @@ def maze() -> OccupancyMap:
     left = np.concatenate(([0.0], np.cumsum(np.array(widths) + wall)))
     up = np.concatenate(([0.0], np.cumsum(np.array(depths[::-1]) + wall)))[::-1]
     lines = _MAZE.strip("\n").splitlines()
-    s = Sketch(
-        (left[-1] - wall, up[0] - wall), home=(left[3] + 0.5, up[4] + 0.5), turn_deg=3.0, pad_px=(14, 23)
-    )
+    s = Sketch((left[-1] - wall, up[0] - wall), home=(left[3] + 0.5, up[4] + 0.5), turn_deg=3.0, pad_px=(14, 23))
     for i in range(len(depths)):
         for j in range(len(widths)):
             x0, y0 = left[j], up[i + 1]

@@ -84,9 +84,7 @@ class DriveGrid:
         return int(candidates[(offset[candidates] ** 2).sum(axis=1).argmin()])
 
 
-def inflate(
-    clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config
-) -> NDArray:
+def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:
     """Nav2's inflation layer: cost of each cell from its distance d to the nearest obstacle's centre.
 
     254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
@@ -153,9 +151,7 @@ def build_grid(
     clearance = _clearance(free, res)
     drivable = clearance > robot.inscribed_radius_m
     if not drivable.any():
-        raise MapError(
-            f"{occupancy.name}: no free place wide enough for a robot of {robot.inscribed_radius_m} m"
-        )
+        raise MapError(f"{occupancy.name}: no free place wide enough for a robot of {robot.inscribed_radius_m} m")
     ox, oy, yaw = occupancy.origin
     cos, sin = math.cos(yaw), math.sin(yaw)
     if abs(yaw) < 1e-12:

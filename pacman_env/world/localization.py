@@ -22,7 +22,7 @@ LOCALIZATION_FIELDS = [
     ("amcl_x", np.float64),  # the latched pose: m, m, rad
     ("amcl_y", np.float64),
     ("amcl_heading", np.float64),
-    ("amcl_step", np.int64),  # physics step of the last update
+    ("amcl_step", np.int32),  # physics step of the last update
     ("odom_x", np.float64),  # true pose at the last update
     ("odom_y", np.float64),
     ("odom_heading", np.float64),

@@ -121,16 +121,10 @@ def check_map(
     start = None if home is None else _cell(map, *home)
     if start is None or not fits[start]:
         in_largest = parts == 1 + int(areas.argmax()) if len(areas) else free
-        row, column = (
-            int(k) for k in np.unravel_index(np.where(in_largest, clearance, -1).argmax(), free.shape)
-        )
+        row, column = (int(k) for k in np.unravel_index(np.where(in_largest, clearance, -1).argmax(), free.shape))
         start = (row, column) if fits[row, column] else None
         if home is not None:
-            used = (
-                "the widest place of the largest part is used"
-                if start
-                else "nor is any place of the largest part"
-            )
+            used = "the widest place of the largest part is used" if start else "nor is any place of the largest part"
             warnings.append(f"home ({home[0]:g}, {home[1]:g}) is not free for the robot; {used}")
         x, y = map.cell_to_world(column, row)
         home = None if start is None else (float(x), float(y))

@@ -31,9 +31,7 @@ _BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
 _DETOUR_AHEAD_CM = 200  # Clyde is gone from places farther along the way when the robot gets there
 _WAIT_S = 5.0  # recovery "wait"
 _SEARCH_CELLS = 8000  # a detour that needs more is no path
-_GREED = (
-    2  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
-)
+_GREED = 2  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
 
 NAVIGATOR_FIELDS = [
     ("x", np.float64),  # true pose and velocity: m, m, rad, m/s, m/s, rad/s
@@ -47,32 +45,32 @@ NAVIGATOR_FIELDS = [
     ("left", np.float64),  # wheel speeds, m/s
     ("right", np.float64),
     ("speed_limit", np.float64),  # m/s, forward speed asked for
-    ("nav_state", np.int64),
-    ("nav_goal", np.int64),  # goal being driven to, -1: none
-    ("nav_next", np.int64),  # goal accepted, waiting for the planner's next tick; -1: none
-    ("nav_next_step", np.int64),
-    ("nav_doomed", np.int64),  # the waiting goal will be aborted at once
-    ("nav_plan_step", np.int64),  # physics step of the next plan
+    ("nav_state", np.int32),
+    ("nav_goal", np.int32),  # goal being driven to, -1: none
+    ("nav_next", np.int32),  # goal accepted, waiting for the planner's next tick; -1: none
+    ("nav_next_step", np.int32),
+    ("nav_doomed", np.int32),  # the waiting goal will be aborted at once
+    ("nav_plan_step", np.int32),  # physics step of the next plan
     ("nav_end_x", np.float64),  # where the plan ends, m
     ("nav_end_y", np.float64),
-    ("nav_points", np.int64),  # points of the plan written out, 0: no plan
-    ("nav_at", np.int64),  # the point passed last
-    ("nav_ahead", np.int64),  # the point steered to
-    ("nav_static", np.int64),  # the plan follows the static field (no detour)
-    ("nav_tail", np.int64),  # the cell of the plan's last point, -1: the goal
+    ("nav_points", np.int32),  # points of the plan written out, 0: no plan
+    ("nav_at", np.int32),  # the point passed last
+    ("nav_ahead", np.int32),  # the point steered to
+    ("nav_static", np.int32),  # the plan follows the static field (no detour)
+    ("nav_tail", np.int32),  # the cell of the plan's last point, -1: the goal
     ("nav_resolution", np.float64),  # m per cell
-    ("nav_no_path_step", np.int64),  # since when there is no plan, -1: there is one
-    ("nav_no_control_step", np.int64),  # since when there is no admissible control, -1: there is
+    ("nav_no_path_step", np.int32),  # since when there is no plan, -1: there is one
+    ("nav_no_control_step", np.int32),  # since when there is no admissible control, -1: there is
     ("nav_progress_x", np.float64),
     ("nav_progress_y", np.float64),
-    ("nav_progress_step", np.int64),
-    ("nav_stuck_step", np.int64),  # since when stuck, -1: not
-    ("nav_wait_step", np.int64),  # recovering until this step
-    ("nav_result", np.int64),  # result of the last goal that ended, until it is read
-    ("nav_result_goal", np.int64),
-    ("nav_last", np.int64),  # the last result, kept
-    ("nav_last_step", np.int64),  # and when it came
-    ("nav_accept_steps", np.int64),
+    ("nav_progress_step", np.int32),
+    ("nav_stuck_step", np.int32),  # since when stuck, -1: not
+    ("nav_wait_step", np.int32),  # recovering until this step
+    ("nav_result", np.int32),  # result of the last goal that ended, until it is read
+    ("nav_result_goal", np.int32),
+    ("nav_last", np.int32),  # the last result, kept
+    ("nav_last_step", np.int32),  # and when it came
+    ("nav_accept_steps", np.int32),
     ("nav_abort_rate", np.float64),
     ("nav_stream", np.uint64),
 ]

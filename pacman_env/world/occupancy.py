@@ -65,9 +65,7 @@ class OccupancyMap:
     def __post_init__(self) -> None:
         grey, occupancy = np.array(self.grey, dtype=np.uint8), np.array(self.occupancy, dtype=np.int8)
         if grey.ndim != 2 or grey.size == 0 or occupancy.shape != grey.shape:
-            raise MapError(
-                f"{self.name}: grey {grey.shape} and occupancy {occupancy.shape} must be one (H, W)"
-            )
+            raise MapError(f"{self.name}: grey {grey.shape} and occupancy {occupancy.shape} must be one (H, W)")
         grey.flags.writeable = occupancy.flags.writeable = False
         object.__setattr__(self, "grey", grey)
         object.__setattr__(self, "occupancy", occupancy)
@@ -172,9 +170,7 @@ class OccupancyMap:
             pixels[hidden] = self.occupancy[hidden].view(np.uint8)
         read = OccupancyMap.from_pixels(self.name, pixels, opaque=~hidden, **self._settings())
         if read.hash != self.hash:
-            raise MapError(
-                f"{path}: no image yields both grey and occupancy of {self.name} in mode {self.mode}"
-            )
+            raise MapError(f"{path}: no image yields both grey and occupancy of {self.name} in mode {self.mode}")
         image = image or f"{path.stem}{'.png' if hidden.any() else '.pgm'}"
         suffix = Path(image).suffix.lower()
         if image != Path(image).name or suffix not in (".pgm", ".png"):

@@ -35,9 +35,7 @@ class PhysicsWorld:
     without friction gets no torque from a wall, so its wheels alone turn it.
     """
 
-    def __init__(
-        self, walls: NDArray[np.float64], n: int, *, radius_m: float, mass_kg: float, step_s: float
-    ) -> None:
+    def __init__(self, walls: NDArray[np.float64], n: int, *, radius_m: float, mass_kg: float, step_s: float) -> None:
         """Build the spaces; ``walls`` is (S, 4): x0, y0, x1, y1 in m."""
         if n < 1:
             raise ValueError(f"n = {n}: a world holds at least one robot")
