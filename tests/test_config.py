@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from typing import Any
+
+import pytest
+
+from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("execution", EXECUTIONS)
+def test_every_preset_composes_with_every_execution(preset: str, execution: str) -> None:
+    config = make_config(preset, execution, **{"clyde.speed_mps": 0.35, "time_limit_s": 60.0})
+    wanted = {**PRESETS[preset], **EXECUTIONS[execution], "clyde.speed_mps": 0.35}
+    for name, value in wanted.items():
+        group, leaf = name.split(".")
+        assert getattr(getattr(config, group), leaf) == value, name
+    assert config.time_limit_s == 60.0
+
+
+def test_single_fields_win_over_preset_and_execution() -> None:
+    changes = {"robot.speed_mps": 0.2, "execution.switch": "cancel_then_send"}
+    config = make_config("robot", "robust", **changes)
+    assert (config.robot.speed_mps, config.execution.switch) == (0.2, "cancel_then_send")
+
+
+def test_the_robot_preset_drives_as_measured_and_the_ideal_one_knows_its_pose() -> None:
+    robot, ideal = make_config("robot"), make_config("ideal")
+    assert (robot.robot.speed_mps, robot.localization.perfect) == (0.256, False)
+    assert (ideal.robot.speed_mps, ideal.localization.perfect) == (0.306, True)
+    assert (robot.execution.tick_s, robot.physics_step_s, robot.nav2.planner_period_s) == (0.5, 0.05, 1.0)
+
+
+def test_with_fields_leaves_the_original_and_other_fields_alone() -> None:
+    before = make_config()
+    after = before.with_fields(**{"clyde.speed_mps": 0.4, "clyde.spawn": "anywhere", "max_pellets": 30})
+    assert before == make_config()
+    assert after.clyde == dataclasses.replace(before.clyde, speed_mps=0.4, spawn="anywhere")
+    assert dataclasses.replace(after, clyde=before.clyde, max_pellets=None) == before
+
+
+@pytest.mark.parametrize("name", ["speed", "clyde.spead_mps", "ghost.speed_mps", "max_pellets.x"])
+def test_an_unknown_field_is_named(name: str) -> None:
+    with pytest.raises(ConfigError, match=f"unknown configuration field '{name}'"):
+        make_config(**{name: 1.0})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(("fast",), "unknown preset 'fast'.*ideal.*robot"), (("robot", "x"), "unknown execution 'x'.*as_built.*robust")],
+)
+def test_an_unknown_preset_or_execution_is_named_with_the_choices(arguments: tuple[str, ...], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        make_config(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("robot.radius_m", 0.0),
+        ("robot.speed_mps", -0.1),
+        ("robot.mass_kg", math.nan),
+        ("robot.omega_radps", "fast"),
+        ("robot.inscribed_radius_m", 0.1),
+        ("localization.sigma_xy_m", -0.01),
+        ("localization.update_distance_m", 0.0),
+        ("nav2.goal_tolerance_m", 0),
+        ("nav2.accept_delay_s", -0.1),
+        ("nav2.abort_rate", 1.01),
+        ("nav2.stuck_abort_s", math.inf),
+        ("pellets.spacing_m", 0.0),
+        ("pellets.free_grey", 255),
+        ("clyde.speed_mps", -0.25),
+        ("clyde.spawn", "nearby"),
+        ("execution.death_radius_m", 0.0),
+        ("execution.pose_source", "odom"),
+        ("execution.on_abort", "retry"),
+        ("execution.switch", "send"),
+        ("refuges.nooks", -1),
+        ("time_limit_s", 0.0),
+        ("max_pellets", 0),
+    ],
+)
+def test_a_value_out_of_range_is_named_with_its_field(name: str, value: object) -> None:
+    with pytest.raises(ConfigError) as error:
+        make_config(**{name: value})
+    assert name.rpartition(".")[2] in str(error.value)
+    assert repr(value) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "execution.tick_s",
+        "execution.check_period_s",
+        "clyde.update_period_s",
+        "localization.scan_period_s",
+        "nav2.planner_period_s",
+    ],
+)
+@pytest.mark.parametrize("value", [0.12, 0.02])
+def test_a_period_is_a_whole_number_of_physics_steps(name: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=rf"{name} = {value}: must be a whole number of physics steps of 0\.05 s"):
+        make_config(**{name: value})
+    assert make_config(**{name: 0.15}).physics_step_s == 0.05
+
+
+def test_a_physics_step_that_divides_no_period_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"physics steps of 0\.03 s"):
+        make_config(physics_step_s=0.03)
+    assert make_config(physics_step_s=0.025).physics_step_s == 0.025
+
+
+def _leaves(value: object) -> list[object]:
+    if isinstance(value, dict):
+        return [leaf for v in value.values() for leaf in _leaves(v)]
+    return [value]
+
+
+def test_as_dict_is_plain_data_with_every_field() -> None:
+    config = make_config("ideal", "as_built", max_pellets=12)
+    data = config.as_dict()
+    assert json.loads(json.dumps(data)) == data
+    assert {type(leaf) for leaf in _leaves(data)} <= {int, float, str, bool}
+    fields = [f for f in dataclasses.fields(config) if dataclasses.is_dataclass(getattr(config, f.name))]
+    rebuilt: dict[str, Any] = dict(data)
+    for f in fields:
+        rebuilt[f.name] = type(getattr(config, f.name))(**data[f.name])
+    assert Config(**rebuilt) == config
+
+
+def test_a_configuration_is_frozen_and_hashable() -> None:
+    config = make_config()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.time_limit_s = 1.0  # type: ignore[misc]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.clyde.speed_mps = 1.0  # type: ignore[misc]
+    assert hash(config) == hash(make_config())

@@ -1,0 +1,130 @@
+"""The import order of the package: a room uses only rooms below it (docs/architecture.md, "Floors")."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "pacman_env"
+FLOORS = (
+    ("config", "jit", "rng", "bucket_queue", "_version"),
+    ("world", "game"),
+    ("sim",),
+    ("policies", "heuristics"),
+    ("envs",),
+    ("cli", "panel", "ros"),
+)
+FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+SAME_FLOOR_BUT_STRANGERS = {("world", "game"), ("game", "world")}
+#: Outside package: the only rooms that may import it.
+ONLY_IN = {
+    "pymunk": {"world.physics"},
+    "gymnasium": {"envs"},
+    "pettingzoo": {"envs"},
+    "rclpy": {"ros"},
+    "torch": set(),
+    "stable_baselines3": set(),
+    "sb3_contrib": set(),
+    "ray": set(),
+}
+MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
+
+
+def module_name(path: Path) -> str:
+    """Below the package: ``world.grid`` for ``pacman_env/world/grid.py``."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def executed(node: ast.AST) -> Iterator[ast.AST]:
+    """All nodes except those that only a type checker runs."""
+    if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        children = node.orelse
+    else:
+        yield node
+        children = list(ast.iter_child_nodes(node))
+    for child in children:
+        yield from executed(child)
+
+
+def imports(source: str, name: str, is_package: bool) -> set[str]:
+    """Absolute names that a module imports; ``from x import y`` counts as ``x.y``."""
+    found = set()
+    package = f"pacman_env.{name}".rstrip(".").split(".")
+    package = package if is_package else package[:-1]
+    for node in executed(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            found |= {f"{module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def imports_of(path: Path) -> set[str]:
+    return imports(path.read_text(), module_name(path), path.name == "__init__.py")
+
+
+def room(name: str) -> str:
+    return name.split(".")[0]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=module_name)
+def test_a_module_uses_only_rooms_of_its_floor_and_below(path: Path) -> None:
+    name = module_name(path)
+    if not name:
+        return  # the package's own __init__ is looked at below
+    here = room(name)
+    for imported in imports_of(path):
+        outside, _, inner = imported.partition(".")
+        if outside in ("train", "eval", "tests"):
+            pytest.fail(f"{name} imports {imported}, which is not part of the package")
+        if outside != "pacman_env" or inner.startswith("__"):
+            continue
+        there = room(inner)
+        assert FLOOR[there] <= FLOOR[here], f"{name} imports {imported} from a higher floor"
+        assert (here, there) not in SAME_FLOOR_BUT_STRANGERS, f"{name} imports {imported}"
+
+
+@pytest.mark.parametrize("package", ONLY_IN)
+def test_an_outside_package_is_imported_only_where_it_belongs(package: str) -> None:
+    users = {module_name(path) for path in MODULES if any(room(i) == package for i in imports_of(path))}
+    assert {u for u in users if u not in ONLY_IN[package] and room(u) not in ONLY_IN[package]} == set()
+
+
+def test_the_package_itself_imports_nothing_but_its_version_and_the_registration() -> None:
+    assert {i for i in imports_of(PACKAGE / "__init__.py") if room(i) != "__future__"} == {
+        "pacman_env._version.__version__",
+        "pacman_env.envs.registration.register_envs",
+    }
+
+
+def test_relative_absolute_and_late_imports_are_seen_and_those_for_types_are_not() -> None:
+    source = (
+        "from .. import rng\nfrom ..sim.batch import GameBatch\nfrom . import grid\nimport pymunk.batch\n"
+        "def f():\n    from pacman_env.envs import setup\n"
+        "if TYPE_CHECKING:\n    import torch\nelse:\n    import json\n"
+    )
+    assert imports(source, "world.cache", False) == {
+        *("pacman_env.rng", "pacman_env.sim.batch.GameBatch", "pacman_env.world.grid"),
+        *("pymunk.batch", "pacman_env.envs.setup", "json"),
+    }
+    assert imports("from . import a\nfrom .b import c", "game", True) == {"pacman_env.game.a", "pacman_env.game.b.c"}
+
+
+def test_importing_the_package_is_light_and_registers_the_environment() -> None:
+    code = (
+        "import json, sys, pacman_env, gymnasium\n"
+        "heavy = {'torch', 'numba', 'cv2', 'pymunk', 'onnxruntime', 'rclpy', 'matplotlib'} & set(sys.modules)\n"
+        "print(json.dumps([sorted(heavy), 'pacman_env/PacManBot-v0' in gymnasium.registry]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) == [[], True]
