@@ -50,12 +50,46 @@ _FIELDS = [
     ("closing", np.float64),  # m/s
 ]
 #: What every physics step touches lies together, first: a game's step then needs four cache lines, not eleven.
-_HOT = (
-    "x y vx vy heading heading_cos heading_sin omega left right error_x error_y error_cos error_sin "
-    "step end nav_state nav_points nav_at nav_ahead nav_next nav_next_step nav_plan_step nav_wait_step "
-    "nav_no_control_step nav_progress_step nav_result nav_no_path_step "
-    "nav_end_x nav_end_y speed_limit clyde_x clyde_y nav_progress_x nav_progress_y odom_x odom_y odom_heading"
-).split()
+_HOT = [
+    "x",
+    "y",
+    "vx",
+    "vy",
+    "heading",
+    "heading_cos",
+    "heading_sin",
+    "omega",
+    "left",
+    "right",
+    "error_x",
+    "error_y",
+    "error_cos",
+    "error_sin",
+    "step",
+    "end",
+    "nav_state",
+    "nav_points",
+    "nav_at",
+    "nav_ahead",
+    "nav_next",
+    "nav_next_step",
+    "nav_plan_step",
+    "nav_wait_step",
+    "nav_no_control_step",
+    "nav_progress_step",
+    "nav_result",
+    "nav_no_path_step",
+    "nav_end_x",
+    "nav_end_y",
+    "speed_limit",
+    "clyde_x",
+    "clyde_y",
+    "nav_progress_x",
+    "nav_progress_y",
+    "odom_x",
+    "odom_y",
+    "odom_heading",
+]
 GAME = np.dtype(sorted(_FIELDS, key=lambda f: _HOT.index(f[0]) if f[0] in _HOT else len(_HOT)), align=True)
 
 PARAMETERS = np.dtype(
@@ -92,7 +126,8 @@ PARAMETERS = np.dtype(
         ("wheel_max", np.float64),
         ("wheel_rate", np.float64),
         ("half_base", np.float64),
-        ("mass", np.float64),
+        ("per_base", np.float64),  # 1 / wheel base
+        ("mass_rate", np.float64),  # mass / dt
         ("resolution", np.float64),
         ("pellets", np.int64),
         ("pellet_slots", np.int64),
@@ -370,7 +405,7 @@ def fill_situation(games, alive, waits, parameters, goal_xy, affine, snap, lengt
         bx, by, bh = believed(g, p.use_tf)
         robot[i, 0], robot[i, 1], robot[i, 2] = bx, by, localization.wrap(bh)
         robot_velocity[i, 0] = 0.5 * (g.left + g.right)
-        robot_velocity[i, 1] = 0.5 * (g.right - g.left) / p.half_base
+        robot_velocity[i, 1] = (g.right - g.left) * p.per_base
         clyde[i, 0], clyde[i, 1] = g.clyde_x, g.clyde_y
         clyde_velocity[i, 0], clyde_velocity[i, 1] = g.clyde_vx, g.clyde_vy
         time_s[i] = g.step * p.dt

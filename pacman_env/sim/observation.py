@@ -81,7 +81,7 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, seed, tick,
+        path_robot, path_clyde, current, _, _,
     ) = arrays  # fmt: skip
     count = mask.shape[1]
     for i in range(len(time_s)):
@@ -103,25 +103,26 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignor
         clyde[i, 6] = min(clyde_speed[i], FAST_MPS)
         left = 0
         for c in range(count):
-            row = candidates[i, c]
             allowed = mask[i, c]
             action_mask[i, c] = allowed
             k = kind[i, c]
-            row[0] = k == PELLET
-            row[1] = k == REFUGE
-            row[2] = k == HOLD
+            candidates[i, c, 0] = k == PELLET
+            candidates[i, c, 1] = k == REFUGE
+            candidates[i, c, 2] = k == HOLD
             if not allowed:
-                row[3:] = 0.0
+                for column in range(3, 10):
+                    candidates[i, c, column] = 0.0
                 continue
             left += k == PELLET
-            row[3] = c == current[i]
-            dx, dy = position[i, c, 0] - x, position[i, c, 1] - y
-            row[4] = _cap(dx * ch + dy * sh, FAR_M)
-            row[5] = _cap(dy * ch - dx * sh, FAR_M)
-            row[6] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
-            row[7] = min(path_robot[i, c], FAR_M)
-            dx, dy = position[i, c, 0] - cx, position[i, c, 1] - cy
-            row[8] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
-            row[9] = min(path_clyde[i, c], FAR_M)
+            candidates[i, c, 3] = c == current[i]
+            px, py = position[i, c, 0], position[i, c, 1]
+            dx, dy = px - x, py - y
+            candidates[i, c, 4] = _cap(dx * ch + dy * sh, FAR_M)
+            candidates[i, c, 5] = _cap(dy * ch - dx * sh, FAR_M)
+            candidates[i, c, 6] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
+            candidates[i, c, 7] = min(path_robot[i, c], FAR_M)
+            dx, dy = px - cx, py - cy
+            candidates[i, c, 8] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
+            candidates[i, c, 9] = min(path_clyde[i, c], FAR_M)
         round_[i, 0] = time_s[i]
         round_[i, 1] = left

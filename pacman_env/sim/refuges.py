@@ -1,7 +1,7 @@
 """Where a robot can wait: candidate goals beside the pellets, chosen once per map.
 
 *Nooks* are places that Clyde's centre cannot come near and that the robot can reach; the others are spread out by
-path length over the robot's area, the home pose first.
+path length over the robot's area, far from the home pose and the nooks.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ _ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such 
 
 
 def choose_refuges(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> NDArray[np.float64]:
-    """Places (R, 2) in m: the home pose, up to ``spread`` spread-out ones, up to ``nooks`` nooks."""
+    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these."""
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
+    nooks = _nooks(grid, clyde, part, config)
+    spread = _spread(grid, [home, *nooks], config.spread)
     places = [(float(grid.home[0]), float(grid.home[1]))]
-    places += [grid.to_world(*grid.cell[k]) for k in _spread(grid, home, config.spread)]
-    places += [grid.to_world(*grid.cell[k]) for k in _nooks(grid, clyde, part, config)]
+    places += [grid.to_world(*grid.cell[k]) for k in (*nooks, *spread)]
     return np.array(places, dtype=np.float64)
 
 
-def _spread(grid: DriveGrid, home: int, count: int) -> list[int]:
-    """Farthest-point sampling by path length from home on."""
+def _spread(grid: DriveGrid, given: list[int], count: int) -> list[int]:
+    """Farthest-point sampling by path length, from the given cells on."""
     if count == 0:
         return []
     neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
@@ -43,16 +44,16 @@ def _spread(grid: DriveGrid, home: int, count: int) -> list[int]:
     nearest = np.full(len(grid.cell), np.inf)
     field = np.empty(len(grid.cell), np.uint16)
     next_step = np.empty(len(grid.cell), np.int16)
-    chosen: list[int] = []
-    source = home
-    for _ in range(count):
-        path_field(neighbours, lengths, weight, np.float32(grid.resolution), source, field, next_step)
+    chosen = list(given)
+    for k in range(len(given) + count - 1):
+        path_field(neighbours, lengths, weight, np.float32(grid.resolution), chosen[k], field, next_step)
         np.minimum(nearest, field, out=nearest)
-        source = int(np.where(roomy, nearest, -1.0).argmax())
-        if nearest[source] <= 0:
-            break
-        chosen.append(source)
-    return chosen
+        if k + 1 == len(chosen):
+            farthest = int(np.where(roomy, nearest, -1.0).argmax())
+            if nearest[farthest] <= 0:
+                break
+            chosen.append(farthest)
+    return chosen[len(given) :]
 
 
 def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:

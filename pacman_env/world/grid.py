@@ -158,13 +158,11 @@ def build_grid(
         cos, sin = 1.0, 0.0
 
     def affine(columns_off: int, rows_off: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        to_cell = np.array(
-            [cos / res, sin / res, -(cos * ox + sin * oy) / res - columns_off]
-            + [-sin / res, cos / res, (sin * ox - cos * oy) / res - rows_off]
-        )
+        column = (cos / res, sin / res, -(cos * ox + sin * oy) / res - columns_off)
+        row = (-sin / res, cos / res, (sin * ox - cos * oy) / res - rows_off)
         x0 = ox + res * (cos * columns_off - sin * rows_off)
         y0 = oy + res * (sin * columns_off + cos * rows_off)
-        return to_cell, np.array([res * cos, -res * sin, x0, res * sin, res * cos, y0])
+        return np.array([*column, *row]), np.array([res * cos, -res * sin, x0, res * sin, res * cos, y0])
 
     to_cell, _ = affine(-_MARGIN, -_MARGIN)
     hx, hy, heading = home if home is not None else (0.0, 0.0, 0.0)
@@ -200,10 +198,7 @@ def build_grid(
         xy = np.stack(_apply(to_world, polygon[:, 0] + 0.5, polygon[:, 1] + 0.5), axis=1)
         segments.append(np.concatenate([xy, np.roll(xy, -1, axis=0)], axis=1))
     hc, hr = home_cell[0] - c0, home_cell[1] - r0
-    if wished == home_cell:
-        home_xy = (hx, hy)
-    else:
-        home_xy = _apply(to_world, hc + 0.5, hr + 0.5)
+    home_xy = (hx, hy) if wished == home_cell else _apply(to_world, hc + 0.5, hr + 0.5)
     return DriveGrid(
         resolution=res,
         affine=to_cell,

@@ -136,7 +136,7 @@ def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped
 @kernel
 def _blocked_by_clyde(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
     """Whether the static path from ``cell`` to the goal passes Clyde's obstacle region."""
-    affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
+    affine, snap, _, cell_xy, length_cm, next_step = nav[:6]
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     away_cm = math.sqrt(dx * dx + dy * dy) * 100.0
     if away_cm > _DETOUR_AHEAD_CM + 100.0 * keepout:
@@ -286,7 +286,7 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
 @kernel
 def _plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
     """NavFn's tick: write the next stretch of the way to the current goal."""
-    affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
+    affine, snap, _, cell_xy, _, next_step = nav[:6]
     goal = g.nav_goal
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], bx, by)
     start = snap[row, column]
@@ -395,11 +395,11 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
     tx, ty = paths[i, ahead, 0] - bx, paths[i, ahead, 1] - by
     forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     v_max = g.speed_limit
-    if forward < _ROTATE_COS * math.sqrt(tx * tx + ty * ty):
+    if forward < 0.0 or forward * forward < _ROTATE_COS * _ROTATE_COS * (tx * tx + ty * ty):
         return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
     # Pure pursuit: the arc through the point ahead, slower the sharper it is.
-    d2 = max(tx * tx + ty * ty, 0.01)
-    v, w = _limit(v_max * forward / math.sqrt(d2), 2.0 * v_max * aside / d2, p)
+    by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
+    v, w = _limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
     column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
     here = clearance[row, column]
     cx, cy = g.clyde_x, g.clyde_y
@@ -447,15 +447,15 @@ def _drive(g, v, w, force, r, p):  # type: ignore[no-untyped-def]
     left = min(max(left, g.left - change), g.left + change)
     right = min(max(right, g.right - change), g.right + change)
     g.left, g.right = left, right
-    speed, turn = 0.5 * (left + right), 0.5 * (right - left) / p.half_base
+    speed, turn = 0.5 * (left + right), (right - left) * p.per_base
     # Chipmunk moves bodies first and changes velocities then, so this velocity is driven with in the next step:
     # its direction is the heading at the middle of that.
     g.heading += g.omega * p.dt
     c, s = _turned(g.heading_cos, g.heading_sin, g.omega * p.dt)
     g.heading_cos, g.heading_sin = c, s
     c, s = _turned(c, s, 0.5 * turn * p.dt)
-    force[r, 0] = p.mass * (speed * c - g.vx) / p.dt
-    force[r, 1] = p.mass * (speed * s - g.vy) / p.dt
+    force[r, 0] = p.mass_rate * (speed * c - g.vx)
+    force[r, 1] = p.mass_rate * (speed * s - g.vy)
     g.omega = turn
 
 

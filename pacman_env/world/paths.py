@@ -18,11 +18,8 @@ AT_GOAL = 0  # in a next-step field: this is the goal's cell
 NO_STEP = -32768  # in a next-step field: no way
 
 #: Column and row offset of the 16 directions, ordered by angle: the opposite of d is (d + 8) % 16.
-STEPS16 = np.array(
-    [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)]
-    + [(-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1)],
-    dtype=np.int64,
-)
+_HALF_TURN = np.array([(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)], dtype=np.int64)
+STEPS16 = np.concatenate([_HALF_TURN, -_HALF_TURN])
 #: The even ones: the 8 neighbours; the opposite of d is (d + 4) % 8.
 STEPS8 = STEPS16[::2].copy()
 
@@ -69,7 +66,7 @@ def path_field(neighbours, step_length, weight, resolution, goal, length_cm, nex
     metres = np.zeros(count, np.float32)
     length_cm[:] = UNREACHABLE_CM
     next_step[:] = NO_STEP
-    slots = int(math.ceil(step_length.max() * weight.max())) + 2
+    slots = math.ceil(step_length.max() * weight.max()) + 2
     head = np.full(slots, -1, np.int32)
     follow = np.full(count, -1, np.int32)
     before = np.full(count, -1, np.int32)
