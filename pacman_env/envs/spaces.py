@@ -9,11 +9,26 @@ from ..sim.batch import GameBatch
 from ..sim.observation import CANDIDATE_COLUMNS, CLYDE_COLUMNS, ROBOT_COLUMNS, ROUND_COLUMNS
 
 Columns = tuple[tuple[str, float, float, str], ...]
+_BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map
 
 
-def _box(columns: Columns, rows: int | None = None) -> spaces.Box:
-    low = np.array([c[1] for c in columns], dtype=np.float32)
-    high = np.array([c[2] for c in columns], dtype=np.float32)
+def _bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
+    """Bounds of the columns that depend on the map or the configuration."""
+    grid = batch.assets.grid
+    rows, columns = grid.shape
+    corners = [grid.to_world(c, r) for c in (0, columns) for r in (0, rows)]
+    xs, ys = zip(*corners, strict=True)
+    return {
+        "x": (min(xs) - _BELIEF_MARGIN_M, max(xs) + _BELIEF_MARGIN_M),
+        "y": (min(ys) - _BELIEF_MARGIN_M, max(ys) + _BELIEF_MARGIN_M),
+        "time": (0.0, batch.config.time_limit_s + batch.config.execution.tick_s),
+        "pellets_left": (0.0, float(batch.pellet_slots)),
+    }
+
+
+def _box(columns: Columns, bounds: dict[str, tuple[float, float]], rows: int | None = None) -> spaces.Box:
+    limits = [bounds.get(name, (low, high)) for name, low, high, _ in columns]
+    low, high = np.array(limits, dtype=np.float32).T
     if rows is not None:
         low, high = np.tile(low, (rows, 1)), np.tile(high, (rows, 1))
     return spaces.Box(low, high, dtype=np.float32)
@@ -21,12 +36,13 @@ def _box(columns: Columns, rows: int | None = None) -> spaces.Box:
 
 def observation_space(batch: GameBatch) -> spaces.Dict:
     """Of one game."""
+    bounds = _bounds(batch)
     return spaces.Dict(
         {
-            "robot": _box(ROBOT_COLUMNS),
-            "clyde": _box(CLYDE_COLUMNS),
-            "candidates": _box(CANDIDATE_COLUMNS, batch.candidates),
-            "round": _box(ROUND_COLUMNS),
+            "robot": _box(ROBOT_COLUMNS, bounds),
+            "clyde": _box(CLYDE_COLUMNS, bounds),
+            "candidates": _box(CANDIDATE_COLUMNS, bounds, batch.candidates),
+            "round": _box(ROUND_COLUMNS, bounds),
             "action_mask": spaces.MultiBinary(batch.candidates),
         }
     )

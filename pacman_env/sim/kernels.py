@@ -408,7 +408,7 @@ def fill_situation(games, alive, waits, parameters, goal_xy, affine, snap, lengt
         robot_velocity[i, 1] = (g.right - g.left) * p.per_base
         clyde[i, 0], clyde[i, 1] = g.clyde_x, g.clyde_y
         clyde_velocity[i, 0], clyde_velocity[i, 1] = g.clyde_vx, g.clyde_vy
-        time_s[i] = g.step * p.dt
+        time_s[i] = g.tick * p.tick_s
         pose_age[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
         clyde_speed[i] = g.clyde_speed
         closing[i] = g.closing

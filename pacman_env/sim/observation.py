@@ -15,8 +15,10 @@ from .situation import HOLD, PELLET, REFUGE, Situation
 
 FAR_M = 100.0  # cap of every length
 FAST_MPS = 5.0  # cap of every speed
+OLD_S = 100.0  # cap of a pose's age
 
-#: name, low, high, unit of each column of the arrays that an observation holds.
+#: name, low, high, unit of each column of the arrays that an observation holds; what has no bound of its own is
+#: bounded by the map or the configuration (``envs/spaces.py``).
 ROBOT_COLUMNS = (
     ("x", -np.inf, np.inf, "m, map frame"),
     ("y", -np.inf, np.inf, "m, map frame"),
@@ -24,7 +26,7 @@ ROBOT_COLUMNS = (
     ("sin_heading", -1.0, 1.0, ""),
     ("v", -FAST_MPS, FAST_MPS, "m/s"),
     ("omega", -10.0, 10.0, "rad/s"),
-    ("pose_age", 0.0, np.inf, "s since the believed pose was measured"),
+    ("pose_age", 0.0, OLD_S, "s since the believed pose was measured"),
 )
 CLYDE_COLUMNS = (
     ("forward", -FAR_M, FAR_M, "m, robot frame"),
@@ -90,7 +92,7 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignor
         robot[i, 0], robot[i, 1], robot[i, 2], robot[i, 3] = x, y, ch, sh
         robot[i, 4] = _cap(velocity[i, 0], FAST_MPS)
         robot[i, 5] = _cap(velocity[i, 1], 10.0)
-        robot[i, 6] = pose_age[i]
+        robot[i, 6] = min(pose_age[i], OLD_S)
         cx, cy = clyde_xy[i, 0], clyde_xy[i, 1]
         dx, dy = cx - x, cy - y
         vx, vy = clyde_velocity[i, 0], clyde_velocity[i, 1]
