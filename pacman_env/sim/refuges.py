@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import RefugeConfig
 from ..game.clyde import ClydeCells
-from ..world.grid import DriveGrid
+from ..world.grid import DriveGrid, clearance_m
 from ..world.paths import STEPS16, navfn_weights, neighbour_table, path_field, step_lengths
 
 _ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
@@ -60,7 +60,7 @@ def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) 
     """The cell farthest from Clyde in each of the largest patches that he cannot come near."""
     if config.nooks == 0:
         return []
-    away = np.ones(grid.shape, dtype=np.uint8)
+    away = np.ones(grid.shape, dtype=np.bool_)
     cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
     rows, columns = grid.shape
     a = grid.affine
@@ -68,8 +68,8 @@ def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) 
     column = np.floor(a[0] * x + a[1] * y + a[2]).astype(np.int64)
     row = np.floor(a[3] * x + a[4] * y + a[5]).astype(np.int64)
     inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    away[row[inside], column[inside]] = 0
-    distance = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * grid.resolution
+    away[row[inside], column[inside]] = False
+    distance = clearance_m(away, grid.resolution)
     # Clyde's positions and cell centres can be half a cell's diagonal apart.
     safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(safe.astype(np.uint8), connectivity=4)

@@ -148,7 +148,7 @@ def build_grid(
     free = np.flipud(occupancy.game_free(pellets.free_grey))
     free = np.pad(free, _MARGIN, constant_values=False)
     # Ray noise far from any place where the robot fits is dropped before anything else is computed.
-    clearance = _clearance(free, res)
+    clearance = clearance_m(free, res)
     drivable = clearance > robot.inscribed_radius_m
     if not drivable.any():
         raise MapError(f"{occupancy.name}: no free place wide enough for a robot of {robot.inscribed_radius_m} m")
@@ -215,6 +215,9 @@ def build_grid(
     )
 
 
-def _clearance(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
+def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
+    """Distance (H, W) of each cell's centre to that of the nearest cell that is not free, m."""
     distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return (distance * resolution).astype(np.float32)
+    # OpenCV's last bit differs from call to call; the squares are whole numbers, so rounding makes them exact.
+    squared = np.rint(np.square(distance, dtype=np.float64))
+    return (np.sqrt(squared) * resolution).astype(np.float32)
