@@ -217,6 +217,13 @@ class Config:
                 period,
                 f"must be a whole number of physics steps of {self.physics_step_s} s",
             )
+        checks = self.execution.tick_s / self.execution.check_period_s
+        _require(
+            checks > 0.5 and abs(checks - round(checks)) < 1e-6,
+            "Config.execution.check_period_s",
+            self.execution.check_period_s,
+            f"must divide execution.tick_s = {self.execution.tick_s} s",
+        )
         if self.max_pellets is not None:
             _require(self.max_pellets >= 1, "Config.max_pellets", self.max_pellets, "must be at least 1")
 

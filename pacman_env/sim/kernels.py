@@ -257,7 +257,7 @@ def _apply_result(g, i, goal_xy, alive, waits, aborts, p):  # type: ignore[no-un
     g.pursued = -1
     if slot < 0:
         return
-    bx, by, _ = believed(g, p.use_tf)
+    bx, by, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
     goal = g.nav_result_goal
     dx, dy = goal_xy[goal, 0] - bx, goal_xy[goal, 1] - by
     is_pellet = slot < p.pellet_slots
