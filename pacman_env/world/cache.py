@@ -32,7 +32,7 @@ def cached_arrays(key: str, names: tuple[str, ...], compute: Callable[[], Arrays
     try:
         # copy-on-write keeps the file and lets every process share its pages
         return {n: np.asarray(np.load(folder / f"{n}.npy", mmap_mode="c", allow_pickle=False)) for n in names}
-    except (OSError, ValueError):
+    except (OSError, ValueError, EOFError):  # the last: an empty file
         arrays = compute()
     _store(folder, arrays)
     return arrays
