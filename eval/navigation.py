@@ -11,6 +11,7 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ GAMES = 25  # games of a batch; each drives to one goal after another
 GIVE_UP_S = 600.0
 
 #: Clyde neither moves, blocks nor catches; pellets are never picked up.
-NOBODY = {
+NOBODY: dict[str, Any] = {
     "clyde.speed_mps": 0.0,
     "nav2.clyde_keepout_m": 1e-6,
     "execution.death_radius_m": 1e-6,
@@ -49,7 +50,7 @@ def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
     """The same map with drivable cells as its goals, and pellets that play no part."""
     goal_cell = np.concatenate([assets.goal_cell[: assets.pellets], cells]).astype(np.int32)
     goal_xy = np.concatenate([assets.goal_xy[: assets.pellets], assets.cell_xy[cells].astype(np.float64)])
-    fields = path_fields(assets.grid, assets.neighbours, goal_cell)
+    fields: dict[str, Any] = path_fields(assets.grid, assets.neighbours, goal_cell)
     return dataclasses.replace(assets, goal_xy=goal_xy, goal_cell=goal_cell, **fields)
 
 
@@ -115,7 +116,7 @@ def unreachable_goal_status(source: str, seed: int, preset: str = "ideal") -> in
     cells = np.array([np.random.default_rng(seed).integers(len(assets.cell_xy))])
     sealed = with_goals(assets, cells)
     sealed.goal_cell[assets.pellets] = -1
-    fields = path_fields(sealed.grid, sealed.neighbours, sealed.goal_cell)
+    fields: dict[str, Any] = path_fields(sealed.grid, sealed.neighbours, sealed.goal_cell)
     batch = GameBatch(dataclasses.replace(sealed, **fields), make_config(preset, **NOBODY), 1)
     batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
     return drive_leg(batch, np.zeros(1, dtype=np.int64))[0][0]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, SupportsFloat
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..config import Config
@@ -19,10 +20,12 @@ from .rendering import render_frame
 from .setup import RENDER_FPS, check_render_mode, make_batch
 from .spaces import action_space, observation_space
 
+Observation = dict[str, NDArray[Any]]
+
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
+class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
@@ -88,7 +91,9 @@ class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
     - v0: first version.
     """  # noqa: E501
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
+    action_space: spaces.Discrete
+    observation_space: spaces.Dict
 
     def __init__(
         self,
@@ -113,7 +118,7 @@ class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Start a new round; the round's own seed is drawn from the environment's generator."""
         super().reset(seed=seed)
         round_seed = self.np_random.integers(2**63, dtype=np.uint64)
@@ -123,7 +128,7 @@ class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
             self.render()
         return self._observation(), self._info()
 
-    def step(self, action: int) -> tuple[dict[str, NDArray[Any]], SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: int | np.integer) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive towards a candidate until the next decision.
 
         Raises:
@@ -158,7 +163,7 @@ class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
             raise gym.error.ResetNeeded("call reset() first")
         return self._situation
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
         if self.render_mode is None:
             gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human' to make()")
@@ -179,14 +184,14 @@ class PacManBotEnv(gym.Env[dict[str, NDArray[Any]], int]):
             self._window.close()
             self._window = None
 
-    def _choice(self, action: int) -> NDArray[np.int64]:
+    def _choice(self, action: int | np.integer) -> NDArray[np.int64]:
         if not self.action_space.contains(action) and not (
             isinstance(action, np.ndarray) and action.shape == () and self.action_space.contains(action[()])
         ):
             raise ValueError(f"action {action!r} is not in {self.action_space}")
         return np.array([action], dtype=np.int64)
 
-    def _observation(self) -> dict[str, NDArray[Any]]:
+    def _observation(self) -> Observation:
         return {key: array[0] for key, array in observe(self.situation).items()}
 
     def _info(self) -> dict[str, Any]:

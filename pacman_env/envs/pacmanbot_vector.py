@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -36,11 +37,12 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
     ``options={"reset_mask": mask}`` to ``reset``.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+    metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
         "render_fps": RENDER_FPS,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    single_action_space: spaces.Discrete
 
     def __init__(
         self,
@@ -134,7 +136,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             raise gym.error.ResetNeeded("call reset() first")
         return self._situation
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per game."""
         if self.render_mode is None:
             return None
@@ -170,7 +172,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             self._generators[i], _ = gym.utils.seeding.np_random(seed)
 
     def _new_rounds(self, index: NDArray[np.int64]) -> None:
-        seeds = [self._generators[i].integers(2**63, dtype=np.uint64) for i in index.tolist()]  # type: ignore[union-attr]
+        seeds = [self._generators[i].integers(2**63, dtype=np.uint64) for i in index.tolist()]
         self.batch.reset(index, np.array(seeds, dtype=np.uint64))
 
     def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
