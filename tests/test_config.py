@@ -105,7 +105,13 @@ def test_a_value_out_of_range_is_named_with_its_field(name: str, value: object) 
 def test_a_period_is_a_whole_number_of_physics_steps(name: str, value: float) -> None:
     with pytest.raises(ConfigError, match=rf"{name} = {value}: must be a whole number of physics steps of 0\.05 s"):
         make_config(**{name: value})
-    assert make_config(**{name: 0.15}).physics_step_s == 0.05
+    allowed = {"execution.tick_s": 1.5, "execution.check_period_s": 0.25}.get(name, 0.15)
+    assert make_config(**{name: allowed}).as_dict() != make_config().as_dict()
+
+
+def test_checks_come_a_whole_number_of_times_a_tick() -> None:
+    with pytest.raises(ConfigError, match=r"check_period_s = 0\.2: must divide execution\.tick_s = 0\.5 s"):
+        make_config(**{"execution.check_period_s": 0.2})
 
 
 def test_a_physics_step_that_divides_no_period_is_refused() -> None:
