@@ -74,8 +74,6 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._situation: Situation | None = None
         self._all = np.arange(num_envs)
-        self._everyone = np.ones(num_envs, dtype=np.bool_)
-        self._everyone.flags.writeable = False
 
     def reset(
         self,
@@ -177,16 +175,13 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
 
     def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Gymnasium's layout: an array per key and a mask of the games that have it."""
-        if len(index) == self.num_envs:
-            present = self._everyone
-        else:
-            present = np.zeros(self.num_envs, dtype=np.bool_)
-            present[index] = True
+        present = np.zeros(self.num_envs, dtype=np.bool_)
+        present[index] = True
         result: dict[str, Any] = {}
         for key, array in outcome.infos(self.batch.games).items():
-            if present is not self._everyone:
+            if len(index) < self.num_envs:
                 array[~present] = None if array.dtype == object else 0
-            result[key], result[f"_{key}"] = array, present
+            result[key], result[f"_{key}"] = array, present.copy()
         return result
 
     def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:

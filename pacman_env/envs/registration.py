@@ -1,4 +1,4 @@
-"""Registers the environments with Gymnasium, when the package is imported or Gymnasium loads its plugins."""
+"""Registers the environments with Gymnasium when the package is imported."""
 
 from __future__ import annotations
 

@@ -24,13 +24,13 @@ def make_batch(
     """A batch of ``n`` games from an environment's arguments.
 
     Raises:
-        ConfigError: ``config`` together with ``settings``, an unknown name, or a value out of range.
+        ConfigError: ``config`` together with what it replaces, an unknown name, or a value out of range.
         MapError: the map cannot be read or played on.
     """
     if config is None:
         config = make_config(preset, execution, **(settings or {}))
-    elif settings:
-        raise ConfigError("give either config or settings, not both")
+    elif settings or (preset, execution) != ("robot", "robust"):
+        raise ConfigError("give either config or preset, execution and settings, not both")
     return GameBatch(map_assets(map_source, config, home), config, n)
 
 

@@ -9,7 +9,8 @@ from ..sim.batch import GameBatch
 from ..sim.observation import CANDIDATE_COLUMNS, CLYDE_COLUMNS, ROBOT_COLUMNS, ROUND_COLUMNS
 
 Columns = tuple[tuple[str, float, float, str], ...]
-_BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map
+_BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
+_BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
 
 
 def _bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
@@ -18,9 +19,10 @@ def _bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
     rows, columns = grid.shape
     corners = [grid.to_world(c, r) for c in (0, columns) for r in (0, rows)]
     xs, ys = zip(*corners, strict=True)
+    margin = max(_BELIEF_MARGIN_M, _BELIEF_MARGIN_SIGMAS * batch.config.localization.sigma_xy_m)
     return {
-        "x": (min(xs) - _BELIEF_MARGIN_M, max(xs) + _BELIEF_MARGIN_M),
-        "y": (min(ys) - _BELIEF_MARGIN_M, max(ys) + _BELIEF_MARGIN_M),
+        "x": (min(xs) - margin, max(xs) + margin),
+        "y": (min(ys) - margin, max(ys) + margin),
         "time": (0.0, batch.config.time_limit_s + batch.config.execution.tick_s),
         "pellets_left": (0.0, float(batch.pellet_slots)),
     }

@@ -104,8 +104,8 @@ class GameBatch:
         fresh["nav_accept_steps"] = round(c.nav2.accept_delay_s / c.physics_step_s)
         fresh["nav_abort_rate"] = c.nav2.abort_rate
         fresh["nav_resolution"] = self.assets.grid.resolution
-        for name in ("nav_no_path_step", "nav_no_control_step", "nav_stuck_step"):
-            fresh[name] = -1
+        for name in ("nav_no_path_step", "nav_no_control_step", "nav_stuck_step", "nav_clear_step"):
+            fresh[name] = -9
 
     def step(self, choices: NDArray[np.int64]) -> None:
         """One decision and the physics steps until the next; games that have ended stand still.

@@ -76,7 +76,7 @@ _HOT = [
     "nav_plan_step",
     "nav_wait_step",
     "nav_no_control_step",
-    "nav_progress_step",
+    "nav_clear_step",
     "nav_result",
     "nav_no_path_step",
     "nav_end_x",
@@ -84,8 +84,6 @@ _HOT = [
     "speed_limit",
     "clyde_x",
     "clyde_y",
-    "nav_progress_x",
-    "nav_progress_y",
     "odom_x",
     "odom_y",
     "odom_heading",
@@ -177,7 +175,9 @@ def reset_games(  # type: ignore[no-untyped-def]
 @kernel
 def allowed(g, i, candidate, alive, waits, p):  # type: ignore[no-untyped-def]
     """The action mask: a pellet is there, and the goal does not wait after an abort; hold is always allowed."""
-    return (candidate >= p.pellet_slots or alive[i, candidate]) and waits[i, candidate] <= g.tick
+    # Without branches: which pellets are left is what a processor cannot predict.
+    there = (candidate >= p.pellet_slots) | alive[i, min(candidate, p.pellet_slots - 1)]
+    return there & (waits[i, candidate] <= g.tick)
 
 
 @kernel

@@ -56,6 +56,7 @@ NAVIGATOR_FIELDS = [
     ("nav_points", np.int32),  # points of the plan written out, 0: no plan
     ("nav_at", np.int32),  # the point passed last
     ("nav_ahead", np.int32),  # the point steered to
+    ("nav_clear_step", np.int32),  # when a roll-out was last looked at and found clear
     ("nav_static", np.int32),  # the plan follows the static field (no detour)
     ("nav_tail", np.int32),  # the cell of the plan's last point, -1: the goal
     ("nav_resolution", np.float64),  # m per cell
@@ -405,10 +406,11 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
-    # In the open no roll-out needs to be looked at.
-    if not clyde_near and here > p.open_cm:
+    # In the open no roll-out needs to be looked at, and one that was clear for 0.8 s is trusted for one more step.
+    if not clyde_near and (here > p.open_cm or g.nav_clear_step == g.step - 1):
         return True, v, w
     if _clear(bx, by, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0:
+        g.nav_clear_step = g.step
         return True, v, w
     # The direct way is not admissible: sample the window and take the best progress at the highest speed that has any.
     best_score = 1e9
@@ -484,6 +486,8 @@ def plan(g, i, paths, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
     if g.nav_state == ACTIVE and step >= g.nav_plan_step:
         _plan(g, i, paths, bx, by, p, goal_xy, nav, search)
         g.nav_plan_step = step + p.plan_steps
+        if g.nav_points > 0:
+            _watch_progress(g, bx, by, p)
 
 
 @kernel
@@ -512,14 +516,12 @@ def control(g, i, paths, force, r, p, affine, clearance):  # type: ignore[no-unt
                     g.nav_no_control_step = step
                 elif step - g.nav_no_control_step >= p.no_control_steps:
                     _end(g, ABORTED)
-            if g.nav_state == ACTIVE:
-                _watch_progress(g, bx, by, p)
     _drive(g, v, w, force, r, p)
 
 
 @kernel
 def _watch_progress(g, bx, by, p):  # type: ignore[no-untyped-def]
-    """Nav2's progress checker: stuck robots wait and try again, for long ones the goal ends."""
+    """Nav2's progress checker, at the planner's rate: a stuck robot waits and tries again, then the goal ends."""
     mx, my = bx - g.nav_progress_x, by - g.nav_progress_y
     if mx * mx + my * my > p.progress_distance * p.progress_distance:
         g.nav_progress_x, g.nav_progress_y, g.nav_progress_step = bx, by, g.step
