@@ -79,9 +79,7 @@ def test_an_error_is_one_line_and_status_2(
         ["map", "check", "x", "--spacing", "two"],
     ],
 )
-def test_bad_arguments_are_one_line_and_status_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_bad_arguments_are_one_line_and_status_2(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     assert caught.value.code == 2

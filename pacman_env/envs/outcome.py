@@ -32,8 +32,11 @@ def reward_and_end(
 
 
 def infos(games: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Per game: outcome, pellets collected, lost and spawned, goals aborted by Nav2, the round's seed."""
+    """Per game: outcome (object), pellets collected, lost and spawned, goals aborted by Nav2, the round's seed.
+
+    New arrays, the counts int64 as Gymnasium's vector environments make them.
+    """
     result = {"outcome": OUTCOMES[games["end"]]}
     for name in _COUNTS:
-        result[name] = games["seed" if name == "round_seed" else name].copy()
+        result[name] = games["seed" if name == "round_seed" else name].astype(np.int64)  # seeds are below 2**63
     return result

@@ -86,6 +86,10 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
         Args:
             seed: one seed s (game i gets s + i), one per game, or None: the generators go on.
             options: may hold ``reset_mask``, bool (N,).
+
+        Raises:
+            ValueError: the seeds or the mask do not fit the games.
+            ResetNeeded: the first reset is not of all games.
         """
         index = self._reset_index(options)
         for i in index.tolist():
@@ -154,6 +158,8 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},)")
         if not mask.any():
             raise ValueError("options['reset_mask'] must have at least one True value")
+        if self._situation is None and not mask.all():
+            raise gym.error.ResetNeeded("the first reset() must be of all games")
         return np.flatnonzero(mask)
 
     def _seed_of(self, seed: int | Sequence[int | None] | None, i: int) -> int | None:

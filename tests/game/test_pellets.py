@@ -58,9 +58,7 @@ def brute_force(map: GreyMap, config: PelletConfig) -> list[tuple[int, int]]:
         for u in range(0, width, step):
             rows, columns = range(v - clearance, v + clearance + 1), range(u - clearance, u + clearance + 1)
             if all(
-                0 <= r < height and 0 <= c < width and map.grey[r, c] > config.free_grey
-                for r in rows
-                for c in columns
+                0 <= r < height and 0 <= c < width and map.grey[r, c] > config.free_grey for r in rows for c in columns
             ):
                 found.append((u, v))
     return found
@@ -84,9 +82,7 @@ def test_the_house_has_its_far_pellet() -> None:
     spacing=st.integers(1, 5),
     clearance=st.integers(0, 3),
 )
-def test_pellets_are_those_of_the_document(
-    seed: int, shape: tuple[int, int], spacing: int, clearance: int
-) -> None:
+def test_pellets_are_those_of_the_document(seed: int, shape: tuple[int, int], spacing: int, clearance: int) -> None:
     grey = np.where(np.random.default_rng(seed).random(shape) < 0.9, 254, 205).astype(np.uint8)
     config = PelletConfig(spacing_m=spacing * 0.1, wall_clearance_m=clearance * 0.1)
     pellets = generate_pellets(GreyMap(grey), config)
@@ -107,9 +103,7 @@ def test_a_turned_map_frame_turns_the_pellets_about_its_corner() -> None:
     config = PelletConfig(spacing_m=0.5, wall_clearance_m=0.1)
     straight = generate_pellets(GreyMap(grey), config).position
     turned = generate_pellets(GreyMap(grey, origin=(1.0, 2.0, np.pi / 2)), config).position
-    np.testing.assert_allclose(
-        turned, np.column_stack((1.0 - straight[:, 1], 2.0 + straight[:, 0])), atol=1e-12
-    )
+    np.testing.assert_allclose(turned, np.column_stack((1.0 - straight[:, 1], 2.0 + straight[:, 0])), atol=1e-12)
 
 
 @pytest.mark.parametrize(("grey", "count"), [(250, 0), (251, 4)])

@@ -332,7 +332,5 @@ def test_clydes_speed_rises_by_one_step_each_round(round: int, speed: float) -> 
 @pytest.mark.parametrize(
     ("collected", "spawned", "complete"), [(0, 0, False), (7, 8, False), (8, 8, True), (9, 8, True)]
 )
-def test_a_round_is_complete_when_all_spawned_are_collected(
-    collected: int, spawned: int, complete: bool
-) -> None:
+def test_a_round_is_complete_when_all_spawned_are_collected(collected: int, spawned: int, complete: bool) -> None:
     assert round_complete(collected, spawned) is complete

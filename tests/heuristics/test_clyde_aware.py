@@ -84,9 +84,7 @@ class TestGoldenAnswers:
 
     def test_replanned(self, cases: list[dict[str, Any]]) -> None:
         replanned = ClydeAware().select(situations(cases, current=True))
-        expected = [
-            case["current_target"] if case["replanned_to"] is None else case["replanned_to"] for case in cases
-        ]
+        expected = [case["current_target"] if case["replanned_to"] is None else case["replanned_to"] for case in cases]
         assert replanned.tolist() == expected
 
 
@@ -102,9 +100,7 @@ class TestGoldenAnswers:
         (3.01, 1.0, False),
     ],
 )
-def test_clyde_threatens_by_distance_and_closing_speed(
-    distance: float, closing: float, expected: bool
-) -> None:
+def test_clyde_threatens_by_distance_and_closing_speed(distance: float, closing: float, expected: bool) -> None:
     case = {"robot": [0, 0], "clyde": [distance, 0], "closing_speed": closing, "pellets": [[1, 1]]}
     assert threatening(ClydeAware(), situations([case])) is expected
 
@@ -223,9 +219,7 @@ class TestThreatExitMargin:
     shift=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
     form=st.sampled_from(["deployed", "documented"]),
 )
-def test_scores_do_not_depend_on_the_map_frame(
-    seed: int, angle: float, shift: tuple[float, float], form: Any
-) -> None:
+def test_scores_do_not_depend_on_the_map_frame(seed: int, angle: float, shift: tuple[float, float], form: Any) -> None:
     situation = random_situation(seed, 4)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     robot = situation.robot.copy()

@@ -35,9 +35,7 @@ def with_paths(paths: list[float], current: int = -1, mask: list[bool] | None = 
         (with_paths([5.0, 6.0], current=2), 0),
     ],
 )
-def test_nearest_takes_the_shortest_way_and_keeps_it_within_the_margin(
-    situation: Situation, goal: int
-) -> None:
+def test_nearest_takes_the_shortest_way_and_keeps_it_within_the_margin(situation: Situation, goal: int) -> None:
     assert Nearest(replan_margin_m=0.3).select(situation).tolist() == [goal]
 
 

@@ -11,9 +11,7 @@ from pacman_env.policies.base import Policy
 from pacman_env.sim.situation import HOLD, PELLET, REFUGE, Situation
 
 
-def random_situation(
-    seed: int, games: int, pellets: int = 8, refuges: int = 3, allowed: float = 0.7
-) -> Situation:
+def random_situation(seed: int, games: int, pellets: int = 8, refuges: int = 3, allowed: float = 0.7) -> Situation:
     """Situations on a plain without walls, near enough to Clyde that every rule matters."""
     rng = np.random.default_rng(seed)
     candidates = pellets + refuges + 1
@@ -111,9 +109,7 @@ class PolicyContract:
         straight, permuted = self.fresh(50), self.fresh(50)
         for seed in range(3):
             situation = random_situation(seed, 50)
-            np.testing.assert_array_equal(
-                straight.select(situation)[order], permuted.select(situation.rows(order))
-            )
+            np.testing.assert_array_equal(straight.select(situation)[order], permuted.select(situation.rows(order)))
 
     def test_a_batch_gives_what_single_games_give(self) -> None:
         sequence = [random_situation(seed, 20) for seed in range(3)]

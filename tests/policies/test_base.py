@@ -51,9 +51,7 @@ def three_candidates(mask: list[bool]) -> Situation:
         ([1.0, 2.0, 3.0], [True, True, True], 2),
     ],
 )
-def test_the_best_unmasked_score_wins_and_the_first_of_equals(
-    scores: list[float], mask: list[bool], goal: int
-) -> None:
+def test_the_best_unmasked_score_wins_and_the_first_of_equals(scores: list[float], mask: list[bool], goal: int) -> None:
     assert Fixed(scores).select(three_candidates(mask)).tolist() == [goal]
 
 

@@ -42,8 +42,6 @@ def test_a_name_is_given_once() -> None:
 
 
 def test_the_registry_needs_neither_torch_nor_gymnasium() -> None:
-    code = (
-        "import sys, pacman_env.policies.registry; print({'torch', 'gymnasium', 'rclpy'} & set(sys.modules))"
-    )
+    code = "import sys, pacman_env.policies.registry; print({'torch', 'gymnasium', 'rclpy'} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "set()"

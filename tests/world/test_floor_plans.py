@@ -16,9 +16,7 @@ from pacman_env.world.floor_plans import FLOOR_PLANS, Sketch, save_all, survey
 from pacman_env.world.occupancy import OccupancyMap, load_map
 
 COMMITTED = Path(__file__).resolve().parents[2] / "maps"
-JAMBS = np.array(
-    [(7.888, -0.820), (9.017, -1.040)]
-)  # of the pocket room's doorway in the house, m, map frame
+JAMBS = np.array([(7.888, -0.820), (9.017, -1.040)])  # of the pocket room's doorway in the house, m, map frame
 
 
 @pytest.fixture(params=sorted(FLOOR_PLANS))
@@ -108,9 +106,7 @@ def test_a_ghost_can_go_everywhere(plan: OccupancyMap) -> None:
 
 def away_from_doorway(plan: OccupancyMap) -> NDArray[np.float64]:
     """Distance of each cell from the line between the jambs, m."""
-    points = np.stack(
-        plan.cell_to_world(*np.meshgrid(np.arange(plan.width), np.arange(plan.height))), axis=-1
-    )
+    points = np.stack(plan.cell_to_world(*np.meshgrid(np.arange(plan.width), np.arange(plan.height))), axis=-1)
     across = JAMBS[1] - JAMBS[0]
     share = np.clip((points - JAMBS[0]) @ across / (across @ across), 0.0, 1.0)
     return np.linalg.norm(points - JAMBS[0] - share[..., None] * across, axis=-1)

@@ -148,9 +148,7 @@ def test_a_yaml_that_is_no_plain_mapping_is_refused_by_its_name(tmp_path: Path, 
 
 
 @given(data=st.binary(max_size=40), key=st.sampled_from(list(GOOD)))
-def test_no_yaml_gives_another_error_than_mine(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, key: str
-) -> None:
+def test_no_yaml_gives_another_error_than_mine(tmp_path_factory: pytest.TempPathFactory, data: bytes, key: str) -> None:
     path = write_map(tmp_path_factory.getbasetemp(), [[0]], key)
     path.write_bytes(path.read_bytes() + f"{key}: ".encode() + data)
     message = ""
