@@ -300,11 +300,10 @@ def _check(g, i, goal_xy, alive, p):  # type: ignore[no-untyped-def]
 def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
     """Take the true pose and velocity over from the physics; localize."""
     g.x, g.y, g.vx, g.vy = state[r, 0], state[r, 1], state[r, 2], state[r, 3]
-    if g.end == RUNNING:
-        if p.perfect:
-            localization.update(g, g.step)
-        elif g.step % p.scan_steps == 0:
-            localization.scan(g, g.step, p.update_distance, p.update_angle)
+    if p.perfect:
+        localization.update(g, g.step)
+    elif g.step % p.scan_steps == 0:
+        localization.scan(g, g.step, p.update_distance, p.update_angle)
 
 
 @kernel
@@ -312,7 +311,8 @@ def plan(games, paths, parameters, goal_xy, nav, search):  # type: ignore[no-unt
     """The planner, in the games where it is due."""
     p = parameters[0]
     for i in range(len(games)):
-        navigator.plan(games[i], i, paths, p, goal_xy, nav, search)
+        if games[i].end == RUNNING:
+            navigator.plan(games[i], i, paths, p, goal_xy, nav, search)
 
 
 @kernel
@@ -325,6 +325,10 @@ def drive(games, first, row, state, force, paths, parameters, affine, clearance)
     due = 0
     for i in range(len(games)):
         g = games[i]
+        if g.end != RUNNING:  # frozen as it ended; only its body has to be stopped
+            force[row[i], 0] = -p.mass_rate * state[row[i], 2]
+            force[row[i], 1] = -p.mass_rate * state[row[i], 3]
+            continue
         if first:
             navigator.refresh_heading(g)
         else:

@@ -105,18 +105,20 @@ def _parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32
 
 
 def _home_cell(
-    drivable: NDArray[np.bool_], clearance: NDArray[np.float32], wished: tuple[int, int] | None
+    drivable: NDArray[np.bool_], clearance: NDArray[np.float32], wished: tuple[int, int], any_part: bool
 ) -> tuple[int, int]:
-    """The wished cell if it is drivable and in a part worth playing in, else the roomiest one of the largest part."""
+    """The wished cell if the robot can stand there, else the roomiest one of the largest part.
+
+    Unless ``any_part``, the wished cell must lie in a part worth playing in: a quarter of the largest or more.
+    """
     labels, areas = _parts(drivable)
-    if wished is not None:
-        column, row = wished
-        rows, columns = drivable.shape
-        if 0 <= row < rows and 0 <= column < columns and areas[labels[row, column]] * 4 >= areas.max():
-            return column, row
-    best = np.where(labels == areas.argmax(), clearance, -1.0)
-    row, column = np.unravel_index(int(best.argmax()), best.shape)
-    return int(column), int(row)
+    column, row = wished
+    rows, columns = drivable.shape
+    inside = 0 <= row < rows and 0 <= column < columns and drivable[row, column]
+    if inside and (any_part or areas[labels[row, column]] * 4 >= areas.max()):
+        return column, row
+    best = int(np.where(labels == areas.argmax(), clearance, -1.0).argmax())
+    return best % columns, best // columns
 
 
 def _walls(solid: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
@@ -168,7 +170,7 @@ def build_grid(
     hx, hy, heading = home if home is not None else (0.0, 0.0, 0.0)
     column, row = _apply(to_cell, hx, hy)
     wished = (math.floor(column), math.floor(row))
-    home_cell = _home_cell(drivable, clearance, wished)
+    home_cell = _home_cell(drivable, clearance, wished, any_part=home is not None)
     if home is not None and home_cell != wished:
         raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
     labels, _ = _parts(drivable)
