@@ -60,6 +60,11 @@ class GameBatch:
         )
         self._parameters = _parameters(config, assets, slots)
         self._nav = assets.navigation_arrays()
+        # NavFn moves a goal that the robot cannot come near to the nearest place where it can be.
+        nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
+        off = np.hypot(*(nearest - assets.goal_xy).T)
+        moved = (assets.goal_cell >= 0) & (off > config.execution.pickup_radius_m)
+        self._plan_end = np.where(moved[:, None], nearest, assets.goal_xy)
         self._clyde_arrays = assets.clyde_arrays()
         self._clyde_search = search_memory(assets.clyde)
         self._detour_search = detour_memory(assets.length_cm)
@@ -130,7 +135,7 @@ class GameBatch:
             ):
                 kernels.retarget_clydes(games, self._clyde_paths, self._clyde_arrays, *self._clyde_search)
             if due & kernels.PLAN_DUE:
-                kernels.plan(games, self.paths, parameters, goal_xy, nav, self._detour_search)
+                kernels.plan(games, self.paths, parameters, self._plan_end, nav, self._detour_search)
             due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, nav[0], nav[6])
             if due & kernels.RESULT_DUE:
                 kernels.apply_results(games, goal_xy, alive, self._waits, self._aborts, parameters)
