@@ -206,24 +206,25 @@ def test_the_closing_speed_is_the_loss_of_believed_distance_per_second(execution
     assert np.abs(closing).max() > 0.01
 
 
-def test_a_game_that_is_over_stands_still_whatever_is_chosen() -> None:
-    config = make_config("robot")
-    batch = new_batch(config, 3)
+def test_a_game_that_is_over_stays_as_it_ended_whatever_is_chosen() -> None:
+    batch = new_batch(make_config("robot"), 3)
     for _ in range(3):
-        batch.step(np.full(3, 0))
+        batch.step(np.full(3, 5))
     put_clyde(batch, 1, batch.games["x"][1], batch.games["y"][1])
     while batch.games["end"][1] == RUNNING:
-        batch.step(np.array([0, batch.hold, 0]))
-    at_end, mask = batch.situation(), batch.alive[1].copy()
-    for choice in [*range(5), batch.hold] * 3:
-        batch.step(np.array([0, choice, 0]))
-    after = batch.situation()
-    np.testing.assert_allclose(after.robot[1], at_end.robot[1], atol=0.1)  # it brakes
+        batch.step(np.array([5, batch.hold, 5]))
     assert (batch.games["end"][1], batch.games["pursued"][1]) == (DEAD, -1)
-    for name in ("time_s", "clyde", "closing_speed", "tick", "current", "mask"):
-        np.testing.assert_array_equal(getattr(after, name)[1], getattr(at_end, name)[1], err_msg=name)
-    np.testing.assert_array_equal(batch.alive[1], mask)
-    np.testing.assert_array_equal(after.robot_velocity[1], [0.0, 0.0])
+    game, situation, alive = batch.games[1].copy(), batch.situation(), batch.alive[1].copy()
+    for choice in [*range(5), batch.hold] * 3:
+        batch.step(np.array([5, choice, 5]))
+    game["tick_pellets"] = 0
+    assert batch.games[1] == game
+    np.testing.assert_array_equal(batch.alive[1], alive)
+    for before, after in zip(situation.arrays(), batch.situation().arrays(), strict=True):
+        np.testing.assert_array_equal(before[1], after[1])
+    row = batch.physics.row[1]
+    np.testing.assert_allclose(batch.physics.state[row, 2:], 0.0, atol=1e-9)  # its body has stopped
+    assert batch.games["tick"][[0, 2]].min() > game["tick"]
 
 
 def test_a_choice_that_is_no_candidate_is_refused_and_changes_nothing() -> None:
