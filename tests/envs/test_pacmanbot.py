@@ -1,0 +1,535 @@
+"""What the single environment promises, to its outside judges and to its users."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from pacman_env.config import Config, ConfigError, RewardConfig, make_config
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim import observation as columns
+from pacman_env.world.occupancy import MapError, load_map, shipped_maps
+from tests.envs.helpers import ID, QUICK, arrays, make, same
+
+MAPS = Path(__file__).resolve().parents[2] / "maps"
+KINDS = list(itertools.product(("robot", "ideal"), ("robust", "as_built")))
+Step = tuple[Any, float, bool, bool, dict[str, Any]]
+
+
+@pytest.fixture(autouse=True)
+def _dummy_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+
+def random_play(env: gym.Env, steps: int, seed: int, first: int | None = 5) -> list[Any]:
+    """Results of ``steps`` steps with random actions, each held for five, and of the resets between."""
+    rng = np.random.default_rng(seed)
+    results: list[Any] = [env.reset(seed=first)]
+    action = 0
+    for k in range(steps):
+        if k % 5 == 0:
+            action = int(rng.integers(env.action_space.n))  # type: ignore[attr-defined]
+        results.append(env.step(action))
+        if results[-1][2] or results[-1][3]:
+            results.append(env.reset())
+    return results
+
+
+def play_round(env: PacManBotEnv, policy_name: str, seed: int | None = None) -> list[Step]:
+    """One round with a policy of the package."""
+    policy = make_policy(policy_name)
+    policy.reset(np.ones(1, dtype=np.bool_))
+    env.reset(seed=seed)
+    steps: list[Step] = []
+    while not steps or not (steps[-1][2] or steps[-1][3]):
+        steps.append(env.step(int(policy.select(env.situation)[0])))
+    return steps
+
+
+# --- outside judges
+
+
+@pytest.mark.parametrize(("name", "kind"), list(zip(shipped_maps(), itertools.cycle(KINDS), strict=False)))
+def test_gymnasium_finds_no_fault_on_any_map_preset_and_execution(name: str, kind: tuple[str, str]) -> None:
+    preset, execution = kind
+    env = gym.make(ID, map=name, preset=preset, execution=execution, render_mode="rgb_array")
+    check_env(env.unwrapped)
+
+
+# Rows per candidate are the point of the observation: a network looks at each with the same weights.
+@pytest.mark.filterwarnings("ignore:Your observation candidates has an unconventional shape:UserWarning")
+@pytest.mark.parametrize("kind", KINDS)
+def test_stable_baselines_finds_no_fault(kind: tuple[str, str]) -> None:
+    from stable_baselines3.common.env_checker import check_env as check_for_sb3
+
+    preset, execution = kind
+    check_for_sb3(make(preset=preset, execution=execution))
+
+
+def test_sb3_contrib_finds_the_mask_on_the_env_wrapped_and_in_a_vector() -> None:
+    from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    bare, wrapped = make(), gym.make(ID)
+    vector = DummyVecEnv([lambda: Monitor(gym.make(ID)) for _ in range(2)])
+    for env in (bare, wrapped):
+        assert is_masking_supported(env)
+        observation, _ = env.reset(seed=0)
+        np.testing.assert_array_equal(get_action_masks(env), observation["action_mask"] == 1)
+    assert is_masking_supported(vector)
+    observations = vector.reset()
+    np.testing.assert_array_equal(get_action_masks(vector), observations["action_mask"] == 1)
+    vector.close()
+
+
+# --- making
+
+
+def test_make_takes_a_map_and_a_preset() -> None:
+    env = make(map="maze", preset="ideal", execution="as_built")
+    assert env.batch.assets.occupancy.name == "maze"
+    assert env.config == make_config("ideal", "as_built")
+    assert env.action_space == gym.spaces.Discrete(env.batch.assets.pellets + env.batch.assets.refuges + 1)
+
+
+def test_a_map_made_again_takes_less_than_50_ms() -> None:
+    gym.make(ID, map="house")
+    times = []
+    for _ in range(5):
+        began = time.perf_counter()
+        gym.make(ID, map="house")
+        times.append(time.perf_counter() - began)
+    assert min(times) < 0.05
+
+
+@pytest.mark.parametrize("source", [str, Path, load_map], ids=["string", "path", "loaded"])
+def test_a_map_is_the_same_by_name_by_file_and_loaded(source: Callable[[Path], Any]) -> None:
+    named = random_play(make(map="loop"), 30, seed=1)
+    other = random_play(make(map=source(MAPS / "loop.yaml")), 30, seed=1)
+    assert same(named, other)
+
+
+def test_an_unknown_map_gets_the_list_of_shipped_ones() -> None:
+    with pytest.raises(MapError, match=f"nowhere.*{', '.join(shipped_maps())}"):
+        make(map="nowhere")
+
+
+def test_settings_and_config_say_the_same() -> None:
+    config = make_config("ideal", "as_built", **QUICK)
+    by_config = make(config=config)
+    by_settings = make(preset="ideal", execution="as_built", settings=QUICK)
+    assert by_config.config == by_settings.config == config
+    assert same(random_play(by_config, 40, seed=1), random_play(by_settings, 40, seed=1))
+
+
+@pytest.mark.parametrize(
+    "also", [{"settings": {"clyde.speed_mps": 0.3}}, {"preset": "ideal"}, {"execution": "as_built"}]
+)
+def test_a_config_with_anything_that_it_replaces_is_refused(also: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="not both"):
+        make(config=Config(), **also)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"settings": {"clyde.spede_mps": 0.3}}, r"clyde\.spede_mps"),
+        ({"settings": {"ghost.speed_mps": 0.3}}, r"ghost\.speed_mps"),
+        ({"settings": {"clyde.speed_mps": -1.0}}, r"ClydeConfig\.speed_mps = -1\.0"),
+        ({"settings": {"max_pellets": 2}}, "max_pellets = 2: the map has 13"),
+        ({"preset": "real"}, "unknown preset 'real'.*ideal.*robot"),
+        ({"execution": "fast"}, "unknown execution 'fast'.*as_built.*robust"),
+    ],
+)
+def test_an_argument_that_cannot_be_played_is_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        make(**arguments)
+
+
+def test_an_unknown_render_mode_is_named_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"'ansi'.*rgb_array.*human"):
+        PacManBotEnv(render_mode="ansi")
+
+
+def test_the_round_begins_at_the_home_pose_given() -> None:
+    x, y = make().batch.assets.cell_xy[100].tolist()
+    env = make(preset="ideal", home=(x, y, 1.5))
+    robot = env.reset(seed=0)[0]["robot"]
+    np.testing.assert_allclose(robot[:4], [x, y, np.cos(1.5), np.sin(1.5)], atol=1e-6)
+    with pytest.raises(MapError, match=r"home pose \(100\.0, 0\.0\)"):
+        make(home=(100.0, 0.0, 0.0))
+
+
+# --- actions
+
+
+@pytest.mark.parametrize("why", ["padding", "collected", "waits after an abort"])
+def test_a_forbidden_candidate_makes_the_robot_hold(why: str) -> None:
+    settings = {**QUICK, "clyde.speed_mps": 0.0, "execution.death_radius_m": 0.1, "max_pellets": 6}
+    if why == "waits after an abort":
+        settings["nav2.abort_rate"] = 1.0
+    forbidding, holding = (make(settings=settings) for _ in range(2))
+    for env in (forbidding, holding):
+        env.reset(seed=2)
+    goal = int(forbidding.situation.path_robot[0, :4].argmin())
+    # towards it until it is forbidden; padding: under way, so that holding shows
+    while forbidding.action_masks()[goal] and not (why == "padding" and forbidding.situation.tick[0] == 3):
+        assert same(forbidding.step(goal), holding.step(goal))
+    forbidden = 5 if why == "padding" else goal
+    hold = int(forbidding.action_space.n) - 1
+    for k in range(6):
+        assert not forbidding.action_masks()[forbidden]
+        result = forbidding.step(forbidden)
+        assert same(result, holding.step(hold)), k
+    assert result[0]["robot"][4] == 0.0
+    assert forbidding.situation.current[0] == -1
+
+
+@pytest.mark.parametrize("kind", [int, np.int64, np.int32, np.uint8, np.array])
+def test_any_integer_type_is_an_action(kind: Callable[[int], Any]) -> None:
+    plain, other = make(), make()
+    plain.reset(seed=1)
+    other.reset(seed=1)
+    for _ in range(5):
+        assert same(plain.step(3), other.step(kind(3)))
+
+
+@pytest.mark.parametrize("action", [-1, 24, 2**40, 1.0, "1", None, np.array([1]), np.array(1.0), [1]])
+def test_what_is_no_action_is_named_and_changes_nothing(action: Any) -> None:
+    env, twin = make(), make()
+    env.reset(seed=1)
+    twin.reset(seed=1)
+    assert env.action_space.n == 24
+    with pytest.raises(ValueError, match=f"{re.escape(repr(action))} is not in Discrete"):
+        env.step(action)
+    assert same(env.step(1), twin.step(1))
+
+
+def test_nothing_can_be_asked_before_the_first_reset() -> None:
+    env = make()
+    for ask in (lambda: env.step(0), env.action_masks, lambda: env.situation):
+        with pytest.raises(gym.error.ResetNeeded):
+            ask()
+
+
+# --- observations
+
+
+@pytest.mark.parametrize("execution", ["robust", "as_built"])
+@pytest.mark.parametrize("name", shipped_maps())
+def test_observations_stay_inside_the_space(name: str, execution: str) -> None:
+    env = make(map=name, execution=execution, settings={"time_limit_s": 60.0})
+    for result in random_play(env, 300, seed=4):
+        observation = result[0]
+        assert env.observation_space.contains(observation), {
+            key: (value, env.observation_space[key]) for key, value in observation.items()
+        }
+        assert all(np.isfinite(array).all() for array in observation.values())
+        assert observation["action_mask"][-1] == 1
+
+
+def test_what_was_returned_is_never_changed_later() -> None:
+    env = make(settings=QUICK)
+    env.reset(seed=0)
+    returned, masks = random_play(env, 50, seed=3), [env.action_masks()]
+    kept = copy.deepcopy((returned, masks))
+    random_play(env, 50, seed=4, first=None)
+    masks[0] &= env.action_masks()
+    assert same(returned, kept[0])
+    all_arrays = [array for result in returned for array in arrays(result)]
+    # each array is memory of its own, so that changing one leaves all others alone
+    starts = [array.__array_interface__["data"][0] for array in all_arrays]
+    assert len(set(starts)) == len(all_arrays) > 250
+
+
+def test_action_masks_are_those_of_the_observation() -> None:
+    env = make(settings={**QUICK, "nav2.abort_rate": 0.3})
+    forbidden = 0
+    for k in range(100):
+        if k % 36 == 0:
+            observation, _ = env.reset(seed=k)
+        masks = env.action_masks()
+        assert masks.dtype == np.bool_
+        np.testing.assert_array_equal(masks, observation["action_mask"] == 1)
+        forbidden += (~masks).sum()
+        observation, *_ = env.step(k % 4)
+    assert forbidden > 0
+
+
+def test_slots_beyond_the_maps_pellets_change_nothing_but_the_shape() -> None:
+    plain, padded = make(), make(settings={"max_pellets": 20})
+    first, second = plain.reset(seed=3)[0], padded.reset(seed=3)[0]
+    for k in range(40):
+        keep = np.r_[0:13, 20 : padded.action_space.n]
+        np.testing.assert_array_equal(second["candidates"][keep], first["candidates"])
+        np.testing.assert_array_equal(second["action_mask"][keep], first["action_mask"])
+        np.testing.assert_array_equal(second["candidates"][13:20], np.eye(10)[np.zeros(7, dtype=int)])
+        assert not second["action_mask"][13:20].any()
+        goal = k // 10 % 13
+        first, second = plain.step(goal)[0], padded.step(goal)[0]
+        for key in ("robot", "clyde", "round"):
+            np.testing.assert_array_equal(first[key], second[key])
+
+
+# --- seeds
+
+
+def test_a_seed_makes_the_trajectory_and_another_seed_another() -> None:
+    plays = [random_play(make(settings=QUICK), 60, seed=0, first=seed) for seed in (1, 1, 2)]
+    assert same(plays[0], plays[1])
+    assert not same(plays[0], plays[2])
+
+
+def test_reset_without_a_seed_continues_the_generator() -> None:
+    def rounds(steps_between: int) -> list[Any]:
+        env = make()
+        results = [env.reset(seed=8)]
+        for _ in range(3):
+            for _ in range(steps_between):
+                env.step(0)
+            results.append(env.reset())
+        return results
+
+    quiet, busy = rounds(0), rounds(5)
+    assert same(quiet, busy)
+    assert len({info["round_seed"] for _, info in quiet}) == 4
+    assert same(make().reset(seed=8), quiet[0])
+
+
+def test_reset_without_any_seed_is_random() -> None:
+    assert make().reset()[1]["round_seed"] != make().reset()[1]["round_seed"]
+
+
+# --- rewards and ends
+
+
+@pytest.mark.parametrize("policy", ["nearest", "clyde_aware"])
+@pytest.mark.parametrize(("execution", "more"), [("robust", {}), ("as_built", {"nav2.abort_rate": 0.3})])
+def test_rewards_and_ends_are_as_documented(execution: str, more: dict[str, float], policy: str) -> None:
+    env = make(execution=execution, settings={**QUICK, **more})
+    config, ends = env.config, set()
+    end_reward = {"caught": config.reward.death, "complete": config.reward.completion, "timeout": config.reward.timeout}
+    for seed in range(40):
+        before = 0
+        steps = play_round(env, policy, seed)
+        for observation, reward, terminated, truncated, info in steps:
+            outcome, gained = info["outcome"], info["collected"] - before
+            expected = config.reward.tick + gained * config.reward.pellet + end_reward.get(outcome, 0.0)
+            assert reward == pytest.approx(expected, abs=1e-12)
+            assert type(reward) is float
+            assert (terminated, truncated) == (outcome in ("caught", "complete", "cleared"), outcome == "timeout")
+            before = info["collected"]
+            gone = info["collected"] + info["lost"]
+            assert observation["round"][1] <= info["spawned"] - gone
+            assert info["lost"] <= info["aborts"]
+        ends.add(outcome)
+        assert info["spawned"] == 4
+        total = sum(step[1] for step in steps)
+        ticks = len(steps) * config.reward.tick
+        assert total == pytest.approx(ticks + info["collected"] * config.reward.pellet + end_reward.get(outcome, 0.0))
+        if outcome == "caught":
+            assert observation["clyde"][4] <= config.execution.death_radius_m + 1e-6
+        else:
+            assert observation["clyde"][4] > config.execution.death_radius_m - 1e-6
+            assert (gone == 4) == (outcome != "timeout")
+            assert (outcome == "cleared") == (gone == 4 and info["lost"] > 0)
+        assert (len(steps) == 36) >= (outcome == "timeout")
+    assert len(ends) >= 3, ends
+    assert ("cleared" in ends) == (execution == "as_built")
+
+
+def test_a_game_that_is_over_stands_still() -> None:
+    env, seen = make(settings=QUICK), set()
+    for seed in range(12):
+        observation, _, terminated, truncated, info = play_round(env, "nearest", seed)[-1]
+        seen.add(info["outcome"])
+        for action in range(30):
+            assert same(env.step(action % 4), (observation, 0.0, terminated, truncated, info))
+    assert seen == {"caught", "complete", "timeout"}
+
+
+def test_a_pellet_reached_after_the_time_limit_does_not_count() -> None:
+    env = make(preset="ideal", settings={"time_limit_s": 5.0, "clyde.speed_mps": 0.0})
+    env.reset(seed=0)
+    distance = env.situation.path_robot[0, : env.batch.pellet_slots]
+    goal = int(np.where(distance > 2.0, distance, np.inf).argmin())
+    infos = [env.step(goal)[4] for _ in range(50)]
+    assert infos[9]["outcome"] == "timeout"
+    assert infos[49] == infos[9]
+
+
+@pytest.mark.parametrize(("limit", "ticks"), [(0.5, 1), (7.0, 14), (30.0, 60)])
+def test_the_time_limit_is_obeyed(limit: float, ticks: int) -> None:
+    env = make(settings={"time_limit_s": limit, "clyde.speed_mps": 0.0})
+    env.reset(seed=0)
+    hold = int(env.action_space.n) - 1
+    results = [env.step(hold) for _ in range(ticks)]
+    assert [r[3] for r in results] == [False] * (ticks - 1) + [True]
+    assert not any(r[2] for r in results)
+    assert results[-1][0]["round"][0] == limit
+    assert results[-1][4]["outcome"] == "timeout"
+
+
+# --- documentation
+
+
+def table(section: str) -> list[list[str]]:
+    """Cells of the rows of the table in a section of the class docstring, headings left out."""
+    text = (PacManBotEnv.__doc__ or "").split(f"## {section}")[1].split("##")[0]
+    rows = [[cell.strip() for cell in line.strip(" |").split(" | ")] for line in text.splitlines() if "|" in line]
+    return rows[2:]
+
+
+def words(phrase: str) -> set[str]:
+    return set(re.findall(r"[a-z]+", phrase.lower()))
+
+
+def test_the_docstring_names_the_columns_in_their_order() -> None:
+    rows = {cells[0].strip("`"): cells[1:] for cells in table("Observation Space")}
+    env = make()
+    candidates = int(env.action_space.n)
+    assert list(rows) == ["robot", "clyde", "candidates", "round", "action_mask"]
+    assert set(rows) == set(env.observation_space)
+    elliptic = {"cos_heading": "cos", "velocity_left": "left"}
+    for key, (shape, text) in rows.items():
+        assert shape.replace("C", str(candidates)) == str(env.observation_space[key].shape), key
+        if key == "action_mask":
+            continue
+        named = getattr(columns, f"{key.upper().removesuffix('S')}_COLUMNS")
+        pieces = re.split(r", | and ", re.sub(r" \([^)]*\)", "", text))
+        assert len(pieces) == len(named) == env.observation_space[key].shape[-1]
+        for piece, (name, *_) in zip(pieces, named, strict=True):
+            assert words(elliptic.get(name, name.replace("_", " "))) <= words(piece), (key, name, piece)
+        units = {"m", "m/s", "rad/s", "s"}
+        documented = {unit.split(",")[0] for unit in re.findall(r"\(([^)]*)\)", text)}
+        assert documented == {re.split("[, ]", column[3])[0] for column in named} & units
+
+
+def test_the_docstring_numbers_the_candidates_as_they_are() -> None:
+    env = make(settings={"max_pellets": 15})
+    count, pellets = int(env.action_space.n), 15
+    observation, _ = env.reset(seed=0)
+    rows = [(index, words(text)) for index, text in table("Action Space")]
+    assert [index for index, _ in rows] == ["0 ... P-1", "P ... C-2", "C-1"]
+    for kind, (_, text) in zip(("pellets", "refuges", "hold"), rows, strict=True):
+        assert kind in text
+    kinds = observation["candidates"][:, :3].argmax(axis=1).tolist()
+    assert kinds == [0] * pellets + [1] * (count - 1 - pellets) + [2]
+    np.testing.assert_array_equal(env.batch.assets.goal_xy[env.batch.assets.pellets], env.batch.assets.grid.home[:2])
+
+
+def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
+    text = re.sub(r"\s+", " ", PacManBotEnv.__doc__ or "")
+    c, r = Config(), RewardConfig()
+    for sentence in (
+        f"At every decision ({c.execution.tick_s} s)",
+        f"(pymunk, {round(1 / c.physics_step_s)} Hz)",
+        f"capped at {columns.FAR_M:.0f} m",
+        f"{r.pellet:+.0f} for each pellet collected, {r.tick} for the time, {r.death:.0f} when Clyde catches",
+        f"{r.completion:+.0f} when the round is complete, {r.timeout:.0f} at the time limit",
+        f"at least {c.clyde.spawn_distance_m} m away",
+        f"within {c.execution.death_radius_m} m of Clyde",
+        f"Truncation: {c.time_limit_s:.0f} s (`time_limit_s`)",
+        "`outcome` (" + ", ".join(f"`{outcome}`" for outcome in OUTCOMES) + ")",
+    ):
+        assert sentence in text
+    _, info = make().reset(seed=0)
+    documented = re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", text.split("## Information")[1].split("##")[0]))
+    assert documented == list(info)
+
+
+def test_the_docstrings_call_runs() -> None:
+    call = re.search(r"```python\n(.*?)```", PacManBotEnv.__doc__ or "", re.DOTALL)
+    assert call
+    env = eval(call[1].strip(), {"gymnasium": gym})
+    assert env.unwrapped.config == make_config(**{"clyde.speed_mps": 0.35})
+
+
+# --- pictures
+
+
+def test_pictures_are_rgb_and_follow_the_game() -> None:
+    env = make(render_mode="rgb_array")
+    env.reset(seed=0)
+    pictures = [env.render()]
+    for _ in range(3):
+        env.step(0)
+        pictures.append(env.render())
+    for picture in pictures:
+        assert picture is not None
+        assert picture.dtype == np.uint8
+        assert picture.shape[0] == 720
+        assert picture.shape[2] == 3
+    for first, second in itertools.pairwise(pictures):
+        assert not np.array_equal(first, second)
+
+
+def test_rendering_does_not_change_the_game() -> None:
+    plain, drawn = make(), make(render_mode="rgb_array")
+    plain.reset(seed=0)
+    drawn.reset(seed=0)
+    for _ in range(4):
+        drawn.render()
+        assert same(plain.step(2), drawn.step(2))
+
+
+def test_render_without_a_mode_says_how_to_get_one() -> None:
+    env = make()
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="rgb_array"):
+        assert env.render() is None
+
+
+def test_human_mode_shows_a_window_by_itself() -> None:
+    pygame = pytest.importorskip("pygame")
+    env = make(render_mode="human")
+    env.reset(seed=0)
+    assert env.render() is None
+    assert pygame.display.get_surface().get_height() == 720
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()
+
+
+# --- wrappers
+
+
+def test_episode_statistics_add_up() -> None:
+    env = gym.wrappers.RecordEpisodeStatistics(gym.make(ID, settings={"time_limit_s": 6.0}))
+    env.reset(seed=0)
+    rewards = []
+    while True:
+        _, reward, terminated, truncated, info = env.step(1)
+        rewards.append(float(reward))
+        if terminated or truncated:
+            break
+    assert info["episode"]["l"] == len(rewards) == 12
+    assert info["episode"]["r"] == pytest.approx(sum(rewards))
+
+
+def test_observations_flatten() -> None:
+    env = gym.wrappers.FlattenObservation(gym.make(ID))
+    flat, _ = env.reset(seed=0)
+    parts, _ = make().reset(seed=0)
+    assert env.observation_space.shape == flat.shape == (sum(part.size for part in parts.values()),)
+    assert env.observation_space.contains(flat)
+    assert sorted(flat) == sorted(np.concatenate([part.ravel() for part in parts.values()]))
+
+
+def test_gymnasiums_time_limit_truncates_earlier() -> None:
+    env = gym.make(ID, max_episode_steps=4)
+    env.reset(seed=0)
+    assert [env.step(0)[3] for _ in range(4)] == [False, False, False, True]
