@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
 import time
 from pathlib import Path
@@ -20,6 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 import pacman_env
+from eval.files import prepare, replaced
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.world.physics import PhysicsWorld
@@ -81,7 +81,13 @@ def make_again_ms(map_source: str, repeats: int) -> float:
 
 
 def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """All figures; ``seconds`` is roughly what each figure may take."""
+    """All figures; ``seconds`` is roughly what each figure may take.
+
+    Raises:
+        ValueError: less than one round, or a map that cannot be played on.
+    """
+    if rounds < 1:
+        raise ValueError(f"rounds = {rounds}: must be at least 1")
     rng = np.random.default_rng(0)
     env = make_vector(64, map_source)
     robot = env.config.robot
@@ -132,7 +138,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")
     parser.add_argument("--json", type=Path, help="write the figures here")
     arguments = parser.parse_args(argv)
-    figures = run(arguments.map, arguments.rounds, arguments.seconds)
+    try:
+        if arguments.json:
+            prepare(arguments.json)
+        figures = run(arguments.map, arguments.rounds, arguments.seconds)
+    except (ValueError, OSError) as error:
+        parser.error(str(error))
     rates = figures["decisions_per_s"]
     print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread")
     for n in ("1", "64", "1024"):
@@ -143,10 +154,8 @@ def main(argv: list[str] | None = None) -> int:
     print(f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}")
     print(f"  gymnasium.make of the same map again: {figures['make_again_ms']:.1f} ms")
     if arguments.json:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        temporary = arguments.json.with_suffix(".tmp")
-        temporary.write_text(json.dumps(figures, indent=2) + "\n")
-        os.replace(temporary, arguments.json)
+        with replaced(arguments.json) as temporary:
+            temporary.write_text(json.dumps(figures, indent=2) + "\n")
     return 0
 
 

@@ -1,0 +1,111 @@
+"""The wheel is complete: it plays every shipped map without the checkout."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pacman_env
+from pacman_env.world.occupancy import shipped_maps
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ("pacman_env", "maps", "pyproject.toml", "README.md", "LICENSE")
+
+#: Run with the installed wheel first on the path: where things come from, and a game on each map.
+PLAY = """
+import json, sys
+import gymnasium, pacman_env
+from pacman_env.world import occupancy
+rounds = {}
+for name in occupancy.shipped_maps():
+    env = gymnasium.make("pacman_env/PacManBot-v0", map=name)
+    _, info = env.reset(seed=0)
+    rounds[name] = [info["spawned"], env.unwrapped.batch.assets.occupancy.hash]
+folders = sorted({str(path.parent) for path in occupancy._shipped().values()})
+print(json.dumps({"package": pacman_env.__file__, "version": pacman_env.__version__, "rounds": rounds,
+                  "folders": folders}))
+"""
+
+
+def run(*command: str, cwd: Path, **environment: str) -> str:
+    """Output and errors of a command that has to succeed."""
+    result = subprocess.run(
+        command, cwd=cwd, env={**os.environ, **environment}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    assert result.returncode == 0, result.stdout
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The wheel, built from a copy of the sources, and what the build said."""
+    source = tmp_path_factory.mktemp("source")
+    for name in SOURCES:
+        path = ROOT / name
+        if path.is_dir():
+            shutil.copytree(path, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(path, source / name)
+    out = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), "."]
+    said = run(*build, cwd=source, PYTHONDONTWRITEBYTECODE="")  # setuptools mentions it where it is set
+    (wheel,) = out.iterdir()
+    return wheel, said
+
+
+@pytest.fixture(scope="module")
+def site(built: tuple[Path, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel installed, without its dependencies."""
+    folder = tmp_path_factory.mktemp("site")
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index", "--no-deps"]
+    run(*pip, "--target", str(folder), str(built[0]), cwd=folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def played(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    out = run(
+        sys.executable, "-W", "error", "-c", PLAY, cwd=elsewhere, PYTHONPATH=str(site), PACMAN_ENV_CACHE=str(elsewhere)
+    )
+    return json.loads(out.splitlines()[-1])
+
+
+def test_the_build_has_nothing_to_complain_about(built: tuple[Path, str]) -> None:
+    complaints = ("warn", "!!", "deprecat", "cannot be found")
+    assert [line for line in built[1].splitlines() if any(word in line.lower() for word in complaints)] == []
+
+
+def test_the_wheel_holds_the_package_and_the_maps_and_nothing_else(built: tuple[Path, str]) -> None:
+    wheel, _ = built
+    packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
+    maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
+    assert packed == package | maps | {"pacman_env/maps/__init__.py", "pacman_env/py.typed"}
+    assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
+
+
+def test_the_installed_package_is_the_one_that_plays(played: dict[str, Any], site: Path) -> None:
+    assert Path(played["package"]) == site / "pacman_env" / "__init__.py"
+    assert played["version"] == pacman_env.__version__
+
+
+def test_every_shipped_map_is_played_from_the_wheel(played: dict[str, Any], site: Path) -> None:
+    assert list(played["rounds"]) == shipped_maps()
+    assert played["folders"] == [str(site / "pacman_env" / "maps")]
+    assert all(pellets > 0 for pellets, _ in played["rounds"].values())
+    assert len({content for _, content in played["rounds"].values()}) == len(played["rounds"])
+
+
+def test_the_installed_command_lists_the_maps(site: Path, tmp_path: Path) -> None:
+    script = site / "bin" / "pacman-env"
+    out = run(sys.executable, str(script), "map", "list", cwd=tmp_path, PYTHONPATH=str(site))
+    assert out.split() == shipped_maps()
