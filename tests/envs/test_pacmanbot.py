@@ -1,4 +1,4 @@
-"""What the single environment promises, to its outside judges and to its users."""
+"""What the single environment promises to its users."""
 
 from __future__ import annotations
 
@@ -13,24 +13,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
-from pacman_env.config import Config, ConfigError, RewardConfig, make_config
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim import observation as columns
 from pacman_env.world.occupancy import MapError, load_map, shipped_maps
 from tests.envs.helpers import ID, QUICK, arrays, make, same
 
 MAPS = Path(__file__).resolve().parents[2] / "maps"
-KINDS = list(itertools.product(("robot", "ideal"), ("robust", "as_built")))
 Step = tuple[Any, float, bool, bool, dict[str, Any]]
-
-
-@pytest.fixture(autouse=True)
-def _dummy_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
 def random_play(env: gym.Env, steps: int, seed: int, first: int | None = 5) -> list[Any]:
@@ -56,43 +47,6 @@ def play_round(env: PacManBotEnv, policy_name: str, seed: int | None = None) -> 
     while not steps or not (steps[-1][2] or steps[-1][3]):
         steps.append(env.step(int(policy.select(env.situation)[0])))
     return steps
-
-
-# --- outside judges
-
-
-@pytest.mark.parametrize(("name", "kind"), list(zip(shipped_maps(), itertools.cycle(KINDS), strict=False)))
-def test_gymnasium_finds_no_fault_on_any_map_preset_and_execution(name: str, kind: tuple[str, str]) -> None:
-    preset, execution = kind
-    env = gym.make(ID, map=name, preset=preset, execution=execution, render_mode="rgb_array")
-    check_env(env.unwrapped)
-
-
-# Rows per candidate are the point of the observation: a network looks at each with the same weights.
-@pytest.mark.filterwarnings("ignore:Your observation candidates has an unconventional shape:UserWarning")
-@pytest.mark.parametrize("kind", KINDS)
-def test_stable_baselines_finds_no_fault(kind: tuple[str, str]) -> None:
-    from stable_baselines3.common.env_checker import check_env as check_for_sb3
-
-    preset, execution = kind
-    check_for_sb3(make(preset=preset, execution=execution))
-
-
-def test_sb3_contrib_finds_the_mask_on_the_env_wrapped_and_in_a_vector() -> None:
-    from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
-    from stable_baselines3.common.monitor import Monitor
-    from stable_baselines3.common.vec_env import DummyVecEnv
-
-    bare, wrapped = make(), gym.make(ID)
-    vector = DummyVecEnv([lambda: Monitor(gym.make(ID)) for _ in range(2)])
-    for env in (bare, wrapped):
-        assert is_masking_supported(env)
-        observation, _ = env.reset(seed=0)
-        np.testing.assert_array_equal(get_action_masks(env), observation["action_mask"] == 1)
-    assert is_masking_supported(vector)
-    observations = vector.reset()
-    np.testing.assert_array_equal(get_action_masks(vector), observations["action_mask"] == 1)
-    vector.close()
 
 
 # --- making
@@ -383,81 +337,6 @@ def test_the_time_limit_is_obeyed(limit: float, ticks: int) -> None:
     assert results[-1][4]["outcome"] == "timeout"
 
 
-# --- documentation
-
-
-def table(section: str) -> list[list[str]]:
-    """Cells of the rows of the table in a section of the class docstring, headings left out."""
-    text = (PacManBotEnv.__doc__ or "").split(f"## {section}")[1].split("##")[0]
-    rows = [[cell.strip() for cell in line.strip(" |").split(" | ")] for line in text.splitlines() if "|" in line]
-    return rows[2:]
-
-
-def words(phrase: str) -> set[str]:
-    return set(re.findall(r"[a-z]+", phrase.lower()))
-
-
-def test_the_docstring_names_the_columns_in_their_order() -> None:
-    rows = {cells[0].strip("`"): cells[1:] for cells in table("Observation Space")}
-    env = make()
-    candidates = int(env.action_space.n)
-    assert list(rows) == ["robot", "clyde", "candidates", "round", "action_mask"]
-    assert set(rows) == set(env.observation_space)
-    elliptic = {"cos_heading": "cos", "velocity_left": "left"}
-    for key, (shape, text) in rows.items():
-        assert shape.replace("C", str(candidates)) == str(env.observation_space[key].shape), key
-        if key == "action_mask":
-            continue
-        named = getattr(columns, f"{key.upper().removesuffix('S')}_COLUMNS")
-        pieces = re.split(r", | and ", re.sub(r" \([^)]*\)", "", text))
-        assert len(pieces) == len(named) == env.observation_space[key].shape[-1]
-        for piece, (name, *_) in zip(pieces, named, strict=True):
-            assert words(elliptic.get(name, name.replace("_", " "))) <= words(piece), (key, name, piece)
-        units = {"m", "m/s", "rad/s", "s"}
-        documented = {unit.split(",")[0] for unit in re.findall(r"\(([^)]*)\)", text)}
-        assert documented == {re.split("[, ]", column[3])[0] for column in named} & units
-
-
-def test_the_docstring_numbers_the_candidates_as_they_are() -> None:
-    env = make(settings={"max_pellets": 15})
-    count, pellets = int(env.action_space.n), 15
-    observation, _ = env.reset(seed=0)
-    rows = [(index, words(text)) for index, text in table("Action Space")]
-    assert [index for index, _ in rows] == ["0 ... P-1", "P ... C-2", "C-1"]
-    for kind, (_, text) in zip(("pellets", "refuges", "hold"), rows, strict=True):
-        assert kind in text
-    kinds = observation["candidates"][:, :3].argmax(axis=1).tolist()
-    assert kinds == [0] * pellets + [1] * (count - 1 - pellets) + [2]
-    np.testing.assert_array_equal(env.batch.assets.goal_xy[env.batch.assets.pellets], env.batch.assets.grid.home[:2])
-
-
-def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
-    text = re.sub(r"\s+", " ", PacManBotEnv.__doc__ or "")
-    c, r = Config(), RewardConfig()
-    for sentence in (
-        f"At every decision ({c.execution.tick_s} s)",
-        f"(pymunk, {round(1 / c.physics_step_s)} Hz)",
-        f"capped at {columns.FAR_M:.0f} m",
-        f"{r.pellet:+.0f} for each pellet collected, {r.tick} for the time, {r.death:.0f} when Clyde catches",
-        f"{r.completion:+.0f} when the round is complete, {r.timeout:.0f} at the time limit",
-        f"at least {c.clyde.spawn_distance_m} m away",
-        f"within {c.execution.death_radius_m} m of Clyde",
-        f"Truncation: {c.time_limit_s:.0f} s (`time_limit_s`)",
-        "`outcome` (" + ", ".join(f"`{outcome}`" for outcome in OUTCOMES) + ")",
-    ):
-        assert sentence in text
-    _, info = make().reset(seed=0)
-    documented = re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", text.split("## Information")[1].split("##")[0]))
-    assert documented == list(info)
-
-
-def test_the_docstrings_call_runs() -> None:
-    call = re.search(r"```python\n(.*?)```", PacManBotEnv.__doc__ or "", re.DOTALL)
-    assert call
-    env = eval(call[1].strip(), {"gymnasium": gym})
-    assert env.unwrapped.config == make_config(**{"clyde.speed_mps": 0.35})
-
-
 # --- pictures
 
 
@@ -493,7 +372,8 @@ def test_render_without_a_mode_says_how_to_get_one() -> None:
         assert env.render() is None
 
 
-def test_human_mode_shows_a_window_by_itself() -> None:
+def test_human_mode_shows_a_window_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     pygame = pytest.importorskip("pygame")
     env = make(render_mode="human")
     env.reset(seed=0)
@@ -502,34 +382,3 @@ def test_human_mode_shows_a_window_by_itself() -> None:
     env.close()
     env.close()
     assert not pygame.display.get_init()
-
-
-# --- wrappers
-
-
-def test_episode_statistics_add_up() -> None:
-    env = gym.wrappers.RecordEpisodeStatistics(gym.make(ID, settings={"time_limit_s": 6.0}))
-    env.reset(seed=0)
-    rewards = []
-    while True:
-        _, reward, terminated, truncated, info = env.step(1)
-        rewards.append(float(reward))
-        if terminated or truncated:
-            break
-    assert info["episode"]["l"] == len(rewards) == 12
-    assert info["episode"]["r"] == pytest.approx(sum(rewards))
-
-
-def test_observations_flatten() -> None:
-    env = gym.wrappers.FlattenObservation(gym.make(ID))
-    flat, _ = env.reset(seed=0)
-    parts, _ = make().reset(seed=0)
-    assert env.observation_space.shape == flat.shape == (sum(part.size for part in parts.values()),)
-    assert env.observation_space.contains(flat)
-    assert sorted(flat) == sorted(np.concatenate([part.ravel() for part in parts.values()]))
-
-
-def test_gymnasiums_time_limit_truncates_earlier() -> None:
-    env = gym.make(ID, max_episode_steps=4)
-    env.reset(seed=0)
-    assert [env.step(0)[3] for _ in range(4)] == [False, False, False, True]

@@ -1,0 +1,86 @@
+"""The class docstring of the environment is its documentation page, and tells the truth."""
+
+from __future__ import annotations
+
+import re
+
+import gymnasium as gym
+import numpy as np
+
+from pacman_env.config import Config, RewardConfig, make_config
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.sim import observation as columns
+from tests.envs.helpers import make
+
+
+def table(section: str) -> list[list[str]]:
+    """Cells of the rows of the table in a section of the class docstring, headings left out."""
+    text = (PacManBotEnv.__doc__ or "").split(f"## {section}")[1].split("##")[0]
+    rows = [[cell.strip() for cell in line.strip(" |").split(" | ")] for line in text.splitlines() if "|" in line]
+    return rows[2:]
+
+
+def words(phrase: str) -> set[str]:
+    return set(re.findall(r"[a-z]+", phrase.lower()))
+
+
+def test_the_docstring_names_the_columns_in_their_order() -> None:
+    rows = {cells[0].strip("`"): cells[1:] for cells in table("Observation Space")}
+    env = make()
+    candidates = int(env.action_space.n)
+    assert list(rows) == ["robot", "clyde", "candidates", "round", "action_mask"]
+    assert set(rows) == set(env.observation_space)
+    elliptic = {"cos_heading": "cos", "velocity_left": "left"}
+    for key, (shape, text) in rows.items():
+        assert shape.replace("C", str(candidates)) == str(env.observation_space[key].shape), key
+        if key == "action_mask":
+            continue
+        named = getattr(columns, f"{key.upper().removesuffix('S')}_COLUMNS")
+        pieces = re.split(r", | and ", re.sub(r" \([^)]*\)", "", text))
+        assert len(pieces) == len(named) == env.observation_space[key].shape[-1]
+        for piece, (name, *_) in zip(pieces, named, strict=True):
+            assert words(elliptic.get(name, name.replace("_", " "))) <= words(piece), (key, name, piece)
+        units = {"m", "m/s", "rad/s", "s"}
+        documented = {unit.split(",")[0] for unit in re.findall(r"\(([^)]*)\)", text)}
+        assert documented == {re.split("[, ]", column[3])[0] for column in named} & units
+
+
+def test_the_docstring_numbers_the_candidates_as_they_are() -> None:
+    env = make(settings={"max_pellets": 15})
+    count, pellets = int(env.action_space.n), 15
+    observation, _ = env.reset(seed=0)
+    rows = [(index, words(text)) for index, text in table("Action Space")]
+    assert [index for index, _ in rows] == ["0 ... P-1", "P ... C-2", "C-1"]
+    for kind, (_, text) in zip(("pellets", "refuges", "hold"), rows, strict=True):
+        assert kind in text
+    kinds = observation["candidates"][:, :3].argmax(axis=1).tolist()
+    assert kinds == [0] * pellets + [1] * (count - 1 - pellets) + [2]
+    np.testing.assert_array_equal(env.batch.assets.goal_xy[env.batch.assets.pellets], env.batch.assets.grid.home[:2])
+
+
+def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
+    text = re.sub(r"\s+", " ", PacManBotEnv.__doc__ or "")
+    c, r = Config(), RewardConfig()
+    for sentence in (
+        f"At every decision ({c.execution.tick_s} s)",
+        f"(pymunk, {round(1 / c.physics_step_s)} Hz)",
+        f"capped at {columns.FAR_M:.0f} m",
+        f"{r.pellet:+.0f} for each pellet collected, {r.tick} for the time, {r.death:.0f} when Clyde catches",
+        f"{r.completion:+.0f} when the round is complete, {r.timeout:.0f} at the time limit",
+        f"at least {c.clyde.spawn_distance_m} m away",
+        f"within {c.execution.death_radius_m} m of Clyde",
+        f"Truncation: {c.time_limit_s:.0f} s (`time_limit_s`)",
+        "`outcome` (" + ", ".join(f"`{outcome}`" for outcome in OUTCOMES) + ")",
+    ):
+        assert sentence in text
+    _, info = make().reset(seed=0)
+    documented = re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", text.split("## Information")[1].split("##")[0]))
+    assert documented == list(info)
+
+
+def test_the_docstrings_call_runs() -> None:
+    call = re.search(r"```python\n(.*?)```", PacManBotEnv.__doc__ or "", re.DOTALL)
+    assert call
+    env = eval(call[1].strip(), {"gymnasium": gym})
+    assert env.unwrapped.config == make_config(**{"clyde.speed_mps": 0.35})
