@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eval.files import prepare, replaced
 from pacman_env.config import make_config
 from pacman_env.sim.assets import MapAssets, map_assets, path_fields
 from pacman_env.sim.batch import GameBatch
@@ -151,6 +153,17 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--preset", choices=("ideal", "robot"), default="ideal")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     arguments = parser.parse_args(argv)
+    try:
+        return _report(arguments)
+    except (ValueError, OSError) as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return 2
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    if arguments.goals < len(arguments.map):
+        raise ValueError(f"--goals {arguments.goals}: at least one for each of the {len(arguments.map)} maps")
+    target = prepare(arguments.json) if arguments.json else None
     speed = make_config(arguments.preset).robot.speed_mps
     trials = []
     print(f"{'map':28} {'goals':>5} {'SUCCEEDED':>9} {'time/path':>9} {'deepest mm':>10} {'unreachable':>11}")
@@ -167,9 +180,9 @@ def main(argv: list[str] | None = None) -> int:
     total = summary(trials, speed)
     for name, value in total.items():
         print(f"{name}: {value:.4g}")
-    if arguments.json:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(total, indent=2) + "\n")
+    if target is not None:
+        with replaced(target) as temporary:
+            temporary.write_text(json.dumps(total, indent=2) + "\n")
     return 0
 
 

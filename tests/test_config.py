@@ -145,3 +145,26 @@ def test_a_configuration_is_frozen_and_hashable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         config.clyde.speed_mps = 1.0  # type: ignore[misc]
     assert hash(config) == hash(make_config())
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "rule"),
+    [
+        ("reward.pellet", "a", "a finite number"),
+        ("reward.death", math.nan, "a finite number"),
+        ("refuges.spread", 1.5, "a whole number"),
+        ("localization.perfect", "yes", "True or False"),
+        ("max_pellets", "x", "a whole number or None"),
+        ("clyde", None, "a ClydeConfig"),
+        ("robot", 5, "a RobotConfig"),
+    ],
+)
+def test_a_value_of_another_type_is_named_with_what_it_must_be(name: str, value: object, rule: str) -> None:
+    with pytest.raises(ConfigError, match=rf"{name.rpartition('.')[2]} = .*: must be {rule}"):
+        make_config(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["with_fields", "time_limit_s.real", "clyde.", "as_dict"])
+def test_what_is_no_field_is_no_setting(name: str) -> None:
+    with pytest.raises(ConfigError, match="unknown configuration field"):
+        make_config(**{name: 1})

@@ -360,6 +360,18 @@ def check(games, row, state, goal_xy, alive, parameters):  # type: ignore[no-unt
         if g.end == RUNNING:
             _sense(g, state, row[i], p)
             _check(g, i, goal_xy, alive, p)
+            if g.end != RUNNING:  # its tick ends here
+                g.tick += 1
+                _watch_distance(g, p)
+
+
+@kernel
+def _watch_distance(g, p):  # type: ignore[no-untyped-def]
+    """The closing speed since the last decision."""
+    bx, by, _ = believed(g, p.use_tf)
+    distance = math.sqrt((bx - g.clyde_x) ** 2 + (by - g.clyde_y) ** 2)
+    g.closing = closing_speed(g.distance, distance, p.tick_s)
+    g.distance = distance
 
 
 @kernel
@@ -373,10 +385,7 @@ def finish(games, row, state, goal_xy, alive, parameters):  # type: ignore[no-un
         _sense(g, state, row[i], p)
         g.tick += 1
         _check(g, i, goal_xy, alive, p)
-        bx, by, _ = believed(g, p.use_tf)
-        distance = math.sqrt((bx - g.clyde_x) ** 2 + (by - g.clyde_y) ** 2)
-        g.closing = closing_speed(g.distance, distance, p.tick_s)
-        g.distance = distance
+        _watch_distance(g, p)
         if g.end == RUNNING and g.tick >= p.ticks_max:
             g.end = TIMEOUT
 
@@ -399,7 +408,7 @@ def fill_situation(games, alive, waits, parameters, goal_xy, affine, snap, lengt
     """Write N situations into ``out``: the arrays of a Situation in the order of its fields."""
     (
         time_s, robot, robot_velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, seed, tick,
+        path_robot, path_clyde, current, seed, tick, pellets_left,
     ) = out  # fmt: skip
     p = parameters[0]
     slots, hold = p.pellet_slots, p.pellet_slots + p.refuges
@@ -419,6 +428,7 @@ def fill_situation(games, alive, waits, parameters, goal_xy, affine, snap, lengt
         current[i] = g.pursued
         seed[i] = g.seed
         tick[i] = g.tick
+        pellets_left[i] = g.spawned - g.collected - g.lost
         column, row = navigator.cell_of(affine, rows, columns, bx, by)
         here = snap[row, column]
         clyde_cell = clyde_drive[clyde_paths[i, g.clyde_at]]

@@ -51,7 +51,7 @@ CANDIDATE_COLUMNS = (
 )
 ROUND_COLUMNS = (
     ("time", 0.0, np.inf, "s since the round began"),
-    ("pellets_left", 0.0, np.inf, ""),
+    ("pellets_left", 0.0, np.inf, "on the map, those that may not be chosen now included"),
 )
 
 Observation = dict[str, NDArray]
@@ -83,7 +83,7 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, _, _,
+        path_robot, path_clyde, current, _, _, pellets_left,
     ) = arrays  # fmt: skip
     count = mask.shape[1]
     for i in range(len(time_s)):
@@ -103,7 +103,6 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignor
         clyde[i, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
         clyde[i, 5] = _cap(closing[i], FAST_MPS)
         clyde[i, 6] = min(clyde_speed[i], FAST_MPS)
-        left = 0
         for c in range(count):
             allowed = mask[i, c]
             action_mask[i, c] = allowed
@@ -115,7 +114,6 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignor
                 for column in range(3, 10):
                     candidates[i, c, column] = 0.0
                 continue
-            left += k == PELLET
             candidates[i, c, 3] = c == current[i]
             px, py = position[i, c, 0], position[i, c, 1]
             dx, dy = px - x, py - y
@@ -127,4 +125,4 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignor
             candidates[i, c, 8] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             candidates[i, c, 9] = min(path_clyde[i, c], FAR_M)
         round_[i, 0] = time_s[i]
-        round_[i, 1] = left
+        round_[i, 1] = pellets_left[i]

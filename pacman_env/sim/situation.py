@@ -34,6 +34,7 @@ class Situation:
     current: NDArray[np.int64]  # (N,) candidate pursued now, -1: none
     seed: NDArray[np.uint64]  # (N,) the round's seed, for policies that draw
     tick: NDArray[np.int64]  # (N,) decisions taken in this round before this one
+    pellets_left: NDArray[np.int64]  # (N,) still on the map, those that may not be chosen now included
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -68,5 +69,6 @@ class Situation:
             current=np.empty(n, dtype=np.int64),
             seed=np.empty(n, dtype=np.uint64),
             tick=np.empty(n, dtype=np.int64),
+            pellets_left=np.empty(n, dtype=np.int64),
         )
         return situation

@@ -146,6 +146,8 @@ def build_grid(
     Raises:
         MapError: the map has no place for the robot, or the asked home pose is not drivable.
     """
+    if home is not None and not (len(home) == 3 and np.isfinite(home).all()):
+        raise MapError(f"{occupancy.name}: the home pose must be x, y, heading (m, m, rad), not {home!r}")
     res = occupancy.resolution
     free = np.flipud(occupancy.game_free(pellets.free_grey))
     free = np.pad(free, _MARGIN, constant_values=False)
@@ -167,7 +169,7 @@ def build_grid(
         return np.array([*column, *row]), np.array([res * cos, -res * sin, x0, res * sin, res * cos, y0])
 
     to_cell, _ = affine(-_MARGIN, -_MARGIN)
-    hx, hy, heading = home if home is not None else (0.0, 0.0, 0.0)
+    hx, hy, heading = (0.0, 0.0, 0.0) if home is None else home
     column, row = _apply(to_cell, hx, hy)
     wished = (math.floor(column), math.floor(row))
     home_cell = _home_cell(drivable, clearance, wished, any_part=home is not None)

@@ -314,3 +314,27 @@ def test_clydes_velocity_is_that_of_his_last_move() -> None:
         np.testing.assert_allclose(situation.clyde_velocity, (situation.clyde - before) / 0.2, atol=1e-12)
         before = situation.clyde
     assert np.hypot(*situation.clyde_velocity.T).max() > 0.2
+
+
+def test_pellets_left_are_those_on_the_map_also_while_they_wait() -> None:
+    config = make_config("robot", **{"nav2.abort_rate": 1.0, "execution.back_off_s": 60.0})
+    batch = GameBatch(map_assets("house", config), config, 1)
+    batch.reset(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.uint64))
+    for _ in range(4):
+        batch.step(np.array([5]))
+    situation = batch.situation()
+    assert not situation.mask[0, 5]
+    assert situation.pellets_left[0] == batch.games[0]["spawned"] - batch.games[0]["collected"]
+
+
+def test_a_tick_that_ends_early_counts_as_one() -> None:
+    config = make_config("ideal", **{"clyde.spawn_distance_m": 0.0})
+    batch = GameBatch(map_assets("house", config), config, 8)
+    batch.reset(np.arange(8), np.arange(8, dtype=np.uint64))
+    ticks = 0
+    while (batch.games["end"] == 0).any() and ticks < 1200:
+        running = batch.games["end"] == 0
+        before = batch.situation().time_s
+        batch.step(np.full(8, 2))
+        ticks += 1
+        np.testing.assert_allclose(batch.situation().time_s - before, np.where(running, 0.5, 0.0))

@@ -133,8 +133,7 @@ def test_numbers_are_those_worked_out_by_hand(seed: int) -> None:
             assert set(row) == {name for name, *_ in CANDIDATE_COLUMNS}
             for name, value in row.items():
                 assert candidates[name][i, c] == pytest.approx(float(value), rel=1e-5, abs=1e-5), name
-        left = (s.mask[i] & (s.kind[i] == PELLET)).sum()
-        assert observation["round"][i].tolist() == pytest.approx([s.time_s[i], left])
+        assert observation["round"][i].tolist() == pytest.approx([s.time_s[i], s.pellets_left[i]])
 
 
 @settings(deadline=None)
