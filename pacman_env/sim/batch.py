@@ -133,7 +133,7 @@ class GameBatch:
             if self._clyde_due[k] and kernels.move_clydes(
                 games, self._clyde_paths, parameters, self.assets.clyde.position
             ):
-                kernels.retarget_clydes(games, self._clyde_paths, self._clyde_arrays, *self._clyde_search)
+                kernels.retarget_clydes(games, self._clyde_paths, parameters, self._clyde_arrays, *self._clyde_search)
             if due & kernels.PLAN_DUE:
                 kernels.plan(games, self.paths, parameters, self._plan_end, nav, self._detour_search)
             due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, nav[0], nav[6])

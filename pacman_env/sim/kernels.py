@@ -229,11 +229,13 @@ def move_clydes(games, clyde_paths, parameters, position):  # type: ignore[no-un
 
 
 @kernel
-def retarget_clydes(games, clyde_paths, arrays, node, queue):  # type: ignore[no-untyped-def]
-    """A new target and way for every Clyde that stands at the end of his."""
+def retarget_clydes(games, clyde_paths, parameters, arrays, node, queue):  # type: ignore[no-untyped-def]
+    """A new target and way for every Clyde that is due and stands at the end of his."""
+    p = parameters[0]
     for i in range(len(games)):
         g = games[i]
-        if g.end == RUNNING and clyde_rule.at_target(g):
+        # Not due, but at the end: his last target was the cell he stands on, and his next update comes first.
+        if g.end == RUNNING and g.step % p.clyde_steps == 0 and clyde_rule.at_target(g):
             clyde_rule.retarget(g, clyde_paths[i], arrays, node, queue)
 
 
@@ -253,6 +255,8 @@ def _apply_result(g, i, goal_xy, alive, waits, aborts, p):  # type: ignore[no-un
     """Algorithm 4's reaction to the result of the goal pursued."""
     status = g.nav_result
     g.nav_result = navigator.NO_RESULT
+    if g.nav_next >= 0:  # the result of a goal given up for the one that waits
+        return
     slot = g.pursued
     g.pursued = -1
     if slot < 0:

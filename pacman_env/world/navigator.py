@@ -434,6 +434,10 @@ def _command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore
     # Nothing leads on towards the point ahead, round a corner perhaps: creep along the path itself.
     near = min(at + 2, points - 1)
     tx, ty = paths[i, near, 0] - bx, paths[i, near, 1] - by
+    if clyde_near:  # a way that hugs his region leads into it when it is cut short: keep farther out
+        ox, oy = paths[i, near, 0] - cx, paths[i, near, 1] - cy
+        out = max((p.clyde_keepout + 0.05) / math.sqrt(max(ox * ox + oy * oy, 1e-6)), 1.0) - 1.0
+        tx, ty = tx + out * ox, ty + out * oy
     forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     if abs(aside) > 0.1 * forward:
         return True, 0.0, _turn_rate(forward, aside, 1.0, p)

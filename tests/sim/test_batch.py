@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import subprocess
 import sys
 from functools import cache
@@ -14,6 +15,7 @@ from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.sim.assets import MapAssets, map_assets
 from pacman_env.sim.batch import GameBatch
 from pacman_env.sim.kernels import COMPLETE, DEAD, RUNNING, TIMEOUT
+from tests.drawn import drawn
 
 ROOT = Path(__file__).resolve().parents[2]
 SHY = {"clyde.speed_mps": 0.0, "execution.death_radius_m": 1e-6}
@@ -119,6 +121,26 @@ def test_another_process_plays_the_same_games_bit_for_bit() -> None:
     code = "from tests.sim.test_batch import trajectory_digest; print(trajectory_digest())"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == trajectory_digest()
+
+
+def test_clydes_in_a_pocket_walk_alike_alone_and_among_games_in_another_phase() -> None:
+    # Where few cells are to be had, a target is often the cell he stands on: no way to go until his next update.
+    rows = ["#" * 16, *["#" + "." * 14 + "#"] * 3, "#.........######", "#.........#.##.#", "#.........######", "#" * 16]
+    changes = {"pellets.spacing_m": 1.0, "clyde.spawn": "anywhere", "clyde.spawn_distance_m": 4.4, **SHY}
+    config = make_config("robot", **{**changes, "clyde.speed_mps": 0.25, "clyde.clearance_m": 0.2})
+    assets = map_assets(drawn(rows, square_m=0.55, origin=(-2.5, -2.0, 0.0)), config)
+    together = seeded(GameBatch(assets, config, 600))
+    together.step(np.full(600, together.hold))
+    part = assets.clyde.part[together._clyde_paths[:, 0]]
+    pocket = int(np.flatnonzero(part > 0)[0])
+    late = np.array([k for k in range(600) if k != pocket])
+    alone = seeded(GameBatch(assets, config, 1), pocket)
+    alone.step(np.array([alone.hold]))
+    together.reset(late, late.astype(np.uint64))
+    for _ in range(60):
+        together.step(np.full(600, together.hold))
+        alone.step(np.array([alone.hold]))
+        assert together.games[pocket] == alone.games[0]
 
 
 def test_a_reset_leaves_the_other_games_alone() -> None:
@@ -265,6 +287,30 @@ def test_slots_beyond_the_maps_pellets_are_padding() -> None:
 def test_too_few_slots_for_the_maps_pellets_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"max_pellets = 3: the map has \d+ pellets"):
         new_batch(make_config("robot", max_pellets=3))
+
+
+def test_the_result_of_a_goal_given_up_is_not_taken_for_the_new_goals() -> None:
+    config = make_config("robot", **SHY)
+    changed = 0
+    for pellet in range(6):
+        batch = new_batch(config)
+        other = (pellet + 5) % batch.assets.pellets
+        goal = batch.assets.goal_xy[pellet]
+        for _ in range(120):
+            g = batch.games[0]
+            if math.hypot(goal[0] - g["x"], goal[1] - g["y"]) < 0.5:
+                break
+            batch.step(np.array([pellet]))
+        else:
+            continue
+        changed += 1
+        for _ in range(4):  # the old goal may still end SUCCEEDED before the planner takes the new one up
+            batch.step(np.array([other]))
+            g = batch.games[0]
+            far = math.hypot(*(batch.assets.goal_xy[other] - (g["x"], g["y"]))) > 1.0
+            assert not far or batch.alive[0, other]
+            assert g["pursued"] == other or not batch.alive[0, other]
+    assert changed >= 3
 
 
 # What is seen

@@ -211,9 +211,15 @@ def nearest_while_passing(preset: str, clyde: tuple[float, float], seed: int = 3
 
 
 @pytest.mark.parametrize("ahead", [0.6, 0.7, 0.9])
-@pytest.mark.parametrize("aside", [0.1, -0.1, -0.15, 0.2])
+@pytest.mark.parametrize("aside", [0.0, 0.05, -0.05, 0.1, -0.1, -0.15, 0.2])
 def test_in_an_open_room_the_robot_drives_round_clyde(ahead: float, aside: float) -> None:
     assert 0.2 <= nearest_while_passing("ideal", (ahead, aside)) < 0.3
+
+
+def test_with_a_pose_that_is_a_little_wrong_it_does_so_too() -> None:
+    nearest = [nearest_while_passing("robot", (0.7, aside), seed) for aside in (0.05, -0.05) for seed in range(5)]
+    assert min(nearest) > 0.1
+    assert 0.18 < np.median(nearest) < 0.35
 
 
 def test_a_goal_that_clyde_stands_on_becomes_a_place_beside_it() -> None:
