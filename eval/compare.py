@@ -11,8 +11,9 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+from eval.arguments import ERROR_STATUS, Parser, at_least
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
 from eval.parallel import Block, play_all
@@ -25,28 +26,11 @@ from pacman_env.policies.registry import make_policy, policy_names
 from pacman_env.sim.assets import MapAssets, map_assets
 
 SCHEMA = 1
-ERROR_STATUS = 2
 _VIDEO_SUFFIXES = (".mp4", ".gif")
 
 
-class _Parser(argparse.ArgumentParser):
-    """Bad arguments are one line on stderr, as every other error."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
-
-
-def _at_least(least: int) -> Any:
-    def whole_number(text: str) -> int:
-        if (value := int(text)) < least:
-            raise argparse.ArgumentTypeError(f"{text}: must be at least {least}")
-        return value
-
-    return whole_number
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = Parser(
         prog="eval.compare",
         description="Let policies play the same rounds and compare them. Decision times are those of the"
         " policy alone for one situation, without simulator and observation. All numbers but these times are"
@@ -76,9 +60,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="any field of the configuration, such as nav2.abort_rate=0.01; may be given again",
     )
-    add("--episodes", type=_at_least(1), default=200, metavar="N", help="rounds per map, speed and policy")
-    add("--seed", type=_at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it")
-    add("--workers", type=_at_least(1), default=1, metavar="N", help="processes")
+    add("--episodes", type=at_least(1), default=200, metavar="N", help="rounds per map, speed and policy")
+    add("--seed", type=at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it")
+    add("--workers", type=at_least(1), default=1, metavar="N", help="processes")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
     add(

@@ -68,7 +68,7 @@ def play(
     Args:
         assets: the map.
         config: the game.
-        spec: policy by name or file.
+        spec: policy by name.
         seeds: (E,) at least one.
         batch_size: at most so many games at once.
         on_end: called with the number of rounds that ended in a step.

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eval.arguments import ERROR_STATUS, Parser, at_least
 from eval.files import prepare, replaced
 from pacman_env.config import make_config
 from pacman_env.sim.assets import MapAssets, map_assets, path_fields
@@ -146,10 +147,10 @@ def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
 
 def main(argv: list[str] | None = None) -> int:
     """The command; see the module."""
-    parser = argparse.ArgumentParser(prog="eval.navigation", description=__doc__)
+    parser = Parser(prog="eval.navigation", description=__doc__)
     parser.add_argument("--map", nargs="+", default=["house", "loop", "maze", "open_plan"], help="names or YAML files")
-    parser.add_argument("--goals", type=int, default=1000, help="in all, shared among the maps")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--goals", type=at_least(1), default=1000, help="in all, shared among the maps")
+    parser.add_argument("--seed", type=at_least(0), default=0)
     parser.add_argument("--preset", choices=("ideal", "robot"), default="ideal")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     arguments = parser.parse_args(argv)
@@ -157,7 +158,7 @@ def main(argv: list[str] | None = None) -> int:
         return _report(arguments)
     except (ValueError, OSError) as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 2
+        return ERROR_STATUS
 
 
 def _report(arguments: argparse.Namespace) -> int:

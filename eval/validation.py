@@ -6,13 +6,13 @@ spawning anywhere. Every other row changes one cause and nothing else, in the sa
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from eval.arguments import ERROR_STATUS, Parser, at_least
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
 from eval.parallel import Block, play_all
@@ -114,11 +114,11 @@ def table(results: list[tuple[Variant, Row]]) -> str:
 
 def main(argv: list[str] | None = None) -> int:
     """The command; see the module."""
-    parser = argparse.ArgumentParser(prog="eval.validation", description=__doc__)
+    parser = Parser(prog="eval.validation", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
-    parser.add_argument("--episodes", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--episodes", type=at_least(1), default=1000)
+    parser.add_argument("--seed", type=at_least(0), default=0)
+    parser.add_argument("--workers", type=at_least(1), default=1)
     parser.add_argument("--markdown", type=Path, help="write the table here too")
     arguments = parser.parse_args(argv)
     try:
@@ -126,7 +126,7 @@ def main(argv: list[str] | None = None) -> int:
         text = table(run(arguments.map, arguments.episodes, arguments.seed, arguments.workers))
     except (ValueError, OSError) as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 2
+        return ERROR_STATUS
     print(text)
     if target is not None:
         with replaced(target) as temporary:

@@ -1,4 +1,4 @@
-"""PacManBot as a learning environment: maps, game rules, simulator, policies and the robot's nodes.
+"""PacManBot as a learning environment: maps, game rules, simulator, policies.
 
 Importing this package registers the environments with Gymnasium and loads nothing else; each part is imported by its
 own name.

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import numbers
 import types
 import typing
 from dataclasses import dataclass, field
 from typing import Any, Literal
+
+MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
 
 
 class ConfigError(ValueError):
@@ -31,6 +34,8 @@ class _Section:
         for name, kind in typing.get_type_hints(type(self)).items():
             value = getattr(self, name)
             _require(_is_a(value, kind), f"{type(self).__name__}.{name}", value, f"must be {_words(kind)}")
+            if isinstance(value, numbers.Real) and not isinstance(value, (bool, int, float)):  # NumPy's numbers
+                object.__setattr__(self, name, int(value) if isinstance(value, numbers.Integral) else float(value))
 
 
 def _is_a(value: object, kind: Any) -> bool:
@@ -39,9 +44,9 @@ def _is_a(value: object, kind: Any) -> bool:
     if isinstance(kind, types.UnionType):
         return any(_is_a(value, one) for one in typing.get_args(kind))
     if kind is float:
-        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     if kind is int:
-        return isinstance(value, int) and not isinstance(value, bool)
+        return isinstance(value, numbers.Integral) and not isinstance(value, bool)
     return isinstance(value, kind)
 
 
@@ -90,6 +95,12 @@ class RobotConfig(_Section):
             self.inscribed_radius_m,
             f"must be at least radius_m = {self.radius_m}",
         )
+        _require(
+            self.speed_mps <= self.wheel_speed_mps,
+            "RobotConfig.speed_mps",
+            self.speed_mps,
+            f"must be at most wheel_speed_mps = {self.wheel_speed_mps}",
+        )
 
 
 @dataclass(frozen=True)
@@ -122,8 +133,7 @@ class Nav2Config(_Section):
     progress_distance_m: float = 0.5  # less than this ...
     progress_time_s: float = 10.0  # ... in this time counts as stuck (Nav2 default)
     no_path_abort_s: float = 11.0  # recoveries, then ABORTED (Nav2)
-    no_control_patience_s: float = 0.3  # no admissible control for this long starts a recovery (experiment)
-    no_control_abort_s: float = 15.0  # ... and this long ends ABORTED (Nav2)
+    no_control_abort_s: float = 15.0  # no admissible control for this long ends ABORTED (Nav2)
     stuck_abort_s: float = 150.0  # stuck through all recoveries (Nav2)
     abort_rate: float = 0.0  # probability that a goal is aborted at once for no reason (bad TF)
     clyde_keepout_m: float = 0.236  # inscribed radius + 0.05 m: Clyde's nine obstacle points
@@ -178,7 +188,8 @@ class ExecutionConfig(_Section):
     pickup_radius_m: float = 0.25  # original
     death_radius_m: float = 0.25  # original
     pose_source: Literal["amcl", "tf"] = "tf"  # original: the latched amcl_pose
-    on_abort: Literal["back_off", "lose_pellet"] = "back_off"  # original: the pellet is removed uncounted
+    # Original, lose_pellet: an abort removes the pellet uncounted, a success collects it wherever the robot stands.
+    on_abort: Literal["back_off", "lose_pellet"] = "back_off"
     switch: Literal["preempt", "cancel_then_send"] = "preempt"  # original: cancel, then send
     back_off_s: float = 3.0  # an aborted goal is masked this long, doubled at each abort in a row
 
@@ -244,6 +255,12 @@ class Config(_Section):
                 period,
                 f"must be a whole number of physics steps of {self.physics_step_s} s",
             )
+        _require(
+            self.robot.speed_mps * self.nav2.planner_period_s <= MAX_BLIND_M,
+            "Config.nav2.planner_period_s",
+            self.nav2.planner_period_s,
+            f"the robot would drive more than {MAX_BLIND_M} m on one plan, which is written out for a little more",
+        )
         checks = self.execution.tick_s / self.execution.check_period_s
         _require(
             checks > 0.5 and abs(checks - round(checks)) < 1e-6,

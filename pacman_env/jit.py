@@ -41,10 +41,26 @@ def source_hash() -> str:
 
 def kernel(function: F) -> F:
     """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), cached on disk."""
+    folder = _kernel_folder()
     before = numba_config.CACHE_DIR
-    numba_config.CACHE_DIR = str(cache_dir() / f"numba-{source_hash()}")
+    if folder is not None:
+        numba_config.CACHE_DIR = str(folder)
     try:
-        compiled: F = numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
+        compiled: F = numba.njit(cache=folder is not None, error_model="numpy", forceinline=True)(function)
     finally:
         numba_config.CACHE_DIR = before
     return compiled
+
+
+@functools.cache
+def _kernel_folder() -> Path | None:
+    """Where this version's kernels are kept; None, and nothing is kept, where no folder can be written.
+
+    Numba alone would then fall back to a place that does not know of changes in other files.
+    """
+    folder = cache_dir() / f"numba-{source_hash()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None

@@ -1,7 +1,8 @@
 # Sourced by the commands beside it: makes .venv with what they need, once, and activates it.
 # usage: . scripts/venv.sh EXTRA
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
-if [ ! -x .venv/bin/python ]; then
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+venv=$root/.venv
+if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
   for candidate in python3.11 python3.12 python3.13 python3; do
     if command -v "$candidate" >/dev/null &&
       "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
@@ -10,12 +11,12 @@ if [ ! -x .venv/bin/python ]; then
     fi
   done
   [ -n "${python:-}" ] || { echo "Python 3.11 or newer is needed" >&2; exit 1; }
-  "$python" -m venv .venv
+  "$python" -m venv --clear "$venv"
 fi
-. .venv/bin/activate
-stamp=.venv/.installed-$1
-if [ ! -f "$stamp" ] || [ pyproject.toml -nt "$stamp" ] || [ constraints.txt -nt "$stamp" ]; then
+. "$venv/bin/activate"
+stamp=$venv/.installed-$1
+if [ ! -f "$stamp" ] || [ "$root/pyproject.toml" -nt "$stamp" ] || [ "$root/constraints.txt" -nt "$stamp" ]; then
   echo "installing pacman_env[$1] into .venv ..." >&2
-  python -m pip install --quiet --disable-pip-version-check --editable ".[$1]" --constraint constraints.txt
+  (cd "$root" && python -m pip install --quiet --disable-pip-version-check --editable ".[$1]" --constraint constraints.txt)
   touch "$stamp"
 fi

@@ -5,6 +5,7 @@ import json
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
@@ -168,3 +169,20 @@ def test_a_value_of_another_type_is_named_with_what_it_must_be(name: str, value:
 def test_what_is_no_field_is_no_setting(name: str) -> None:
     with pytest.raises(ConfigError, match="unknown configuration field"):
         make_config(**{name: 1})
+
+
+def test_a_robot_is_not_asked_for_more_than_its_wheels_give() -> None:
+    with pytest.raises(ConfigError, match=r"speed_mps = 0\.46: must be at most wheel_speed_mps = 0\.306"):
+        make_config(**{"robot.speed_mps": 0.46})
+    assert make_config(**{"robot.speed_mps": 0.46, "robot.wheel_speed_mps": 0.46}).robot.speed_mps == 0.46
+
+
+def test_a_plan_reaches_to_the_next_one() -> None:
+    with pytest.raises(ConfigError, match=r"planner_period_s = 5\.0: the robot would drive more than 0\.8 m"):
+        make_config(**{"nav2.planner_period_s": 5.0})
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    config = make_config(**{"clyde.speed_mps": np.float32(0.5), "refuges.spread": np.int64(3)})
+    assert (type(config.clyde.speed_mps), type(config.refuges.spread)) == (float, int)
+    json.dumps(config.as_dict())

@@ -1,1 +1,1 @@
-"""Gymnasium and PettingZoo environments over the simulator, their pictures and their registration."""
+"""Gymnasium environments over the simulator, their pictures and their registration."""

@@ -73,7 +73,7 @@ class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
 
     ## Information
     `outcome` (`running`, `caught`, `complete`, `cleared`, `timeout`), `collected`, `lost`, `spawned`, `aborts`
-    (goals that Nav2 aborted), `round_seed`.
+    (goals that Nav2 aborted), `round_seed` (drawn from the environment's generator; it names the round in results).
 
     ## Arguments
     ```python

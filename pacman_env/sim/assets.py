@@ -8,9 +8,10 @@ from __future__ import annotations
 import collections
 import hashlib
 import json
+import math
 import os
 import threading
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,16 +112,30 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
         ConfigError: Clyde's spawn rule leaves him no cell.
     """
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
+    if home is not None:
+        home = _pose(home, occupancy.name)
     key = _key(occupancy, config, home)
     with _lock:
         if key in _assets:
             _assets.move_to_end(key)
-            return _assets[key]
+            # The same content under another name is the same work, but keeps its name.
+            known = _assets[key]
+            return known if known.occupancy.name == occupancy.name else replace(known, occupancy=occupancy)
         assets = _build(occupancy, config, home, key)
         _assets[key] = assets
         while len(_assets) > _KEEP:
             _assets.popitem(last=False)
         return assets
+
+
+def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, float]:
+    try:
+        x, y, heading = (float(value) for value in home)
+    except (TypeError, ValueError):
+        x = y = heading = math.nan
+    if not all(map(math.isfinite, (x, y, heading))):
+        raise MapError(f"{name}: the home pose must be x, y, heading (m, m, rad), not {home!r}")
+    return x, y, heading
 
 
 def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str) -> MapAssets:
@@ -133,14 +148,15 @@ def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, fl
         if cell >= 0:
             x, y = grid.to_world(*grid.cell[cell])
             offset = np.hypot(x - pellets.position[i, 0], y - pellets.position[i, 1])
-            near[i] = offset <= config.execution.pickup_radius_m
+            # Pellets lie on the corners of cells: on a coarse map no centre is nearer than half a diagonal.
+            near[i] = offset <= max(config.execution.pickup_radius_m, occupancy.resolution * math.sqrt(0.5) + 1e-9)
     keep = near if config.pellets.reachable_only else np.ones(len(pellets), dtype=np.bool_)
     if not near.any():
         raise MapError(
             f"{occupancy.name}: no pellet that the robot can reach at a spacing of {config.pellets.spacing_m} m"
         )
     clyde = clyde_cells(occupancy, config.clyde, config.pellets.free_grey)
-    clyde_drive = grid.cells_under(clyde.position)
+    clyde_drive = grid.cells_of_pixels(clyde.pixel, occupancy.height)
     part = _connected_part(clyde, clyde_drive, occupancy.name)
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges)
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]

@@ -75,6 +75,9 @@ class GameBatch:
         check_steps = round(config.execution.check_period_s / config.physics_step_s)
         self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError("a running game cannot be copied or pickled: make a new one and replay it from its seed")
+
     def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
         """Start a new round with its own seed in each of the games ``index`` (M,)."""
         index = np.asarray(index, dtype=np.int64)

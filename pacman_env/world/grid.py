@@ -67,9 +67,15 @@ class DriveGrid:
     def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
         """Number of the drivable cell under each position (M, 2); -1: none there."""
         columns, rows = _apply(self.affine, position[:, 0], position[:, 1])
-        column, row = np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64)
+        return self._numbers(np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64))
+
+    def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
+        """Number of the drivable cell that each pixel (M, 2) u, v of an image of that height is; -1: none."""
+        return self._numbers(pixel[:, 0] - self.offset[0], height - 1 - pixel[:, 1] - self.offset[1])
+
+    def _numbers(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.int32]:
         inside = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])
-        result = np.full(len(position), -1, dtype=np.int32)
+        result = np.full(len(column), -1, dtype=np.int32)
         result[inside] = self.cell_id[row[inside], column[inside]]
         return result
 
@@ -146,8 +152,6 @@ def build_grid(
     Raises:
         MapError: the map has no place for the robot, or the asked home pose is not drivable.
     """
-    if home is not None and not (len(home) == 3 and np.isfinite(home).all()):
-        raise MapError(f"{occupancy.name}: the home pose must be x, y, heading (m, m, rad), not {home!r}")
     res = occupancy.resolution
     free = np.flipud(occupancy.game_free(pellets.free_grey))
     free = np.pad(free, _MARGIN, constant_values=False)

@@ -21,7 +21,7 @@ from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 IDLE, ACTIVE = 0, 1
 NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalStatus
 PATH_POINTS = 64
-_PATH_METRES = 1.2  # how far ahead a plan is written out; a robot drives 0.46 m at most until the next one
+_PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one and the look-ahead
 _LOOKAHEAD = 0.35  # m along the path to the point that control steers to
 _ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
 _ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
@@ -363,7 +363,8 @@ def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p): 
 @kernel
 def _limit(v, w, p):  # type: ignore[no-untyped-def]
     """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving gives way."""
-    w = min(max(w, -p.omega_max), p.omega_max)
+    most = min(p.omega_max, p.wheel_max / p.half_base)
+    w = min(max(w, -most), most)
     spare = p.wheel_max - abs(w) * p.half_base
     return min(max(v, -spare), spare), w
 

@@ -23,6 +23,7 @@ QUICK: dict[str, Any] = {
     "robot.speed_mps": 1.2,
     "robot.wheel_speed_mps": 2.0,
     "robot.wheel_acceleration_mps2": 3.0,
+    "nav2.planner_period_s": 0.5,
 }
 
 

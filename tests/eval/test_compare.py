@@ -100,7 +100,7 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
         (["--policies", "nearst"], "unknown policy 'nearst'"),
         (["--preset", "perfect"], "invalid choice: 'perfect'"),
         (["--episodes", "0"], "must be at least 1"),
-        (["--episodes", "many"], "invalid"),
+        (["--episodes", "many"], "'many' is no whole number"),
         (["--workers", "0"], "must be at least 1"),
         (["--seed", "-1"], "must be at least 0"),
         (["--clyde-speed", "-0.1"], "ClydeConfig.speed_mps"),

@@ -64,11 +64,13 @@ def test_what_does_not_matter_to_the_map_shares_assets_and_what_does_has_its_own
     assert map_assets(m, fine(), home=(0.5, 0.5, 0.0)) is not one
 
 
-def test_a_map_is_known_by_its_content_not_by_its_name(tmp_path: Path) -> None:
+def test_a_map_is_known_by_its_content_and_keeps_its_name(tmp_path: Path) -> None:
     one = map_assets(sealed_rooms(), fine())
     assert map_assets(sealed_rooms(), fine()) is one
     sealed_rooms().save(tmp_path / "copy.yaml")
-    assert map_assets(tmp_path / "copy.yaml", fine()) is one
+    copy = map_assets(tmp_path / "copy.yaml", fine())
+    assert copy.length_cm is one.length_cm
+    assert (one.occupancy.name, copy.occupancy.name) == (sealed_rooms().name, "copy")
 
 
 def same_fields(one: MapAssets, other: MapAssets) -> None:
@@ -192,7 +194,7 @@ def test_clydes_cells_know_the_robots_cell_under_them() -> None:
     m = load_map("house")
     assets = map_assets(m, CONFIG)
     for k in np.random.default_rng(1).choice(len(assets.clyde.position), 300):
-        x, y = assets.clyde.position[k]
-        column, row = assets.grid.to_cell(x, y)
+        u, v = assets.clyde.pixel[k]
+        column, row = assets.grid.to_cell(*m.cell_to_world(u, v))  # the pixel's own cell, not the corner he stands on
         assert assets.clyde_drive[k] == assets.grid.cell_id[row, column]
     assert (assets.clyde.part[assets.spawn_cells] == assets.clyde_part).all()

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import os
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pacman_env.world import cache as cache_module
 from pacman_env.world.cache import Arrays, cached_arrays
 
 KEY = "0123abcd"
@@ -116,3 +118,14 @@ def test_readers_and_writers_at_the_same_time_all_get_whole_arrays(cache: Path) 
     with ThreadPoolExecutor(8) as pool:
         assert all(pool.map(whole, range(60)))
     assert sorted(p.name for p in cache.iterdir()) == [KEY]
+
+
+def test_what_was_not_used_for_longest_makes_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path))
+    monkeypatch.setattr(cache_module, "KEEP_BYTES", 2500)
+    for age, key in ((30, "a"), (20, "b")):
+        cached_arrays(key, ("x",), lambda: {"x": np.zeros(100)})
+        os.utime(tmp_path / "maps" / key, (time.time() - age,) * 2)
+    cached_arrays("a", ("x",), lambda: pytest.fail("is there"))  # used again: now b is the oldest
+    cached_arrays("c", ("x",), lambda: {"x": np.zeros(100)})
+    assert sorted(f.name for f in (tmp_path / "maps").iterdir()) == ["a", "c"]
