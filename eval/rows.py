@@ -1,4 +1,13 @@
-"""What is reported of one policy on one map at one of Clyde's speeds: a row of plain numbers."""
+"""What is reported of one policy on one map at one of Clyde's speeds: a row of plain numbers.
+
+The JSON of ``eval.compare`` is ``{"schema": 1, "version", "seed", "preset", "execution", "maps", "arguments",
+"config", "rows"}``. A row holds ``map``, ``policy``, ``clyde_speed`` (m/s), ``episodes``, ``pellets`` (on the map);
+rates 0..1 with 95 % Wilson intervals [low, high]: ``completion_rate``/``_ci``, ``all_but_one_rate``/``_ci``,
+``death_rate``, ``death_ci``, ``timeout_rate``, ``cleared_rate`` (no pellet left, some lost); means per episode:
+``pellets_mean``, ``lost_mean``, ``aborts_mean``, ``time_mean_s``, ``win_time_mean_s`` (null without a win); times of
+one decision of the policy alone, ``decision_ms_p50`` and ``_p99``, over ``decisions_timed`` samples; and
+``paired_difference``/``paired_ci``: completion minus that of the first policy in the same rounds.
+"""
 
 from __future__ import annotations
 

@@ -41,3 +41,8 @@ def test_commands_of_the_pages_take_their_arguments() -> None:
                 arguments = shlex.split(rest.split("`")[0].split("#")[0], posix=False)
                 for option in (word for word in arguments if word.startswith("--")):
                     assert option in help_text, f"{module} {option}"
+
+
+def test_no_page_has_a_gap_to_be_filled_in() -> None:
+    for page in PAGES:
+        assert not re.findall(r"^[A-Z]{4,}$|: [A-Z]{4,}$", page.read_text(), re.MULTILINE), page.name
