@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
 from ..game.clyde import search_memory
-from ..world.navigator import HORIZON_S, PATH_POINTS, detour_memory
+from ..world.controller import HORIZON_S
 from ..world.physics import PhysicsWorld
+from ..world.planner import PATH_POINTS, detour_memory
 from . import kernels
 from .assets import MapAssets
 from .situation import Situation

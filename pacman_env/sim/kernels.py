@@ -26,6 +26,8 @@ from ..game.execution import (
 from ..jit import kernel
 from ..rng import CLYDE, LOCALIZATION, NAVIGATION, below, stream
 from ..world import localization, navigator
+from ..world.controller import refresh_heading
+from ..world.grid import cell_of
 from ..world.paths import UNREACHABLE_CM
 from .situation import HOLD, PELLET, REFUGE
 
@@ -334,7 +336,7 @@ def drive(games, first, row, state, force, paths, parameters, affine, clearance)
             force[row[i], 1] = -p.mass_rate * state[row[i], 3]
             continue
         if first:
-            navigator.refresh_heading(g)
+            refresh_heading(g)
         else:
             _sense(g, state, row[i], p)
         navigator.control(g, i, paths, force, row[i], p, affine, clearance)
@@ -433,7 +435,7 @@ def fill_situation(games, alive, waits, parameters, goal_xy, affine, snap, lengt
         seed[i] = g.seed
         tick[i] = g.tick
         pellets_left[i] = g.spawned - g.collected - g.lost
-        column, row = navigator.cell_of(affine, rows, columns, bx, by)
+        column, row = cell_of(affine, rows, columns, bx, by)
         here = snap[row, column]
         clyde_cell = clyde_drive[clyde_paths[i, g.clyde_at]]
         there = max(clyde_cell, 0)

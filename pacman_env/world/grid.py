@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Nav2Config, PelletConfig, RobotConfig
+from ..jit import kernel
 from .occupancy import MapError, OccupancyMap
 
 LETHAL = 254  # an obstacle's own cell
@@ -229,3 +230,11 @@ def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float3
     # OpenCV's last bit differs from call to call; the squares are whole numbers, so rounding makes them exact.
     squared = np.rint(np.square(distance, dtype=np.float64))
     return (np.sqrt(squared) * resolution).astype(np.float32)
+
+
+@kernel
+def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
+    """Column and row of a world position, clipped to the grid."""
+    column = int(affine[0] * x + affine[1] * y + affine[2])
+    row = int(affine[3] * x + affine[4] * y + affine[5])
+    return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)
