@@ -68,7 +68,7 @@ class GameBatch:
         self._plan_end = np.where(moved[:, None], nearest, assets.goal_xy)
         self._clyde_arrays = assets.clyde_arrays()
         self._clyde_search = search_memory(assets.clyde)
-        self._detour_search = detour_memory(assets.length_cm)
+        self._detour_search = detour_memory(assets.length_cm, assets.grid.resolution)
         clyde_steps = int(self._parameters[0]["clyde_steps"])
         period = math.gcd(self.substeps, clyde_steps)
         # Games of a batch differ in phase; Clyde can be due at any multiple of this.

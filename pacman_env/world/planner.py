@@ -20,7 +20,9 @@ PATH_POINTS = 64
 _PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one and the look-ahead
 _ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
 _DETOUR_AHEAD_CM = 200  # Clyde is gone from places farther along the way when the robot gets there
-_SEARCH_CELLS = 8000  # a detour that needs more is no path
+_SEARCH_M2 = 20.0  # a detour for which more ground must be searched is no path
+_SEARCH_CELLS_MAX = 60000
+_PUSHES = 8  # a cell searched queues at most its neighbours
 _GREED = 2  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
 
 
@@ -96,11 +98,12 @@ def _go_on(g, i, paths, bx, by, goal_xy, nav):  # type: ignore[no-untyped-def]
     return _follow_field(g, i, paths, points, g.nav_tail, goal_xy, nav)
 
 
-def detour_memory(length_cm: NDArray[np.uint16]) -> tuple[NDArray[np.int32], Queue]:
+def detour_memory(length_cm: NDArray[np.uint16], resolution: float) -> tuple[NDArray[np.int32], Queue]:
     """Scratch memory for the search around Clyde: node table and queue."""
     longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
+    cells = min(round(_SEARCH_M2 / resolution**2), _SEARCH_CELLS_MAX)
     keys = (_GREED + 2) * longest + 2000  # a detour longer than twice the longest way is none
-    return np.zeros((len(length_cm), 4), dtype=np.int32), new_queue(keys, 8 * _SEARCH_CELLS + 1)
+    return np.zeros((len(length_cm), 4), dtype=np.int32), new_queue(keys, _PUSHES * cells)
 
 
 @kernel
@@ -126,7 +129,7 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
     straight, diagonal = int(100.0 * resolution + 0.5), int(141.4 * resolution + 0.5)
     push(queue, _GREED * least, start)
     reached = -1
-    for _ in range(_SEARCH_CELLS):
+    for _ in range(len(queue[3]) // _PUSHES):
         u = pop(queue)
         if u < 0:
             break
