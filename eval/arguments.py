@@ -1,20 +1,9 @@
-"""What the evaluation commands' argument parsers share."""
+"""What the evaluation commands' arguments share, beside the parser that they have from ``pacman_env.cli``."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from typing import NoReturn
-
-ERROR_STATUS = 2
-
-
-class Parser(argparse.ArgumentParser):
-    """Bad arguments are one line on stderr, as every other error."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print it and exit with status 2."""
-        self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
 
 
 def at_least(least: int) -> Callable[[str], int]:

@@ -8,7 +8,6 @@ Machines are noisy: the ratio is the median over rounds of figures measured one 
 
 from __future__ import annotations
 
-import argparse
 import json
 import platform
 import time
@@ -20,6 +19,7 @@ import numpy as np
 
 import pacman_env
 from eval.files import prepare, replaced
+from pacman_env.cli import Parser
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.world.physics import PhysicsWorld
@@ -132,7 +132,7 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
 
 def main(argv: list[str] | None = None) -> int:
     """The command; see the module."""
-    parser = argparse.ArgumentParser(prog="eval.benchmark", description=__doc__)
+    parser = Parser(prog="eval.benchmark", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.arguments import ERROR_STATUS, Parser, at_least
+from eval.arguments import at_least
 from eval.files import prepare, replaced
+from pacman_env.cli import ERROR_STATUS, Parser
 from pacman_env.config import make_config
 from pacman_env.sim.assets import MapAssets, map_assets, path_fields
 from pacman_env.sim.batch import GameBatch
@@ -50,7 +51,7 @@ class Trials:
 
 
 def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
-    """The same map with drivable cells as its goals, and pellets that play no part."""
+    """The same map with drivable cells as its goals (-1: one that cannot be reached); its pellets play no part."""
     goal_cell = np.concatenate([assets.goal_cell[: assets.pellets], cells]).astype(np.int32)
     goal_xy = np.concatenate([assets.goal_xy[: assets.pellets], assets.cell_xy[cells].astype(np.float64)])
     fields: dict[str, Any] = path_fields(assets.grid, assets.neighbours, goal_cell)
@@ -116,11 +117,7 @@ def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> list[tuple[int, fl
 def unreachable_goal_status(source: str, seed: int, preset: str = "ideal") -> int:
     """Status of a goal that no cell of the robot's area is near to."""
     assets = map_assets(source, make_config(preset))
-    cells = np.array([np.random.default_rng(seed).integers(len(assets.cell_xy))])
-    sealed = with_goals(assets, cells)
-    sealed.goal_cell[assets.pellets] = -1
-    fields: dict[str, Any] = path_fields(sealed.grid, sealed.neighbours, sealed.goal_cell)
-    batch = GameBatch(dataclasses.replace(sealed, **fields), make_config(preset, **NOBODY), 1)
+    batch = GameBatch(with_goals(assets, np.array([-1])), make_config(preset, **NOBODY), 1)
     batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
     return drive_leg(batch, np.zeros(1, dtype=np.int64))[0][0]
 

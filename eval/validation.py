@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eval.arguments import ERROR_STATUS, Parser, at_least
+from eval.arguments import at_least
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
 from eval.parallel import Block, play_all
 from eval.rows import Row, make_row
 from eval.statistics import wilson
+from pacman_env.cli import ERROR_STATUS, Parser
 from pacman_env.config import make_config
 from pacman_env.sim.assets import map_assets
 

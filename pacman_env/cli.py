@@ -18,10 +18,11 @@ from pacman_env import __version__
 ERROR_STATUS = 2
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
     """Bad arguments are one line on stderr, as every other error."""
 
     def error(self, message: str) -> NoReturn:
+        """Print it and exit with status 2."""
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
 
 
@@ -31,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: after ``--help``, ``--version`` and bad arguments, as argparse does.
     """
-    parser = _Parser(prog="pacman-env", description="PacManBot: maps, games and policies.")
+    parser = Parser(prog="pacman-env", description="PacManBot: maps, games and policies.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_group in GROUPS:

@@ -59,18 +59,17 @@ def _words(kind: Any) -> str:
     return names.get(kind, f"a {kind.__name__}")
 
 
+# The two range checks below come after _Section's: what they look at is a finite number.
 def _positive(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
-        ok = isinstance(value, (int, float)) and math.isfinite(value) and value > 0
-        _require(ok, f"{type(owner).__name__}.{name}", value, "must be a finite number above 0")
+        _require(value > 0, f"{type(owner).__name__}.{name}", value, "must be a finite number above 0")
 
 
 def _not_negative(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
-        ok = isinstance(value, (int, float)) and math.isfinite(value) and value >= 0
-        _require(ok, f"{type(owner).__name__}.{name}", value, "must be a finite number of at least 0")
+        _require(value >= 0, f"{type(owner).__name__}.{name}", value, "must be a finite number of at least 0")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ from ..world.paths import (
     STEPS16,
     UNREACHABLE_CM,
     navfn_weights,
-    neighbour_table,
     path_field,
     step_lengths,
 )
@@ -161,7 +160,7 @@ def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, fl
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges)
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
-    neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
+    neighbours = grid.neighbours
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
     fields = cached_arrays(key, ("length_cm", "next_step"), lambda: path_fields(grid, neighbours, goal_cell))
     return MapAssets(

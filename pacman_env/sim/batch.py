@@ -112,7 +112,6 @@ class GameBatch:
         fresh["sigma_heading"] = 0.0 if c.localization.perfect else c.localization.sigma_yaw_rad
         fresh["nav_accept_steps"] = round(c.nav2.accept_delay_s / c.physics_step_s)
         fresh["nav_abort_rate"] = c.nav2.abort_rate
-        fresh["nav_resolution"] = self.assets.grid.resolution
         for name in ("nav_no_path_step", "nav_no_control_step", "nav_stuck_step", "nav_clear_step"):
             fresh[name] = -9
 

@@ -183,6 +183,14 @@ def allowed(g, i, candidate, alive, waits, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _give_up(g):  # type: ignore[no-untyped-def]
+    """Pursue nothing: cancel the goal and forget the answer."""
+    navigator.cancel(g)
+    g.nav_result = navigator.NO_RESULT
+    g.pursued = -1
+
+
+@kernel
 def decide(games, choices, alive, waits, parameters):  # type: ignore[no-untyped-def]
     """Hand each game's choice to the navigator; a candidate that its mask forbids is hold.
 
@@ -205,9 +213,7 @@ def decide(games, choices, alive, waits, parameters):  # type: ignore[no-untyped
         navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
         action = goal_action(chosen, g.pursued, navigating, p.cancel_then_send)
         if action == CANCEL:
-            navigator.cancel(g)
-            g.nav_result = navigator.NO_RESULT
-            g.pursued = -1
+            _give_up(g)
         elif action == SEND:
             goal = chosen if chosen < p.pellet_slots else p.pellets + chosen - p.pellet_slots
             navigator.send_goal(g, goal, g.step)
@@ -247,9 +253,7 @@ def _collect(g, i, slot, alive):  # type: ignore[no-untyped-def]
     g.collected += 1
     g.tick_pellets += 1
     if g.pursued == slot:
-        navigator.cancel(g)
-        g.nav_result = navigator.NO_RESULT
-        g.pursued = -1
+        _give_up(g)
 
 
 @kernel
@@ -297,9 +301,7 @@ def _check(g, i, goal_xy, alive, p):  # type: ignore[no-untyped-def]
     elif g.collected + g.lost >= g.spawned:
         g.end = COMPLETE if g.lost == 0 else CLEARED
     if g.end != RUNNING:
-        navigator.cancel(g)
-        g.nav_result = navigator.NO_RESULT
-        g.pursued = -1
+        _give_up(g)
 
 
 @kernel

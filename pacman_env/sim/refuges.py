@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..config import RefugeConfig
 from ..game.clyde import ClydeCells
 from ..world.grid import DriveGrid, clearance_m
-from ..world.paths import STEPS16, navfn_weights, neighbour_table, path_field, step_lengths
+from ..world.paths import STEPS16, navfn_weights, path_field, step_lengths
 
 _ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
 
@@ -34,7 +34,6 @@ def _spread(grid: DriveGrid, given: list[int], count: int) -> list[int]:
     """Farthest-point sampling by path length, from the given cells on."""
     if count == 0:
         return []
-    neighbours = neighbour_table(grid.cell_id, grid.cell, STEPS16)
     lengths = step_lengths(STEPS16)
     weight = navfn_weights(grid.cost, grid.cell)
     clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
@@ -46,7 +45,7 @@ def _spread(grid: DriveGrid, given: list[int], count: int) -> list[int]:
     next_step = np.empty(len(grid.cell), np.int16)
     chosen = list(given)
     for k in range(len(given) + count - 1):
-        path_field(neighbours, lengths, weight, np.float32(grid.resolution), chosen[k], field, next_step)
+        path_field(grid.neighbours, lengths, weight, np.float32(grid.resolution), chosen[k], field, next_step)
         np.minimum(nearest, field, out=nearest)
         if k + 1 == len(chosen):
             farthest = int(np.where(roomy, nearest, -1.0).argmax())
@@ -62,12 +61,7 @@ def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) 
         return []
     away = np.ones(grid.shape, dtype=np.bool_)
     cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
-    rows, columns = grid.shape
-    a = grid.affine
-    x, y = clyde.position[cells, 0], clyde.position[cells, 1]
-    column = np.floor(a[0] * x + a[1] * y + a[2]).astype(np.int64)
-    row = np.floor(a[3] * x + a[4] * y + a[5]).astype(np.int64)
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+    column, row, inside = grid.locate(clyde.position[cells])
     away[row[inside], column[inside]] = False
     distance = clearance_m(away, grid.resolution)
     # Clyde's positions and cell centres can be half a cell's diagonal apart.

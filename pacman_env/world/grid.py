@@ -7,6 +7,7 @@ SLAM never saw free is no place for a robot, whatever the costmap's thresholds s
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from ..config import Nav2Config, PelletConfig, RobotConfig
 from ..jit import kernel
 from .occupancy import MapError, OccupancyMap
+from .paths import STEPS16, neighbour_table
 
 LETHAL = 254  # an obstacle's own cell
 INSCRIBED = 253  # the robot's centre cannot be here
@@ -65,17 +67,32 @@ class DriveGrid:
         """World position x, y (m) of a cell's centre; numbers or arrays."""
         return _apply(self.inverse, column + 0.5, row + 0.5)
 
+    @functools.cached_property
+    def neighbours(self) -> NDArray[np.int32]:
+        """(K, 16) number of the drivable cell that each step leads to, -1: not allowed."""
+        return neighbour_table(self.cell_id, self.cell, STEPS16)
+
+    def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Column and row of each position (M, 2), and whether that lies on the grid."""
+        columns, rows = _apply(self.affine, position[:, 0], position[:, 1])
+        column, row = np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64)
+        return column, row, self._inside(column, row)
+
     def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
         """Number of the drivable cell under each position (M, 2); -1: none there."""
-        columns, rows = _apply(self.affine, position[:, 0], position[:, 1])
-        return self._numbers(np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64))
+        column, row, _ = self.locate(position)
+        return self._numbers(column, row)
 
     def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
         """Number of the drivable cell that each pixel (M, 2) u, v of an image of that height is; -1: none."""
         return self._numbers(pixel[:, 0] - self.offset[0], height - 1 - pixel[:, 1] - self.offset[1])
 
+    def _inside(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.bool_]:
+        inside: NDArray[np.bool_] = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])
+        return inside
+
     def _numbers(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.int32]:
-        inside = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])
+        inside = self._inside(column, row)
         result = np.full(len(column), -1, dtype=np.int32)
         result[inside] = self.cell_id[row[inside], column[inside]]
         return result

@@ -44,7 +44,6 @@ NAVIGATOR_FIELDS = [
     ("nav_clear_step", np.int32),  # when a roll-out was last looked at and found clear
     ("nav_static", np.int32),  # the plan follows the static field (no detour)
     ("nav_tail", np.int32),  # the cell of the plan's last point, -1: the goal
-    ("nav_resolution", np.float64),  # m per cell
     ("nav_no_path_step", np.int32),  # since when there is no plan, -1: there is one
     ("nav_no_control_step", np.int32),  # since when there is no admissible control, -1: there is
     ("nav_progress_x", np.float64),
@@ -112,11 +111,15 @@ def _take_up(g, bx, by, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _goal_due(g, step):  # type: ignore[no-untyped-def]
+    """A goal waits and is accepted; one that pre-empts another also waits for the planner's tick."""
+    return g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step)
+
+
+@kernel
 def plan_due(g, step):  # type: ignore[no-untyped-def]
     """Whether the planner has something to do for ``g`` before control runs at that step."""
-    if g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step):
-        return True
-    return g.nav_state == ACTIVE and step >= g.nav_plan_step
+    return _goal_due(g, step) or (g.nav_state == ACTIVE and step >= g.nav_plan_step)
 
 
 @kernel
@@ -124,7 +127,7 @@ def plan(g, i, paths, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
     """Take up a waiting goal and plan, where due; the plan of ``g`` is ``paths[i]``."""
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
-    if g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step):
+    if _goal_due(g, step):
         _take_up(g, bx, by, step)
         g.nav_plan_step = step
     if g.nav_state == ACTIVE and step >= g.nav_plan_step:

@@ -55,11 +55,11 @@ def _blocked_by_clyde(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-unty
 
 
 @kernel
-def _follow_field(g, i, paths, count, cell, goal_xy, nav):  # type: ignore[no-untyped-def]
+def _follow_field(g, i, paths, count, cell, p, goal_xy, nav):  # type: ignore[no-untyped-def]
     """Write the static path from ``cell`` on, as far as a plan is written out; returns the point count."""
     cell_xy, next_step = nav[3], nav[5]
     goal = g.nav_goal
-    enough = int(_PATH_METRES / (1.2 * g.nav_resolution))  # steps are 1 to 2.2 cells long
+    enough = int(_PATH_METRES / (1.2 * p.resolution))  # steps are 1 to 2.2 cells long
     last = min(PATH_POINTS - 1, g.nav_at + enough)
     while count < last:
         if next_step[goal, cell] == AT_GOAL:
@@ -76,7 +76,7 @@ def _follow_field(g, i, paths, count, cell, goal_xy, nav):  # type: ignore[no-un
 
 
 @kernel
-def _go_on(g, i, paths, bx, by, goal_xy, nav):  # type: ignore[no-untyped-def]
+def _go_on(g, i, paths, bx, by, p, goal_xy, nav):  # type: ignore[no-untyped-def]
     """Keep the rest of a static plan that the robot is still on, and extend it; returns the point count, 0: off it.
 
     What NavFn would plan from here anew is what is left of the path, so only its far end is computed.
@@ -95,7 +95,7 @@ def _go_on(g, i, paths, bx, by, goal_xy, nav):  # type: ignore[no-untyped-def]
         points -= at
         g.nav_ahead = max(g.nav_ahead - at, 0)
         g.nav_at = 0
-    return _follow_field(g, i, paths, points, g.nav_tail, goal_xy, nav)
+    return _follow_field(g, i, paths, points, g.nav_tail, p, goal_xy, nav)
 
 
 def detour_memory(length_cm: NDArray[np.uint16], resolution: float) -> tuple[NDArray[np.int32], Queue]:
@@ -107,7 +107,7 @@ def detour_memory(length_cm: NDArray[np.uint16], resolution: float) -> tuple[NDA
 
 
 @kernel
-def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, nav, search):  # type: ignore[no-untyped-def]
+def _detour(g, i, paths, start, keepout, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
     """Plan around Clyde by A* with the static path length as the estimate; returns the point count, 0: no path.
 
     The search ends where the rest of the static path is clear of Clyde, at the goal, or, when Clyde stands on the
@@ -115,6 +115,7 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
     """
     affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
     node, queue = search
+    goal, tolerance, resolution = g.nav_goal, p.unreachable_tolerance, p.resolution
     cx, cy = g.clyde_x, g.clyde_y
     near = keepout * keepout
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
@@ -173,7 +174,7 @@ def _detour(g, i, paths, start, goal, goal_xy, keepout, tolerance, resolution, n
     if goal_blocked:
         g.nav_end_x, g.nav_end_y = cell_xy[reached, 0], cell_xy[reached, 1]
     elif cell < 0:
-        count = _follow_field(g, i, paths, count, reached, goal_xy, nav)
+        count = _follow_field(g, i, paths, count, reached, p, goal_xy, nav)
     return count
 
 
@@ -193,17 +194,15 @@ def write_plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no
         if keepout > 0.05 and _blocked_by_clyde(start, goal, g.clyde_x, g.clyde_y, keepout, nav):
             g.nav_at = 0
             g.nav_ahead = 0
-            count = _detour(
-                g, i, paths, start, goal, goal_xy, keepout, p.unreachable_tolerance, p.resolution, nav, search
-            )
+            count = _detour(g, i, paths, start, keepout, p, goal_xy, nav, search)
         else:
             static = 1
-            count = _go_on(g, i, paths, bx, by, goal_xy, nav)
+            count = _go_on(g, i, paths, bx, by, p, goal_xy, nav)
             if count == 0:
                 g.nav_at = 0
                 g.nav_ahead = 0
                 paths[i, 0, 0], paths[i, 0, 1] = cell_xy[start, 0], cell_xy[start, 1]
-                count = _follow_field(g, i, paths, 1, start, goal_xy, nav)
+                count = _follow_field(g, i, paths, 1, start, p, goal_xy, nav)
     g.nav_points = count
     g.nav_static = static
     if count > 0:
