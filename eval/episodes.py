@@ -15,7 +15,7 @@ from pacman_env.config import Config
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.assets import MapAssets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.kernels import RUNNING
+from pacman_env.sim.records import RUNNING
 from pacman_env.sim.situation import Situation
 
 BATCH = 64  # more games than this at once are no faster

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.statistics import paired_difference, wilson
-from pacman_env.sim.kernels import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.sim.records import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 Row = dict[str, Any]
 

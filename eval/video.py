@@ -16,7 +16,7 @@ from pacman_env.envs.rendering import render_frame
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.assets import MapAssets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.kernels import RUNNING
+from pacman_env.sim.records import RUNNING
 
 SPEED_UP = 4.0
 _LAST_FRAME_S = 1.5  # of film, so that the end can be seen

@@ -33,6 +33,9 @@ class _Section:
     def __post_init__(self) -> None:
         for name, kind in typing.get_type_hints(type(self)).items():
             value = getattr(self, name)
+            if isinstance(value, list):  # as settings from a file come
+                value = tuple(value)
+                object.__setattr__(self, name, value)
             _require(_is_a(value, kind), f"{type(self).__name__}.{name}", value, f"must be {_words(kind)}")
             if isinstance(value, numbers.Real) and not isinstance(value, (bool, int, float)):  # NumPy's numbers
                 object.__setattr__(self, name, int(value) if isinstance(value, numbers.Integral) else float(value))
@@ -43,6 +46,13 @@ def _is_a(value: object, kind: Any) -> bool:
         return value in typing.get_args(kind)
     if isinstance(kind, types.UnionType):
         return any(_is_a(value, one) for one in typing.get_args(kind))
+    if typing.get_origin(kind) is tuple:
+        kinds = typing.get_args(kind)
+        if not isinstance(value, tuple):
+            return False
+        if kinds[-1] is ...:
+            return all(_is_a(one, kinds[0]) for one in value)
+        return len(value) == len(kinds) and all(map(_is_a, value, kinds))
     if kind is float:
         return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     if kind is int:
@@ -55,6 +65,11 @@ def _words(kind: Any) -> str:
         return f"one of {typing.get_args(kind)}"
     if isinstance(kind, types.UnionType):
         return " or ".join(_words(one) for one in typing.get_args(kind))
+    if typing.get_origin(kind) is tuple:
+        kinds = typing.get_args(kind)
+        if kinds[-1] is ...:
+            return f"a tuple, each {_words(kinds[0])}"
+        return f"a tuple ({', '.join(map(_words, kinds))})"
     names = {float: "a finite number", int: "a whole number", bool: "True or False", type(None): "None"}
     return names.get(kind, f"a {kind.__name__}")
 
@@ -161,9 +176,14 @@ class PelletConfig(_Section):
         _require(0 <= self.free_grey <= 254, "PelletConfig.free_grey", self.free_grey, "must be in 0..254")
 
 
+#: How a ghost picks where he goes: ``wander`` is Algorithm 2; ``arcade`` goes for the robot from far away and to his
+#: corner when near; ``chase`` always goes for the robot; ``policy`` is told by whoever steps the games.
+Behaviour = Literal["wander", "arcade", "chase", "policy"]
+
+
 @dataclass(frozen=True)
 class ClydeConfig(_Section):
-    """Algorithm 2."""
+    """Algorithm 2, for Clyde and for the ghosts beside him."""
 
     speed_mps: float = 0.25  # round 1, original
     speed_step_mps: float = 0.05  # per round, original
@@ -171,9 +191,14 @@ class ClydeConfig(_Section):
     update_period_s: float = 0.2  # he moves, and is seen to move, at 5 Hz; original
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
     spawn_distance_m: float = 1.5  # at least this far from the robot in a straight line; original: 0
+    ghosts: tuple[Behaviour, ...] = ("wander",)  # one to four: Clyde, Blinky, Pinky, Inky
+    # Arcade: Clyde turns away at 8 tiles; a tile is taken as the pick-up radius, what the robot sweeps on either side.
+    arcade_distance_m: float = 2.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        _require(1 <= len(self.ghosts) <= 4, "ClydeConfig.ghosts", self.ghosts, "must name one to four behaviours")
+        _positive(self, "arcade_distance_m")
         _not_negative(self, "speed_mps", "speed_step_mps", "clearance_m", "spawn_distance_m")
         _positive(self, "update_period_s")
 
@@ -221,6 +246,69 @@ class RefugeConfig(_Section):
         _not_negative(self, "spread", "nooks", "nook_clearance_m")
 
 
+Range = tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class RandomizeConfig(_Section):
+    """Ranges (low, high) that a value is drawn from uniformly at the start of each episode; None: the fixed value.
+
+    Each is named after the field that it replaces.
+    """
+
+    speed_mps: Range = None  # robot.speed_mps
+    clyde_speed_mps: Range = None  # clyde.speed_mps, of round 1
+    sigma_xy_m: Range = None  # localization.sigma_xy_m
+    sigma_yaw_rad: Range = None  # localization.sigma_yaw_rad
+    update_distance_m: Range = None  # localization.update_distance_m: the pose's cadence
+    update_angle_rad: Range = None  # localization.update_angle_rad
+    accept_delay_s: Range = None  # nav2.accept_delay_s, rounded to physics steps
+    abort_rate: Range = None  # nav2.abort_rate
+    pickup_radius_m: Range = None  # execution.pickup_radius_m
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        above_zero = ("speed_mps", "update_distance_m", "update_angle_rad", "pickup_radius_m")
+        for name, low, high in self.ranges():
+            field_name, value = f"RandomizeConfig.{name}", (low, high)
+            _require(low <= high, field_name, value, "must be (low, high)")
+            _require(low > 0 if name in above_zero else low >= 0, field_name, value, "low is out of range")
+            _require(name != "abort_rate" or high <= 1, field_name, value, "must be within [0, 1]")
+
+    def ranges(self) -> list[tuple[str, float, float]]:
+        """Name, low and high of each field that is drawn."""
+        named = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self))
+        return [(name, *value) for name, value in named if value is not None]
+
+
+@dataclass(frozen=True)
+class ObservationConfig(_Section):
+    """What an observation holds; any combination of the three."""
+
+    features: bool = True  # robot, Clyde, candidates and round as numbers
+    scan: bool = False  # the lidar
+    grid: bool = False  # picture around the robot
+    scan_rays: int = 360  # RPLIDAR A1: one per degree
+    scan_minimum_m: float = 0.15  # RPLIDAR A1
+    scan_maximum_m: float = 12.0  # RPLIDAR A1
+    scan_noise: float = 0.01  # standard deviation relative to the range (RPLIDAR A1: about 1 %)
+    grid_pixels: int = 64  # edge of the picture
+    grid_pixel_m: float = 0.1  # edge of a pixel
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        kinds = (self.features, self.scan, self.grid)
+        _require(any(kinds), "ObservationConfig", kinds, "at least one of features, scan and grid must be True")
+        _positive(self, "scan_rays", "scan_minimum_m", "grid_pixels", "grid_pixel_m")
+        _not_negative(self, "scan_noise")
+        _require(
+            self.scan_maximum_m > self.scan_minimum_m,
+            "ObservationConfig.scan_maximum_m",
+            self.scan_maximum_m,
+            f"must be above scan_minimum_m = {self.scan_minimum_m}",
+        )
+
+
 @dataclass(frozen=True)
 class Config(_Section):
     """One complete configuration of a game."""
@@ -233,8 +321,12 @@ class Config(_Section):
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     refuges: RefugeConfig = field(default_factory=RefugeConfig)
+    randomize: RandomizeConfig = field(default_factory=RandomizeConfig)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    action: Literal["goal", "velocity"] = "goal"  # a candidate goal, or v and omega of the base
+    endless: bool = False  # round follows round, Clyde faster each time, until the robot is caught
     physics_step_s: float = 0.05  # Nav2's controller rate, 20 Hz
-    time_limit_s: float = 600.0  # truncation
+    time_limit_s: float = 600.0  # of a round: truncation
     max_pellets: int | None = None  # slots for pellets in the observation; None: as many as the map has
 
     def __post_init__(self) -> None:
@@ -254,8 +346,15 @@ class Config(_Section):
                 period,
                 f"must be a whole number of physics steps of {self.physics_step_s} s",
             )
+        fastest = max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
         _require(
-            self.robot.speed_mps * self.nav2.planner_period_s <= MAX_BLIND_M,
+            fastest <= self.robot.wheel_speed_mps,
+            "Config.randomize.speed_mps",
+            self.randomize.speed_mps,
+            f"must be at most robot.wheel_speed_mps = {self.robot.wheel_speed_mps}",
+        )
+        _require(
+            fastest * self.nav2.planner_period_s <= MAX_BLIND_M,
             "Config.nav2.planner_period_s",
             self.nav2.planner_period_s,
             f"the robot would drive more than {MAX_BLIND_M} m on one plan, which is written out for a little more",

@@ -12,7 +12,8 @@ import numpy as np
 
 from .jit import kernel
 
-CLYDE, LOCALIZATION, NAVIGATION, POLICY = 1, 2, 3, 4
+CLYDE, LOCALIZATION, NAVIGATION, POLICY, LEVEL, RANDOMIZE, LIDAR, ROUND = 1, 2, 3, 4, 5, 6, 7, 8
+GHOSTS = 16  # and the numbers after it: the ghosts beside Clyde
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..sim.assets import MapSource
-from ..sim.kernels import RUNNING
+from ..sim.records import RUNNING
 from ..sim.observation import observe
 from ..sim.situation import Situation
 from . import outcome

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..sim.assets import MapAssets
 from ..sim.batch import GameBatch
-from ..sim.kernels import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from ..sim.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from ..world.paths import AT_GOAL, NO_STEP
 from . import symbols
 from .symbols import Colour, Image
@@ -279,12 +279,15 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
     """
     if not 0 <= game < batch.n:
         raise IndexError(f"game = {game}: the batch has games 0..{batch.n - 1}")
-    view = map_view(batch.assets, batch.config, height)
+    assets = batch.assets_of(game)
+    view = map_view(assets, batch.config, height)
     g = batch.games[game]
-    image = view.layer(batch.alive[game, : batch.assets.pellets]).copy()
-    clyde = view.pixels(np.array([g["clyde_x"], g["clyde_y"]]))
+    image = view.layer(batch.alive[game, : assets.pellets]).copy()
+    ghosts = batch.ghosts[game]
+    places = view.pixels(np.stack([ghosts["x"], ghosts["y"]], axis=1))
     danger = batch.config.execution.death_radius_m * view.scale * view.enlarged
-    symbols.catch_circle(image, clyde, danger, view.line)
+    for place in places:
+        symbols.catch_circle(image, place, danger, view.line)
     _draw_goal(image, view, batch, game)
     robot = view.pixels(np.array([g["x"], g["y"]]))
     symbols.pac_man(image, robot, view.body_px, view.angle(float(g["heading"])))
@@ -292,8 +295,9 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
         x, y, heading = _believed(g, batch.config)
         believed = view.pixels(np.array([x, y]))
         symbols.believed_pose(image, believed, view.body_px, view.angle(heading), view.line)
-    look = _look(view, float(g["clyde_vx"]), float(g["clyde_vy"]))
-    symbols.ghost(image, clyde, view.body_px, look)
+    for number, (ghost, place) in enumerate(zip(ghosts, places, strict=True)):
+        look = _look(view, float(ghost["vx"]), float(ghost["vy"]))
+        symbols.ghost(image, place, view.body_px, look, symbols.GHOSTS[number])
     _draw_header(image, view, batch, game, title)
     return image
 
@@ -316,7 +320,7 @@ def _look(view: MapView, vx: float, vy: float) -> NDArray[np.float64]:
 
 def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None:
     """The plan being driven, from the robot on, and the candidate pursued."""
-    g, assets = batch.games[game], batch.assets
+    g, assets = batch.games[game], batch.assets_of(game)
     points, at, goal = int(g["nav_points"]), int(g["nav_at"]), int(g["nav_goal"])
     if goal >= 0 and points > 0:
         written = batch.paths[game, at:points].astype(np.float64)
@@ -365,7 +369,7 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
     x = right - chip.shape[1] - 2 * pad
     cv2.rectangle(image, (round(x), round(upper - high)), (round(right), round(upper + high)), back, -1)
     symbols.paste(image, x + pad, upper, chip)
-    name = batch.assets.occupancy.name
+    name = batch.assets_of(game).occupancy.name
     pieces = [(title, TEXT), (name, MUTED)] if title else [(name, TEXT)]
     at = left
     for text, colour in pieces:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]  # (H, W, 3) RGB
 Colour = tuple[int, int, int]
 
-PAC, GHOST, OUTLINE, EYE, PUPIL = (255, 214, 0), (255, 140, 26), (48, 42, 24), (255, 255, 255), (22, 40, 110)
+PAC, OUTLINE, EYE, PUPIL = (255, 214, 0), (48, 42, 24), (255, 255, 255), (22, 40, 110)
+GHOSTS = ((255, 140, 26), (226, 30, 40), (255, 150, 200), (40, 190, 220))  # Clyde, Blinky, Pinky, Inky
 PLAN, BELIEF, DANGER = (25, 103, 210), (142, 36, 170), (214, 40, 40)
 PLACE, PLACE_FILL, COLLECTED = (0, 128, 110), (222, 244, 238), (160, 164, 172)
 
@@ -103,11 +104,11 @@ def pac_man(image: Image, centre: NDArray, radius: float, angle: float) -> None:
         pen.polygon(centre + shape, PAC, OUTLINE, width)
 
 
-def ghost(image: Image, centre: NDArray, radius: float, look: NDArray) -> None:
-    """Clyde, his eyes towards ``look`` (2,), of length 1 or 0."""
+def ghost(image: Image, centre: NDArray, radius: float, look: NDArray, colour: Colour = GHOSTS[0]) -> None:
+    """A ghost, his eyes towards ``look`` (2,), of length 1 or 0."""
     width = _outline(radius)
     with _pen(image, centre, 1.2 * radius + 2) as pen:
-        pen.polygon(centre + radius * _GHOST_SHAPE, GHOST, OUTLINE, width)
+        pen.polygon(centre + radius * _GHOST_SHAPE, colour, OUTLINE, width)
         for side in (-0.36, 0.36):
             eye = centre + radius * (np.array([side, -0.2]) + 0.1 * look)
             pen.disc(eye, 0.29 * radius, EYE)

@@ -1,8 +1,8 @@
-"""Algorithm 2: Clyde's cells, his choice of targets, his way there and his walk along it.
+"""Algorithm 2's ground: the cells where Clyde can be and the shortest ways between them.
 
-His cells are free ones with a square clearance; spawn and targets are uniform over them; he goes by A* (8-connected,
-no corner cutting) and moves exactly along the path. The search is guided by exact distances from landmarks, which
-leaves the paths as short as plain A* finds them. No simulator and no ROS here: both call these functions.
+His cells are free ones with a square clearance; he goes by A* (8-connected, no corner cutting). The search is guided by
+exact distances from landmarks, which leaves the paths as short as plain A* finds them. How he moves and where to is
+decided in ``ghosts``. No simulator and no ROS here: both call these functions.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from ..bucket_queue import Queue, clear, new_queue, pop, push
 from ..config import ClydeConfig, ConfigError
 from ..jit import kernel
-from ..rng import below
 from .pellets import FreeSpace, pixel_to_world
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
@@ -29,19 +28,6 @@ _FAR = 2**30
 
 #: Column and row offset of the 8 steps, by angle; rows count from the top of the image.
 _STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1)], dtype=np.int64)
-
-#: What one Clyde carries from step to step.
-CLYDE_FIELDS = [
-    ("clyde_x", np.float64),  # where he is and is seen, m
-    ("clyde_y", np.float64),
-    ("clyde_vx", np.float64),  # velocity of his last move, m/s
-    ("clyde_vy", np.float64),
-    ("clyde_speed", np.float64),  # m/s in this round
-    ("clyde_at", np.int32),  # index into his path of the last cell passed
-    ("clyde_length", np.int32),  # cells of his path
-    ("clyde_beyond", np.float64),  # m walked beyond that cell
-    ("clyde_stream", np.uint64),
-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,86 +266,7 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
     return count
 
 
-def search_memory(cells: ClydeCells) -> tuple[NDArray[np.int32], Queue]:
-    """Scratch memory for :func:`find_path`: node table and queue."""
-    count = len(cells.position)
+def search_memory(cells: int, longest: int) -> tuple[NDArray[np.int32], Queue]:
+    """Scratch memory for :func:`find_path` on maps of so many cells and paths of so many: node table and queue."""
     # No shortest path costs more than the longest one of diagonals alone.
-    return np.zeros((count, 4), dtype=np.int32), new_queue(cells.longest * DIAGONAL, 8 * count + 1)
-
-
-@kernel
-def spawn(g, cell, path, position):  # type: ignore[no-untyped-def]
-    """Put Clyde ``g`` on a cell; he chooses his first target at his first move."""
-    path[0] = cell
-    g.clyde_at = 0
-    g.clyde_length = 1
-    g.clyde_beyond = 0.0
-    g.clyde_x = position[cell, 0]
-    g.clyde_y = position[cell, 1]
-    g.clyde_vx = 0.0
-    g.clyde_vy = 0.0
-
-
-@kernel
-def choose_target(g, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]
-    """A cell uniform over those that Clyde can reach from ``cell``."""
-    p = part[cell]
-    first, last = part_start[p], part_start[p + 1]
-    g.clyde_stream, pick = below(g.clyde_stream, last - first)
-    return part_cells[first + pick]
-
-
-@kernel
-def walk(g, i, paths, position, period):  # type: ignore[no-untyped-def]
-    """One update: move Clyde along his path ``paths[i]`` for ``period`` seconds, at most to its end."""
-    x, y = g.clyde_x, g.clyde_y
-    at, beyond = g.clyde_at, g.clyde_beyond + g.clyde_speed * period
-    last = g.clyde_length - 1
-    here = paths[i, at]
-    g.clyde_x, g.clyde_y = position[here, 0], position[here, 1]
-    while at < last:
-        following = paths[i, at + 1]
-        dx, dy = position[following, 0] - position[here, 0], position[following, 1] - position[here, 1]
-        length = math.sqrt(dx * dx + dy * dy)
-        if beyond < length:
-            f = beyond / length
-            g.clyde_x = position[here, 0] + f * dx
-            g.clyde_y = position[here, 1] + f * dy
-            break
-        beyond -= length
-        at += 1
-        here = following
-        g.clyde_x, g.clyde_y = position[here, 0], position[here, 1]
-    g.clyde_at = at
-    g.clyde_beyond = beyond if at < last else 0.0
-    g.clyde_vx = (g.clyde_x - x) / period
-    g.clyde_vy = (g.clyde_y - y) / period
-
-
-@kernel
-def at_target(g):  # type: ignore[no-untyped-def]
-    """He stands at the end of his path and needs a target before his next update."""
-    return g.clyde_at >= g.clyde_length - 1
-
-
-@kernel
-def retarget(g, path, arrays, node, queue):  # type: ignore[no-untyped-def]
-    """Choose a target and the way there.
-
-    ``arrays`` is (graph, part, part_start, part_cells) of :class:`ClydeCells`.
-    """
-    graph, part, part_start, part_cells = arrays
-    here = path[g.clyde_at]
-    target = choose_target(g, here, part, part_start, part_cells)
-    count = find_path(here, target, graph, node, queue, path)
-    g.clyde_at = 0
-    g.clyde_beyond = 0.0
-    g.clyde_length = count
-    if count == 0:  # cannot happen within a part; he stays where he is
-        path[0] = here
-        g.clyde_length = 1
-
-
-def cell_arrays(cells: ClydeCells) -> tuple[NDArray, ...]:
-    """The arrays of :class:`ClydeCells` in the order that :func:`retarget` takes them."""
-    return cells.graph, cells.part, cells.part_start, cells.part_cells
+    return np.zeros((cells, 4), dtype=np.int32), new_queue(longest * DIAGONAL, 8 * cells + 1)

@@ -6,18 +6,20 @@ Kept in the process (the last few maps) and, for the path fields, on disk by the
 from __future__ import annotations
 
 import collections
+import functools
 import hashlib
 import json
 import math
 import os
 import threading
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
-from ..game.clyde import ClydeCells, cell_arrays, clyde_cells
+from ..game.clyde import ClydeCells, clyde_cells
 from ..game.pellets import generate_pellets
 from ..jit import source_hash
 from ..world.cache import cached_arrays
@@ -31,6 +33,7 @@ from ..world.paths import (
     path_field,
     step_lengths,
 )
+from .haunts import Haunts, find_haunts
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
@@ -56,6 +59,10 @@ class MapAssets:
     length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
     next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> MapAssets:
+        """Nothing in here ever changes: a copied environment shares it."""
+        return self
+
     @property
     def pellets(self) -> int:
         """P, the number of pellets."""
@@ -66,22 +73,10 @@ class MapAssets:
         """R, the number of refuges."""
         return len(self.goal_xy) - len(self.pellet_ids)
 
-    def navigation_arrays(self) -> tuple[NDArray, ...]:
-        """What the navigator's kernels take as ``nav``."""
-        grid = self.grid
-        return (
-            grid.affine,
-            grid.snap,
-            self.neighbours,
-            self.cell_xy,
-            self.length_cm,
-            self.next_step,
-            grid.clearance_cm,
-        )
-
-    def clyde_arrays(self) -> tuple[NDArray, ...]:
-        """What Clyde's kernels take as ``arrays``."""
-        return cell_arrays(self.clyde)
+    @functools.cached_property
+    def haunts(self) -> Haunts:
+        """Where the ghosts can be sent."""
+        return find_haunts(self.grid, self.clyde, self.clyde_part, self.goal_xy)
 
 
 _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()

@@ -14,208 +14,287 @@ from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
 from ..game.clyde import search_memory
-from ..world.controller import HORIZON_S
+from ..game.ghosts import BEHAVIOURS, POLICY, WANDER
+from ..game.round import clyde_speed_mps
 from ..world.physics import PhysicsWorld
 from ..world.planner import PATH_POINTS, detour_memory
-from . import kernels
+from . import ghost_kernels, kernels, records
 from .assets import MapAssets
+from .levels import LevelStack
+from .parameters import batch_parameters, draw_episodes, next_seeds
 from .situation import Situation
-
-_CLEAR_OF_WALLS_M = 0.05  # beyond the inscribed radius; roll-outs prefer to stay outside it
+from .situation_kernel import fill_situation
+from .sources import FixedMap, LevelSource
 
 
 class GameBatch:
-    """N games on one map under one configuration.
+    """N games under one configuration, on one map or each on a map of its own.
 
-    Candidates are numbered: ``pellet_slots`` pellets (those beyond the map's are padding), the refuges, hold.
+    Candidates are numbered: ``pellet_slots`` pellets, ``refuge_slots`` refuges (those beyond the map's are padding),
+    hold.
     """
 
-    def __init__(self, assets: MapAssets, config: Config, n: int = 1) -> None:
+    def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1) -> None:
         """Build the physics for ``n`` games; call :meth:`reset` before the first step.
 
         Raises:
             ConfigError: ``config.max_pellets`` is below the number of pellets on the map.
+            MapError: the source has no map that can be played on.
         """
-        slots = assets.pellets if config.max_pellets is None else config.max_pellets
-        if slots < assets.pellets:
-            raise ConfigError(f"max_pellets = {slots}: the map has {assets.pellets} pellets")
-        self.assets = assets
+        self.source = source = FixedMap(source) if isinstance(source, MapAssets) else source
+        slots = source.pellet_slots(config) if config.max_pellets is None else config.max_pellets
+        first = source.first
+        if slots < first.pellets:
+            raise ConfigError(f"max_pellets = {slots}: the map has {first.pellets} pellets")
         self.config = config
         self.n = n
         self.pellet_slots = slots
-        self.hold = slots + assets.refuges
+        self.refuge_slots = source.refuge_slots(config)
+        self.hold = slots + self.refuge_slots
         self.candidates = self.hold + 1
         self.substeps = round(config.execution.tick_s / config.physics_step_s)
-        self.games = np.zeros(n, dtype=kernels.GAME)
+        self.behaviours = np.array([BEHAVIOURS.index(name) for name in config.clyde.ghosts], dtype=np.int64)
+        ghosts = len(self.behaviours)
+        self.games = np.zeros(n, dtype=records.GAME)
+        self.ghosts = np.zeros((n, ghosts), dtype=records.GHOST)
         self.alive = np.zeros((n, slots), dtype=np.bool_)
+        self.obstacles = np.zeros((n, ghosts, 3))
         self._waits = np.zeros((n, self.candidates), dtype=np.int64)
         self._aborts = np.zeros((n, self.candidates), dtype=np.int64)
         self.paths = np.zeros((n, PATH_POINTS, 2), dtype=np.float32)
-        self._clyde_paths = np.zeros((n, assets.clyde.longest), dtype=np.int32)
+        self.levels = LevelStack(first, config, source.slots(n))
+        self._held = [-1] * n  # the slot of each game's map
+        self._ghost_paths = np.zeros((n, ghosts, 0), dtype=np.int32)
         self.physics = PhysicsWorld(
-            assets.grid.walls,
+            first.grid.walls,
             n,
             radius_m=config.robot.radius_m,
             mass_kg=config.robot.mass_kg,
             step_s=config.physics_step_s,
+            shared=len(self.levels) == 1,
         )
-        self._parameters = _parameters(config, assets, slots)
-        self._nav = assets.navigation_arrays()
-        # NavFn moves a goal that the robot cannot come near to the nearest place where it can be.
-        nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
-        off = np.hypot(*(nearest - assets.goal_xy).T)
-        moved = (assets.goal_cell >= 0) & (off > config.execution.pickup_radius_m)
-        self._plan_end = np.where(moved[:, None], nearest, assets.goal_xy)
-        self._clyde_arrays = assets.clyde_arrays()
-        self._clyde_search = search_memory(assets.clyde)
-        self._detour_search = detour_memory(assets.length_cm, assets.grid.resolution)
+        self._parameters = batch_parameters(config, self.levels.resolution, slots, self.refuge_slots)
+        self._idle = bool((self.behaviours == WANDER).all())
+        self._told = bool((self.behaviours == POLICY).any())
+        self._wander_on = np.full((n, ghosts), self.hold, dtype=np.int64)
         clyde_steps = int(self._parameters[0]["clyde_steps"])
         period = math.gcd(self.substeps, clyde_steps)
-        # Games of a batch differ in phase; Clyde can be due at any multiple of this.
-        self._clyde_due = [k % period == 0 for k in range(self.substeps)]
+        # Games of a batch differ in phase; ghosts can be due at any multiple of this.
+        self._ghosts_due = [k % period == 0 for k in range(self.substeps)]
         check_steps = round(config.execution.check_period_s / config.physics_step_s)
         self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
+        self._version = -1
+        self._bind()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        raise TypeError("a running game cannot be copied or pickled: make a new one and replay it from its seed")
+    @property
+    def assets(self) -> MapAssets:
+        """The map; where there are many, one of them."""
+        return self.source.first
+
+    def assets_of(self, game: int) -> MapAssets:
+        """The map that a game is played on."""
+        slot = self._held[game]
+        return self.source.first if slot < 0 else self.levels.assets(slot)
+
+    def level(self, game: int) -> int:
+        """The number of the level that a game is played on; 0 where there is one map."""
+        return self.levels.level(self._held[game]) if len(self.levels) > 1 else 0
+
+    def _bind(self) -> None:
+        """Take over the stacked arrays, after they have been made anew, and make the scratch memory for them."""
+        if self._version == self.levels.version:
+            return
+        self._version = self.levels.version
+        a = self.levels.arrays
+        self._goal_xy = a["goal_xy"]
+        self._plan_end = a["plan_end"]
+        self._affine, self._clearance = a["affine"], a["clearance_cm"]
+        self._nav = tuple(a[k] for k in ("affine", "snap", "neighbours", "cell_xy", "length_cm", "next_step"))
+        self._ghost_xy = a["ghost_xy"]
+        self._ghost_arrays = tuple(a[f"ghost_{k}"] for k in ("graph", "part", "part_start", "part_cells"))
+        self._ghost_places = tuple(a[k] for k in ("affine", "ghost_snap", "ghost_place", "ghost_corner"))
+        self._starts = tuple(a[k] for k in ("home", "spawn_cells", "spawn_count", "ghost_xy"))
+        self._seen = tuple(a[k] for k in ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place"))
+        cells, longest = a["ghost_xy"].shape[1], self.levels.longest_ghost_way
+        self._ghost_search = search_memory(cells, longest)
+        self._detour_search = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)
+        # A ghost that turns round between two cells walks on to the second one first.
+        room = max(longest + 1, self._ghost_paths.shape[2])
+        paths = np.zeros((*self.ghosts.shape, room), dtype=np.int32)
+        paths[:, :, : self._ghost_paths.shape[2]] = self._ghost_paths
+        self._ghost_paths = paths
 
     def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
-        """Start a new round with its own seed in each of the games ``index`` (M,)."""
+        """Start a new episode with its own seed in each of the games ``index`` (M,).
+
+        The seed decides everything that is drawn: the map where there are many, the episode's parameters, the ghosts.
+
+        Raises:
+            MapError: a map cannot be played on; nothing has been changed then.
+        """
         index = np.asarray(index, dtype=np.int64)
-        fresh = np.zeros(len(index), dtype=kernels.GAME)
-        self._round_parameters(fresh)
-        assets = self.assets
+        seeds = np.asarray(seeds, dtype=np.uint64)
+        fresh = draw_episodes(seeds, self.config)
+        if len(self.levels) > 1:
+            self._change_maps(index, self.source.levels_of(seeds))
+        self._start(index, seeds, fresh)
+
+    def _change_maps(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
+        # All are prepared before the first is given up.
+        prepared = {
+            level: self.source.prepare(level) for level in dict.fromkeys(levels.tolist()) if not self.levels.has(level)
+        }
+        for i in index.tolist():
+            if self._held[i] >= 0:
+                self.levels.give_back(self._held[i])
+        for i, level in zip(index.tolist(), levels.tolist(), strict=True):
+            self._held[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
+        self._bind()
+
+    def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
+        """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
+        for k, i in enumerate(index.tolist()):
+            if self._held[i] < 0:
+                self._held[i] = 0
+            assets = self.levels.assets(self._held[i])
+            fresh[k]["level"] = self._held[i]
+            fresh[k]["pellets"], fresh[k]["refuges"] = assets.pellets, assets.refuges
+            x, y = assets.grid.home[:2].tolist()
+            self.physics.place(i, x, y, assets.grid.walls)
         kernels.reset_games(
             self.games,
             index,
-            np.asarray(seeds, dtype=np.uint64),
+            seeds,
             fresh,
-            assets.grid.home,
             self.alive,
             self._waits,
             self._aborts,
-            self._clyde_paths,
-            assets.spawn_cells,
-            assets.clyde.position,
+            self.ghosts,
+            self._ghost_paths,
+            self.obstacles,
+            self.behaviours,
+            self._starts,
             self._parameters,
         )
-        self.alive[index, assets.pellets :] = False
-        for i in index.tolist():
-            self.physics.place(i, *assets.grid.home[:2].tolist())
 
-    def _round_parameters(self, fresh: NDArray[Any]) -> None:
-        """Fill in what may differ from round to round."""
-        c = self.config
-        fresh["speed_limit"] = c.robot.speed_mps
-        fresh["clyde_speed"] = c.clyde.speed_mps
-        fresh["sigma_xy"] = 0.0 if c.localization.perfect else c.localization.sigma_xy_m
-        fresh["sigma_heading"] = 0.0 if c.localization.perfect else c.localization.sigma_yaw_rad
-        fresh["nav_accept_steps"] = round(c.nav2.accept_delay_s / c.physics_step_s)
-        fresh["nav_abort_rate"] = c.nav2.abort_rate
-        for name in ("nav_no_path_step", "nav_no_control_step", "nav_stuck_step", "nav_clear_step"):
-            fresh[name] = -9
+    def _next_rounds(self) -> None:
+        """In an endless game a completed round is followed by another with faster ghosts."""
+        index = np.flatnonzero(self.games["end"] == records.COMPLETE)
+        if len(index) == 0:
+            return
+        before = self.games[index]
+        fresh = np.zeros(len(index), dtype=records.GAME)
+        for name in records.KEPT_FROM_ROUND_TO_ROUND:
+            fresh[name] = before[name]
+        fresh["round"] += 1
+        fresh["tick_rounds"] = 1
+        faster = self.config.clyde.speed_step_mps
+        fresh["clyde_speed"] = [clyde_speed_mps(g["base_clyde_speed"], faster, g["round"]) for g in fresh]
+        self._start(index, next_seeds(before["seed"]), fresh)
 
-    def step(self, choices: NDArray[np.int64]) -> None:
+    def step(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64] | None = None) -> None:
         """One decision and the physics steps until the next; games that have ended stand still.
 
-        ``choices`` (N,) int64 are candidates; one that the mask forbids makes the robot hold.
+        Args:
+            actions: (N,) int64 candidates, one that the mask forbids makes the robot hold; with velocity actions
+                (N, 2) float64, v in m/s and omega in rad/s.
+            ghost_choices: (N, G) int64, for ghosts told by a policy: the candidate whose place to go to, or the last
+                one to wander on; None: all wander on.
 
         Raises:
-            ValueError: a choice is no candidate; nothing has been changed then.
+            ValueError: an action or a choice is none; nothing has been changed then.
         """
-        parameters, games, goal_xy = self._parameters, self.games, self.assets.goal_xy
-        physics, nav, alive = self.physics, self._nav, self.alive
+        parameters, games, goal_xy = self._parameters, self.games, self._goal_xy
+        physics, nav, alive, obstacles = self.physics, self._nav, self.alive, self.obstacles
+        ghosts, ghost_paths = self.ghosts, self._ghost_paths
         row, state, force = physics.row, physics.state, physics.force
-        due = kernels.decide(games, choices, alive, self._waits, parameters)
-        if due < 0:
-            bad = -1 - due
-            raise ValueError(f"choice {choices[bad]} of game {bad}: candidates are 0 to {self.hold}")
+        if self._told and ghost_choices is not None:
+            self._check_ghost_choices(ghost_choices)
+        due = self._decide(actions)
+        if not self._idle:
+            self._decide_ghosts(self._wander_on if ghost_choices is None else ghost_choices)
         for k in range(self.substeps):
             if self._check_due[k]:
-                kernels.check(games, row, state, goal_xy, alive, parameters)
-            if self._clyde_due[k] and kernels.move_clydes(
-                games, self._clyde_paths, parameters, self.assets.clyde.position
+                kernels.check(games, row, state, goal_xy, alive, obstacles, parameters)
+            if self._ghosts_due[k] and ghost_kernels.move_ghosts(
+                games, ghosts, ghost_paths, obstacles, parameters, self._ghost_xy
             ):
-                kernels.retarget_clydes(games, self._clyde_paths, parameters, self._clyde_arrays, *self._clyde_search)
+                ghost_kernels.retarget_ghosts(
+                    games, ghosts, ghost_paths, parameters, self._ghost_arrays, *self._ghost_search
+                )
             if due & kernels.PLAN_DUE:
-                kernels.plan(games, self.paths, parameters, self._plan_end, nav, self._detour_search)
-            due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, nav[0], nav[6])
+                kernels.plan(games, self.paths, obstacles, parameters, self._plan_end, nav, self._detour_search)
+            due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, self._affine, self._clearance)
             if due & kernels.RESULT_DUE:
                 kernels.apply_results(games, goal_xy, alive, self._waits, self._aborts, parameters)
             physics.step()
-        kernels.finish(games, row, state, goal_xy, alive, parameters)
+        kernels.finish(games, row, state, goal_xy, alive, obstacles, parameters)
+        if self.config.endless:
+            self._next_rounds()
 
-    def situation(self) -> Situation:
-        """What a policy sees now; new arrays at each call."""
-        situation = Situation.empty(self.n, self.candidates)
-        assets = self.assets
-        kernels.fill_situation(
+    def _decide(self, actions: NDArray[Any]) -> int:
+        """Hand the actions over; returns what is due."""
+        if self.config.action == "velocity":
+            due = int(kernels.decide_velocity(self.games, actions, self._parameters))
+            if due < 0:
+                raise ValueError(f"action {actions[-1 - due].tolist()} of game {-1 - due}: must be two finite numbers")
+            return due
+        due = int(kernels.decide(self.games, actions, self.alive, self._waits, self._parameters))
+        if due < 0:
+            bad = -1 - due
+            raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
+        return due
+
+    def _check_ghost_choices(self, choices: NDArray[np.int64]) -> None:
+        if choices.shape != self.ghosts.shape:
+            raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.ghosts.shape}")
+        bad = np.flatnonzero(((choices < 0) | (choices > self.hold)).any(axis=1))
+        if len(bad) > 0:
+            raise ValueError(
+                f"ghost choices {choices[bad[0]].tolist()} of game {bad[0]}: candidates are 0 to {self.hold}"
+            )
+
+    def _decide_ghosts(self, choices: NDArray[np.int64]) -> None:
+        ghost_kernels.decide_ghosts(
             self.games,
+            self.ghosts,
+            self._ghost_paths,
+            choices,
+            self.behaviours,
+            self._parameters,
+            self._ghost_places,
+            self._ghost_arrays,
+            *self._ghost_search,
+        )
+
+    def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
+        """Let a ghost go on from the cell of his nearest to (x, y), m; returns where that is."""
+        cells = self.assets_of(game).clyde.position
+        cell = int(((cells - (x, y)) ** 2).sum(axis=1).argmin())
+        kernels.place_ghost(
+            self.games[game : game + 1],
+            self.ghosts[game, number : number + 1],
+            self.ghosts[game],
+            self._ghost_paths[game, number],
+            self.obstacles[game],
+            cell,
+            cells,
+        )
+        return float(cells[cell, 0]), float(cells[cell, 1])
+
+    def situation(self, seat: int = -1) -> Situation:
+        """What a policy sees now, the robot's or (``seat`` k) that of ghost k; new arrays at each call."""
+        situation = Situation.empty(self.n, self.candidates, len(self.behaviours))
+        fill_situation(
+            self.games,
+            self.ghosts,
+            self._ghost_paths,
+            self.obstacles,
             self.alive,
             self._waits,
+            seat,
             self._parameters,
-            assets.goal_xy,
-            assets.grid.affine,
-            assets.grid.snap,
-            assets.length_cm,
-            assets.clyde_drive,
-            self._clyde_paths,
+            self._seen,
             situation.arrays(),
         )
         return situation
-
-
-def _parameters(config: Config, assets: MapAssets, slots: int) -> NDArray[Any]:
-    """The constants of a batch as one record, in steps and SI units."""
-    dt = config.physics_step_s
-    robot, nav2, execution, loc = config.robot, config.nav2, config.execution, config.localization
-
-    def steps(seconds: float) -> int:
-        return round(seconds / dt)
-
-    values = {
-        "dt": dt,
-        "tick_s": execution.tick_s,
-        "ticks_max": max(1, round(config.time_limit_s / execution.tick_s)),
-        "scan_steps": steps(loc.scan_period_s),
-        "clyde_steps": steps(config.clyde.update_period_s),
-        "clyde_period": config.clyde.update_period_s,
-        "plan_steps": steps(nav2.planner_period_s),
-        "perfect": loc.perfect,
-        "update_distance": loc.update_distance_m,
-        "update_angle": loc.update_angle_rad,
-        "use_tf": execution.pose_source == "tf",
-        "pickup": execution.pickup_radius_m,
-        "death": execution.death_radius_m,
-        "cancel_then_send": execution.switch == "cancel_then_send",
-        "lose_on_abort": execution.on_abort == "lose_pellet",
-        "back_off_ticks": max(1, round(execution.back_off_s / execution.tick_s)),
-        "goal_tolerance": nav2.goal_tolerance_m,
-        "unreachable_tolerance": nav2.unreachable_tolerance_m,
-        "clyde_keepout": nav2.clyde_keepout_m,
-        "inscribed_cm": math.floor(100 * robot.inscribed_radius_m),
-        "comfort_cm": math.floor(100 * (robot.inscribed_radius_m + _CLEAR_OF_WALLS_M)),
-        "open_cm": math.ceil(
-            100 * (robot.inscribed_radius_m + robot.speed_mps * HORIZON_S + 2 * assets.grid.resolution)
-        ),
-        "progress_distance": nav2.progress_distance_m,
-        "progress_steps": steps(nav2.progress_time_s),
-        "no_path_steps": steps(nav2.no_path_abort_s),
-        "no_control_steps": steps(nav2.no_control_abort_s),
-        "stuck_steps": steps(nav2.stuck_abort_s),
-        "omega_max": robot.omega_radps,
-        "omega_rate": 2.0 * robot.wheel_acceleration_mps2 / robot.wheel_base_m,
-        "wheel_max": robot.wheel_speed_mps,
-        "wheel_rate": robot.wheel_acceleration_mps2,
-        "half_base": robot.wheel_base_m / 2,
-        "per_base": 1.0 / robot.wheel_base_m,
-        "mass_rate": robot.mass_kg / dt,
-        "resolution": assets.grid.resolution,
-        "pellets": assets.pellets,
-        "pellet_slots": slots,
-        "refuges": assets.refuges,
-    }
-    record = np.zeros(1, dtype=kernels.PARAMETERS)
-    for name, value in values.items():
-        record[0][name] = value
-    return record

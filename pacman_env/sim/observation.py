@@ -83,7 +83,7 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, _, _, pellets_left,
+        path_robot, path_clyde, current, _, _, pellets_left, _,
     ) = arrays  # fmt: skip
     count = mask.shape[1]
     for i in range(len(time_s)):

@@ -1,7 +1,11 @@
 """What a policy sees at a decision: N situations at once, as arrays.
 
 The same structure is filled from the simulator and from a robot's messages. Poses are *believed* poses in the map
-frame (m, rad). Candidates are laid out as pellets (padded), refuges, hold.
+frame (m, rad). Candidates are laid out as pellets (padded), refuges (padded), hold.
+
+Of several ghosts the one nearest to the believed pose is called Clyde here, and ``path_clyde`` is the shortest of all
+their ways. A policy that plays a ghost sees the same arrays with him as Clyde: the candidates are then the places he
+can be sent to, and the last one is to wander on.
 """
 
 from __future__ import annotations
@@ -35,6 +39,7 @@ class Situation:
     seed: NDArray[np.uint64]  # (N,) the round's seed, for policies that draw
     tick: NDArray[np.int64]  # (N,) decisions taken in this round before this one
     pellets_left: NDArray[np.int64]  # (N,) still on the map, those that may not be chosen now included
+    ghosts: NDArray[np.float64]  # (N, G, 5) x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -48,7 +53,7 @@ class Situation:
         return Situation(*(array[index] for array in self.arrays()))
 
     @classmethod
-    def empty(cls, n: int, candidates: int) -> Situation:
+    def empty(cls, n: int, candidates: int, ghosts: int = 1) -> Situation:
         """Arrays for n situations, not yet filled."""
         c = candidates
         situation = cls.__new__(cls)  # a frozen dataclass sets its fields one by one, slowly
@@ -70,5 +75,6 @@ class Situation:
             seed=np.empty(n, dtype=np.uint64),
             tick=np.empty(n, dtype=np.int64),
             pellets_left=np.empty(n, dtype=np.int64),
+            ghosts=np.empty((n, ghosts, 5)),
         )
         return situation

@@ -60,7 +60,7 @@ def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p): 
 
 
 @kernel
-def _limit(v, w, p):  # type: ignore[no-untyped-def]
+def limit(v, w, p):  # type: ignore[no-untyped-def]
     """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving gives way."""
     most = min(p.omega_max, p.wheel_max / p.half_base)
     w = min(max(w, -most), most)
@@ -100,7 +100,7 @@ def command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[
         return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
     # Pure pursuit: the arc through the point ahead, slower the sharper it is.
     by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
-    v, w = _limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
+    v, w = limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
     column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
     here = clearance[row, column]
     cx, cy = g.clyde_x, g.clyde_y
@@ -117,7 +117,7 @@ def command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[
     ok, best_v, best_w = False, 0.0, 0.0
     for k in range(4, 0, -1):
         for j in range(-4, 5):
-            sv, sw = _limit(v_max * k * 0.25, w + 0.35 * j, p)
+            sv, sw = limit(v_max * k * 0.25, w + 0.35 * j, p)
             cost = _clear(bx, by, ch, sh, sv, sw, cx, cy, clyde_near, here, affine, clearance, p)
             if cost < 0.0:
                 continue

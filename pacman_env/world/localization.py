@@ -28,6 +28,8 @@ LOCALIZATION_FIELDS = [
     ("odom_heading", np.float64),
     ("sigma_xy", np.float64),  # m
     ("sigma_heading", np.float64),  # rad
+    ("update_distance", np.float64),  # m: the filter updates when moved farther in x or in y
+    ("update_angle", np.float64),  # rad: or turned farther
     ("localization_stream", np.uint64),
 ]
 
@@ -60,11 +62,11 @@ def update(g, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def scan(g, step, distance, angle):  # type: ignore[no-untyped-def]
-    """A laser scan arrives: update if moved more than ``distance`` in x or y or turned more than ``angle``."""
+def scan(g, step):  # type: ignore[no-untyped-def]
+    """A laser scan arrives: update if the robot has moved or turned enough."""
     if (
-        abs(g.x - g.odom_x) > distance
-        or abs(g.y - g.odom_y) > distance
-        or abs(wrap(g.heading - g.odom_heading)) > angle
+        abs(g.x - g.odom_x) > g.update_distance
+        or abs(g.y - g.odom_y) > g.update_distance
+        or abs(wrap(g.heading - g.odom_heading)) > g.update_angle
     ):
         update(g, step)

@@ -58,6 +58,8 @@ NAVIGATOR_FIELDS = [
     ("nav_accept_steps", np.int32),
     ("nav_abort_rate", np.float64),
     ("nav_stream", np.uint64),
+    ("clyde_x", np.float64),  # the nearest obstacle that moves: the ghost that control keeps away from, m
+    ("clyde_y", np.float64),
 ]
 
 
@@ -123,15 +125,15 @@ def plan_due(g, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def plan(g, i, paths, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Take up a waiting goal and plan, where due; the plan of ``g`` is ``paths[i]``."""
+def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
+    """Take up a waiting goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):
         _take_up(g, bx, by, step)
         g.nav_plan_step = step
     if g.nav_state == ACTIVE and step >= g.nav_plan_step:
-        write_plan(g, i, paths, bx, by, p, goal_xy, nav, search)
+        write_plan(g, i, paths, bx, by, obstacles, p, goal_xy, nav, search)
         g.nav_plan_step = step + p.plan_steps
         if g.nav_points > 0:
             _watch_progress(g, bx, by, p)

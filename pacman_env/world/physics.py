@@ -35,29 +35,52 @@ class PhysicsWorld:
     without friction gets no torque from a wall, so its wheels alone turn it.
     """
 
-    def __init__(self, walls: NDArray[np.float64], n: int, *, radius_m: float, mass_kg: float, step_s: float) -> None:
-        """Build the spaces; ``walls`` is (S, 4): x0, y0, x1, y1 in m."""
+    def __init__(
+        self,
+        walls: NDArray[np.float64],
+        n: int,
+        *,
+        radius_m: float,
+        mass_kg: float,
+        step_s: float,
+        shared: bool = True,
+    ) -> None:
+        """Build the spaces.
+
+        Args:
+            walls: (S, 4): x0, y0, x1, y1 in m.
+            n: number of robots.
+            radius_m: of each robot.
+            mass_kg: of each robot.
+            step_s: length of a step.
+            shared: all robots keep these walls; False: each has a space and, by :meth:`place`, walls of its own.
+        """
         if n < 1:
             raise ValueError(f"n = {n}: a world holds at least one robot")
         self.n = n
         self.step_s = step_s
+        self._robot = radius_m, mass_kg
+        self._shared = shared
+        self._per_space = GAMES_PER_SPACE if shared else 1
         # pymunk.batch counts each space's static body as its last row: one spare row per space.
-        self.row = np.arange(n) + np.arange(n) // GAMES_PER_SPACE
+        self.row = np.arange(n) + np.arange(n) // self._per_space
         rows = int(self.row[-1]) + 2
         self.state = np.zeros((rows, STATE_FIELDS))
         self.force = np.zeros((rows, FORCE_FIELDS))
-        self._bodies: list[pymunk.Body] = []
-        self._spaces: list[_Space] = []
-        for first in range(0, n, GAMES_PER_SPACE):
-            count = min(GAMES_PER_SPACE, n - first)
-            rows_here = slice(self.row[first], self.row[first] + count + 1)
-            space = _Space(walls, count, self.state[rows_here], self.force[rows_here], radius_m, mass_kg)
-            self._spaces.append(space)
-            self._bodies += space.bodies
+        self._spaces = [self._space(first, walls) for first in range(0, n, self._per_space)]
 
-    def place(self, index: int, x: float, y: float) -> None:
-        """Put one robot somewhere, at rest."""
-        body = self._bodies[index]
+    def _space(self, first: int, walls: NDArray[np.float64]) -> _Space:
+        """The space of the robots from ``first`` on."""
+        count = min(self._per_space, self.n - first)
+        rows = slice(self.row[first], self.row[first] + count + 1)
+        return _Space(walls, count, self.state[rows], self.force[rows], *self._robot)
+
+    def place(self, index: int, x: float, y: float, walls: NDArray[np.float64] | None = None) -> None:
+        """Put one robot somewhere, at rest; where walls are not shared, among other walls if they are given."""
+        number, place = divmod(index, self._per_space)
+        if not self._shared and walls is not None and walls is not self._spaces[number].walls:
+            self._spaces[number] = self._space(index, walls)
+        body = self._spaces[number].bodies[place]
         body.position = (x, y)
         body.velocity = (0.0, 0.0)
         self.state[self.row[index]] = (x, y, 0.0, 0.0)
@@ -77,7 +100,7 @@ class PhysicsWorld:
 
         The bodies start from where they are, in directions all round, and bounce, so that they keep moving.
         """
-        for i, body in enumerate(self._bodies):
+        for i, body in enumerate(body for space in self._spaces for body in space.bodies):
             body.velocity = pymunk.Vec2d(speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
         for space in self._spaces:
             for shape in space.space.shapes:
@@ -121,6 +144,7 @@ class _Space:
         radius_m: float,
         mass_kg: float,
     ) -> None:
+        self.walls = walls
         space = pymunk.Space()
         space.collision_slop = _COLLISION_SLOP_M
         segments = [pymunk.Segment(space.static_body, w[:2], w[2:], 0.0) for w in walls.tolist()]

@@ -1,7 +1,8 @@
-"""The global planner of the Nav2 stand-in: the next stretch of the way to a goal, around Clyde if he is in it.
+"""The global planner of the Nav2 stand-in: the next stretch of the way to a goal, around obstacles that are in it.
 
-Follows the static path fields at NavFn's rate; where Clyde stands on the way, searches a detour. A plan is written
-out as points for the controller. Kernels work on one game's record ``g``.
+Follows the static path fields at NavFn's rate; where a moving obstacle (a ghost) stands on the way, searches a detour.
+A plan is written out as points for the controller. Kernels work on one game's record ``g`` and its obstacles (G, 3):
+x, y in m and the distance to keep from it, which the planner fills in; 0: it does not count.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 PATH_POINTS = 64
 _PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one and the look-ahead
 _ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
-_DETOUR_AHEAD_CM = 200  # Clyde is gone from places farther along the way when the robot gets there
+_DETOUR_AHEAD_CM = 200  # a ghost is gone from places farther along the way when the robot gets there
 _SEARCH_M2 = 20.0  # a detour for which more ground must be searched is no path
 _SEARCH_CELLS_MAX = 60000
 _PUSHES = 8  # a cell searched queues at most its neighbours
@@ -27,23 +28,23 @@ _GREED = 2  # weight of the estimate in the search for a detour: fewer cells, a 
 
 
 @kernel
-def _blocked_by_clyde(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
-    """Whether the static path from ``cell`` to the goal passes Clyde's obstacle region."""
+def _blocked(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
+    """Whether the static path from ``cell`` to the goal passes the obstacle region around (cx, cy)."""
     affine, snap, _, cell_xy, length_cm, next_step = nav[:6]
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     away_cm = math.sqrt(dx * dx + dy * dy) * 100.0
     if away_cm > _DETOUR_AHEAD_CM + 100.0 * keepout:
         return False
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
-    clyde_cm = int(length_cm[snap[row, column], goal])
+    its_cm = int(length_cm[snap[row, column], goal])
     here_cm = int(length_cm[cell, goal])
     margin_cm = int(keepout * 160.0) + 20  # lengths near walls exceed straight distances
-    if clyde_cm == UNREACHABLE_CM or clyde_cm > here_cm + margin_cm:
+    if its_cm == UNREACHABLE_CM or its_cm > here_cm + margin_cm:
         return False
-    if away_cm > here_cm - clyde_cm + 2 * margin_cm:
+    if away_cm > here_cm - its_cm + 2 * margin_cm:
         return False
     near = keepout * keepout
-    last_cm = max(clyde_cm - margin_cm, here_cm - _DETOUR_AHEAD_CM)
+    last_cm = max(its_cm - margin_cm, here_cm - _DETOUR_AHEAD_CM)
     while int(length_cm[cell, goal]) >= last_cm:
         dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
         if dx * dx + dy * dy < near:
@@ -98,30 +99,41 @@ def _go_on(g, i, paths, bx, by, p, goal_xy, nav):  # type: ignore[no-untyped-def
     return _follow_field(g, i, paths, points, g.nav_tail, p, goal_xy, nav)
 
 
-def detour_memory(length_cm: NDArray[np.uint16], resolution: float) -> tuple[NDArray[np.int32], Queue]:
-    """Scratch memory for the search around Clyde: node table and queue."""
-    longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
-    cells = min(round(_SEARCH_M2 / resolution**2), _SEARCH_CELLS_MAX)
-    keys = (_GREED + 2) * longest + 2000  # a detour longer than twice the longest way is none
-    return np.zeros((len(length_cm), 4), dtype=np.int32), new_queue(keys, _PUSHES * cells)
+def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArray[np.int32], Queue]:
+    """Scratch memory for the search around obstacles: node table and queue.
+
+    Args:
+        cells: drivable ones.
+        longest_cm: longest way to any goal.
+        resolution: m per cell.
+    """
+    searched = min(round(_SEARCH_M2 / resolution**2), _SEARCH_CELLS_MAX)
+    keys = (_GREED + 2) * longest_cm + 2000  # a detour longer than twice the longest way is none
+    return np.zeros((cells, 4), dtype=np.int32), new_queue(keys, _PUSHES * searched)
 
 
 @kernel
-def _detour(g, i, paths, start, keepout, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Plan around Clyde by A* with the static path length as the estimate; returns the point count, 0: no path.
+def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
+    """Whether a point lies in the region of an obstacle that counts."""
+    for k in range(len(obstacles)):
+        dx, dy = x - obstacles[k, 0], y - obstacles[k, 1]
+        if dx * dx + dy * dy < obstacles[k, 2] * obstacles[k, 2]:
+            return True
+    return False
 
-    The search ends where the rest of the static path is clear of Clyde, at the goal, or, when Clyde stands on the
-    goal, at the first cell within the planner's tolerance of it.
+
+@kernel
+def _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
+    """Plan around obstacles by A* with the static path length as the estimate; returns the point count, 0: no path.
+
+    The search ends where the rest of the static path is clear (shorter than ``clear_cm``), at the goal, or, when an
+    obstacle stands on the goal, at the first cell within the planner's tolerance of it.
     """
-    affine, snap, neighbours, cell_xy, length_cm, next_step = nav[:6]
+    neighbours, cell_xy, length_cm, next_step = nav[2:6]
     node, queue = search
     goal, tolerance, resolution = g.nav_goal, p.unreachable_tolerance, p.resolution
-    cx, cy = g.clyde_x, g.clyde_y
-    near = keepout * keepout
-    column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
-    clear_cm = int(length_cm[snap[row, column], goal]) - int(keepout * 160.0) - 20
     gx, gy = goal_xy[goal, 0], goal_xy[goal, 1]
-    goal_blocked = (gx - cx) * (gx - cx) + (gy - cy) * (gy - cy) < near
+    goal_blocked = _keepout_violated(gx, gy, obstacles)
     stamp = clear(queue)
     node[start, 0] = 0  # cm so far
     node[start, 1] = -1  # cell before
@@ -145,10 +157,7 @@ def _detour(g, i, paths, start, keepout, p, goal_xy, nav, search):  # type: igno
             break
         for d in range(0, neighbours.shape[1], 2):  # the 8 neighbours
             v = neighbours[u, d]
-            if v < 0:
-                continue
-            dx, dy = cell_xy[v, 0] - cx, cell_xy[v, 1] - cy
-            if dx * dx + dy * dy < near:
+            if v < 0 or _keepout_violated(cell_xy[v, 0], cell_xy[v, 1], obstacles):
                 continue
             new = node[u, 0] + (diagonal if d % 4 else straight)
             if node[v, 2] == stamp and node[v, 0] <= new:
@@ -179,7 +188,30 @@ def _detour(g, i, paths, start, keepout, p, goal_xy, nav, search):  # type: igno
 
 
 @kernel
-def write_plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
+def _look_out(start, goal, obstacles, p, nav):  # type: ignore[no-untyped-def]
+    """Fill in how far to keep from each obstacle; returns the rest of the static path that none of them blocks, cm.
+
+    -1: none blocks it at all. Close to an obstacle already, the robot keeps as far as it is, to get away.
+    """
+    affine, snap, _, cell_xy, length_cm, _ = nav[:6]
+    clear_cm = -1
+    for k in range(len(obstacles)):
+        cx, cy = obstacles[k, 0], obstacles[k, 1]
+        dx, dy = cell_xy[start, 0] - cx, cell_xy[start, 1] - cy
+        keepout = min(p.clyde_keepout, math.sqrt(dx * dx + dy * dy) - 0.05)
+        if keepout <= 0.05:
+            obstacles[k, 2] = 0.0
+            continue
+        obstacles[k, 2] = keepout
+        if _blocked(start, goal, cx, cy, keepout, nav):
+            column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
+            clear = max(int(length_cm[snap[row, column], goal]) - int(keepout * 160.0) - 20, 0)
+            clear_cm = clear if clear_cm < 0 else min(clear_cm, clear)
+    return clear_cm
+
+
+@kernel
+def write_plan(g, i, paths, bx, by, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
     """NavFn's tick: write the next stretch of the way to the current goal."""
     affine, snap, _, cell_xy, _, next_step = nav[:6]
     goal = g.nav_goal
@@ -189,12 +221,11 @@ def write_plan(g, i, paths, bx, by, p, goal_xy, nav, search):  # type: ignore[no
     count = 0
     static = 0
     if next_step[goal, start] != NO_STEP:
-        dx, dy = cell_xy[start, 0] - g.clyde_x, cell_xy[start, 1] - g.clyde_y
-        keepout = min(p.clyde_keepout, math.sqrt(dx * dx + dy * dy) - 0.05)
-        if keepout > 0.05 and _blocked_by_clyde(start, goal, g.clyde_x, g.clyde_y, keepout, nav):
+        clear_cm = _look_out(start, goal, obstacles, p, nav)
+        if clear_cm >= 0:
             g.nav_at = 0
             g.nav_ahead = 0
-            count = _detour(g, i, paths, start, keepout, p, goal_xy, nav, search)
+            count = _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search)
         else:
             static = 1
             count = _go_on(g, i, paths, bx, by, p, goal_xy, nav)

@@ -14,7 +14,7 @@ from pacman_env.envs import symbols
 from pacman_env.envs.rendering import STATES, map_view, render_frame
 from pacman_env.sim.assets import MapSource, map_assets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.kernels import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.sim.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.world.occupancy import OccupancyMap, shipped_maps
 from tests.shared import shared_path
 
@@ -120,7 +120,7 @@ def test_pac_man_is_where_the_robot_is_and_as_large() -> None:
     for share in (0.1, 0.5, 0.9):
         x, y = drivable(batch, share)
         batch.games["x"], batch.games["y"] = x, y
-        batch.games["clyde_x"], batch.games["clyde_y"] = drivable(batch, (share + 0.4) % 1)
+        batch.ghosts["x"], batch.ghosts["y"] = drivable(batch, (share + 0.4) % 1)
         offset = near(render_frame(batch, 0), symbols.PAC, 40) - view.pixels(np.array([x, y]))
         assert len(offset) > 100
         assert np.hypot(*offset.T).max() <= 0.171 * view.scale
@@ -174,10 +174,10 @@ def test_clyde_and_the_circle_he_catches_in_are_where_he_is() -> None:
     batch = games()
     for share in (0.2, 0.8):
         x, y = drivable(batch, share)
-        batch.games["clyde_x"], batch.games["clyde_y"] = x, y
+        batch.ghosts["x"], batch.ghosts["y"] = x, y
         frame = render_frame(batch, 0)
         at, scale = pixels(batch, x, y), map_view(batch.assets, batch.config, 720).scale
-        assert np.hypot(*(near(frame, symbols.GHOST) - at).T).max() < 0.25 * scale
+        assert np.hypot(*(near(frame, symbols.GHOSTS[0]) - at).T).max() < 0.25 * scale
         edge = np.hypot(*(near(frame, symbols.DANGER, 40) - at).T)
         assert len(edge) > 20
         assert edge.mean() == pytest.approx(0.25 * scale, abs=1)
@@ -187,7 +187,7 @@ def test_clydes_eyes_turn_with_his_way() -> None:
     batch = games()
     seen = []
     for vx in (-0.25, 0.0, 0.25):
-        batch.games["clyde_vx"], batch.games["clyde_vy"] = vx, 0.0
+        batch.ghosts["vx"], batch.ghosts["vy"] = vx, 0.0
         seen.append(near(render_frame(batch, 0), symbols.PUPIL, 40)[:, 0].mean())
     assert seen[0] < seen[1] < seen[2]
 
@@ -275,9 +275,9 @@ def test_any_title_stays_within_the_header(title: str) -> None:
 
 def test_what_is_outside_the_picture_is_not_drawn() -> None:
     batch = games()
-    batch.games["clyde_x"] = 1e3
+    batch.ghosts["x"] = 1e3
     batch.games["error_y"] = -1e3
-    assert len(near(render_frame(batch, 0), symbols.GHOST)) == 0
+    assert len(near(render_frame(batch, 0), symbols.GHOSTS[0])) == 0
 
 
 @pytest.mark.parametrize("height", [0, 118, 361, -2])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eval.episodes import EPISODE, episode_seeds, play
 from pacman_env.config import make_config
 from pacman_env.sim.assets import map_assets
-from pacman_env.sim.kernels import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.sim.records import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 CONFIG = make_config("robot", "as_built", **{"pellets.spacing_m": 3.0, "time_limit_s": 120.0})
 

@@ -6,7 +6,7 @@ import pytest
 from eval.episodes import allowed, episode_seeds
 from pacman_env.sim.assets import map_assets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.kernels import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.sim.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from tests.eval.helpers import CONFIG, played
 
 

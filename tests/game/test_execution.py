@@ -24,7 +24,7 @@ from pacman_env.game.execution import (
 )
 from pacman_env.sim.assets import map_assets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.kernels import CLEARED, RUNNING
+from pacman_env.sim.records import CLEARED, RUNNING
 from pacman_env.world.navigator import ABORTED, CANCELED, IDLE, SUCCEEDED
 
 HOLD = -1

@@ -39,6 +39,7 @@ def random_situation(seed: int, games: int, pellets: int = 8, refuges: int = 3, 
         current=rng.integers(-1, candidates, games),
         seed=rng.integers(0, 2**64, games, np.uint64, endpoint=False),
         tick=rng.integers(0, 1000, games),
+        ghosts=rng.uniform(-5.0, 5.0, (games, 1, 5)),
         pellets_left=(kind == PELLET).sum() * np.ones(games, np.int64),
     )
 

@@ -14,7 +14,7 @@ import pytest
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.sim.assets import MapAssets, map_assets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.kernels import COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.sim.records import COMPLETE, DEAD, RUNNING, TIMEOUT
 from tests.drawn import drawn
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,10 +34,7 @@ def put_clyde(batch: GameBatch, game: int, x: float, y: float) -> tuple[float, f
     """Let Clyde go on from his cell nearest to (x, y); where that is."""
     cells = batch.assets.clyde
     cell = int(np.hypot(*(cells.position - (x, y)).T).argmin())
-    batch._clyde_paths[game, 0] = cell
-    batch.games[game]["clyde_at"], batch.games[game]["clyde_length"] = 0, 1
-    batch.games[game]["clyde_x"], batch.games[game]["clyde_y"] = cells.position[cell]
-    return float(cells.position[cell, 0]), float(cells.position[cell, 1])
+    return batch.place_ghost(game, 0, *cells.position[cell].tolist())
 
 
 # Game i of a batch is the same game alone
@@ -72,6 +69,9 @@ class Players:
     def everything(self, game: int) -> dict[str, Any]:
         """All that there is to know of a game."""
         fields = {name: self.batch.games[name][game] for name in self.batch.games.dtype.names or ()}
+        fields |= {
+            f"ghosts.{name}": self.batch.ghosts[name][game].tobytes() for name in self.batch.ghosts.dtype.names or ()
+        }
         situation = self.batch.situation().rows(np.array([game]))
         return fields | {f"situation.{name}": value.tobytes() for name, value in vars(situation).items()}
 
@@ -131,7 +131,7 @@ def test_clydes_in_a_pocket_walk_alike_alone_and_among_games_in_another_phase() 
     assets = map_assets(drawn(rows, square_m=0.55, origin=(-2.5, -2.0, 0.0)), config)
     together = seeded(GameBatch(assets, config, 600))
     together.step(np.full(600, together.hold))
-    part = assets.clyde.part[together._clyde_paths[:, 0]]
+    part = assets.clyde.part[together._ghost_paths[:, 0, 0]]
     pocket = int(np.flatnonzero(part > 0)[0])
     late = np.array([k for k in range(600) if k != pocket])
     alone = seeded(GameBatch(assets, config, 1), pocket)
@@ -141,6 +141,7 @@ def test_clydes_in_a_pocket_walk_alike_alone_and_among_games_in_another_phase() 
         together.step(np.full(600, together.hold))
         alone.step(np.array([alone.hold]))
         assert together.games[pocket] == alone.games[0]
+        assert together.ghosts[pocket] == alone.ghosts[0]
 
 
 def test_a_reset_leaves_the_other_games_alone() -> None:

@@ -25,6 +25,7 @@ def standing(x: float, y: float, heading: float, sigma: float = 0.0) -> np.ndarr
     g = np.zeros(1, dtype=np.dtype(POSE + LOCALIZATION_FIELDS, align=True))
     g["x"], g["y"], g["heading"], g["localization_stream"] = x, y, heading, 7
     g["sigma_xy"], g["sigma_heading"] = sigma, sigma
+    g["update_distance"], g["update_angle"] = ROBOT.update_distance_m, ROBOT.update_angle_rad
     update(g[0], 0)
     return g
 
@@ -48,7 +49,7 @@ def test_a_scan_updates_if_moved_more_than_25_cm_in_x_or_y_or_turned_more_than_0
     g["x"] += dx
     g["y"] += dy
     g["heading"] += turn
-    scan(g[0], 33, ROBOT.update_distance_m, ROBOT.update_angle_rad)
+    scan(g[0], 33)
     margins = abs(dx) - 0.25, abs(dy) - 0.25, abs(turn) - 0.2
     if min(abs(m) for m in margins) > 1e-9:
         updated = max(margins) > 0
@@ -59,7 +60,7 @@ def test_a_scan_updates_if_moved_more_than_25_cm_in_x_or_y_or_turned_more_than_0
 def test_turning_through_half_a_turn_is_no_large_turn() -> None:
     g = standing(0.0, 0.0, math.pi - 0.05)
     g["heading"] = -math.pi + 0.05
-    scan(g[0], 5, 0.25, 0.2)
+    scan(g[0], 5)
     assert g["amcl_step"][0] == 0
 
 

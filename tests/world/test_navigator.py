@@ -50,9 +50,7 @@ def put_clyde(batch: GameBatch, game: int, x: float, y: float) -> None:
     cells = batch.assets.clyde
     cell = int(np.hypot(*(cells.position - (x, y)).T).argmin())
     assert np.hypot(*(cells.position[cell] - (x, y))) < 0.08
-    batch._clyde_paths[game, 0] = cell
-    batch.games[game]["clyde_at"], batch.games[game]["clyde_length"] = 0, 1
-    batch.games[game]["clyde_x"], batch.games[game]["clyde_y"] = cells.position[cell]
+    batch.place_ghost(game, 0, *cells.position[cell].tolist())
 
 
 def watch(batch: GameBatch, look: Callable[[np.ndarray], None]) -> None:

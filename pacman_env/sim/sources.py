@@ -1,0 +1,62 @@
+"""Where the maps of a batch come from: one map for all games, or a level of many for each episode."""
+
+from __future__ import annotations
+
+import functools
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config
+from .assets import MapAssets
+
+
+class LevelSource(Protocol):
+    """Maps by number."""
+
+    @property
+    def first(self) -> MapAssets:
+        """One of the maps, to size things by."""
+
+    def slots(self, games: int) -> int:
+        """How many maps so many games need at once."""
+
+    def pellet_slots(self, config: Config) -> int:
+        """Most pellets on any of the maps."""
+
+    def refuge_slots(self, config: Config) -> int:
+        """Most refuges on any of the maps."""
+
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        """(M,) the level of the episode with each seed."""
+
+    def prepare(self, level: int) -> MapAssets:
+        """The map of a level, ready to be played on."""
+
+
+class FixedMap:
+    """One map for every episode."""
+
+    def __init__(self, assets: MapAssets) -> None:
+        self.first = assets
+
+    def slots(self, games: int) -> int:
+        """One for all."""
+        return 1
+
+    def pellet_slots(self, config: Config) -> int:
+        """As many as the map has pellets."""
+        return self.first.pellets
+
+    def refuge_slots(self, config: Config) -> int:
+        """As many as the map has refuges."""
+        return self.first.refuges
+
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        """All zero."""
+        return np.zeros(len(seeds), dtype=np.int64)
+
+    def prepare(self, level: int) -> MapAssets:
+        """The map."""
+        return self.first

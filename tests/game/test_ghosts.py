@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.game.clyde import ClydeCells, search_memory
+from pacman_env.game.ghosts import at_target, choose_target, spawn, walk, wander
+from pacman_env.sim.assets import MapAssets, map_assets
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.records import GHOST
+from tests.drawn import drawn
+from tests.game.test_clyde import PERIOD, POCKETS, house, pocket_cells
+
+
+def arrays(cells: ClydeCells) -> tuple[np.ndarray, ...]:
+    return cells.graph, cells.part, cells.part_start, cells.part_cells
+
+
+def record(seed: int = 1, speed: float = 0.25) -> np.ndarray:
+    g = np.zeros(1, dtype=GHOST)
+    g["stream"], g["speed"] = seed, speed
+    return g
+
+
+# Walk
+
+
+def test_he_walks_exactly_his_speed_along_his_path_and_stops_only_at_targets() -> None:
+    _, cells = house()
+    node, queue = search_memory(len(cells.position), cells.longest)
+    paths = np.zeros((1, cells.longest), dtype=np.int32)
+    g = record(seed=9, speed=0.35)
+    spawn(g[0], int(cells.part_cells[100]), paths[0], cells.position)
+    full = at_targets = 0
+    for _ in range(1500):
+        at, beyond = int(g[0]["at"]), float(g[0]["beyond"])
+        before = np.array([g[0]["x"], g[0]["y"]])
+        walk(g[0], paths[0], cells.position, PERIOD)
+        now = np.array([g[0]["x"], g[0]["y"]])
+        passed = cells.position[paths[0, at + 1 : int(g[0]["at"]) + 1]]
+        along = np.concatenate([before[None], passed, now[None]])
+        walked = np.hypot(*np.diff(along, axis=0).T).sum()
+        np.testing.assert_allclose([g[0]["vx"], g[0]["vy"]], (now - before) / PERIOD, atol=1e-12)
+        if at_target(g[0]):
+            at_targets += 1
+            assert walked <= 0.35 * PERIOD + 1e-9
+            np.testing.assert_allclose(now, cells.position[paths[0, g[0]["length"] - 1]])
+            wander(g[0], paths[0], arrays(cells), node, queue)
+            assert (g[0]["at"], g[0]["beyond"]) == (0, 0.0)
+        else:
+            full += 1
+            assert walked == pytest.approx(0.35 * PERIOD, abs=1e-9)
+            assert beyond >= 0.0
+    assert at_targets > 3
+    assert full > 1000
+
+
+def test_his_targets_are_uniform_over_his_part() -> None:
+    cells = pocket_cells()
+    draws = 20000
+    for part in (0, 1):
+        inside = cells.part_cells[cells.part_start[part] : cells.part_start[part + 1]]
+        g = record(seed=4 + part)
+        targets = [
+            choose_target(g[0], int(inside[0]), cells.part, cells.part_start, cells.part_cells) for _ in range(draws)
+        ]
+        assert (cells.part[targets] == part).all()
+        bins = min(len(inside), 40)  # neighbouring numbers are neighbouring places
+        counts, _ = np.histogram(np.searchsorted(inside, targets), bins=bins, range=(0, len(inside)))
+        width, _ = np.histogram(np.arange(len(inside)), bins=bins, range=(0, len(inside)))
+        expected = draws * width / len(inside)
+        chi2 = ((counts - expected) ** 2 / expected).sum()
+        assert chi2 < bins - 1 + 4 * math.sqrt(2 * (bins - 1))
+
+
+# In a game
+
+
+def game(assets: MapAssets, config: Config, n: int, first_seed: int = 0) -> GameBatch:
+    batch = GameBatch(assets, config, n)
+    batch.reset(np.arange(n), first_seed + np.arange(n, dtype=np.uint64))
+    return batch
+
+
+def spawn_places(config: Config, n: int = 400) -> tuple[MapAssets, np.ndarray]:
+    assets = map_assets(drawn(POCKETS, square_m=0.55, origin=(-2.5, -2.0, 0.0)), config)
+    batch = game(assets, config, n)
+    return assets, np.stack([batch.ghosts["x"][:, 0], batch.ghosts["y"][:, 0]], axis=1)
+
+
+def parts_under(cells: ClydeCells, place: np.ndarray) -> set[int]:
+    distance = np.hypot(*np.moveaxis(cells.position[:, None] - place[None], 2, 0))
+    assert distance.min(axis=0).max() < 1e-9
+    return set(cells.part[distance.argmin(axis=0)].tolist())
+
+
+def test_connected_he_starts_where_he_can_come_to_the_robot_and_not_beside_it() -> None:
+    config = make_config("robot", **{"pellets.spacing_m": 1.0})
+    assets, place = spawn_places(config)
+    assert parts_under(assets.clyde, place) == {assets.clyde_part}
+    distance = np.hypot(*(place - assets.grid.home[:2]).T)
+    assert 1.5 <= distance.min() < 1.8
+    assert distance.max() > 4.0
+
+
+def test_anywhere_he_starts_in_pockets_too() -> None:
+    changes = {"pellets.spacing_m": 1.0, "clyde.spawn": "anywhere", "clyde.spawn_distance_m": 4.4}
+    assets, place = spawn_places(make_config("robot", **changes), 2000)
+    assert np.hypot(*(place - assets.grid.home[:2]).T).min() >= 4.4
+    assert parts_under(assets.clyde, place) == {0, 1}
+
+
+def test_without_a_distance_he_may_start_beside_the_robot() -> None:
+    assets, place = spawn_places(
+        make_config("robot", **{"pellets.spacing_m": 1.0, "clyde.spawn_distance_m": 0.0}), 3000
+    )
+    assert np.hypot(*(place - assets.grid.home[:2]).T).min() < 0.3
+
+
+def test_a_distance_that_no_cell_has_is_refused_with_the_farthest() -> None:
+    config = make_config("robot", **{"pellets.spacing_m": 1.0, "clyde.spawn_distance_m": 50.0})
+    with pytest.raises(ConfigError, match=r"clyde\.spawn_distance_m = 50\.0: Clyde's farthest cell is \d+\.\d\d m"):
+        spawn_places(config)
+
+
+@pytest.mark.parametrize("preset", ["robot", "ideal"])
+def test_he_walks_the_same_way_whatever_the_robot_does(preset: str) -> None:
+    config = make_config(preset, **{"execution.death_radius_m": 1e-6})
+    assets = map_assets("house", config)
+    still, busy = game(assets, config, 6, 70), game(assets, config, 6, 70)
+    rng = np.random.default_rng(2)
+    fields = ["x", "y", "vx", "vy", "stream"]
+    for _ in range(150):
+        still.step(np.full(6, still.hold))
+        busy.step(rng.integers(0, busy.candidates, 6))
+        going = (still.games["end"] == 0) & (busy.games["end"] == 0)
+        assert going.any()
+        np.testing.assert_array_equal(still.ghosts[fields][going], busy.ghosts[fields][going])
+    assert np.hypot(busy.games["x"] - still.games["x"], busy.games["y"] - still.games["y"]).max() > 1.0
+
+
+def test_he_moves_at_his_update_period_only() -> None:
+    config = make_config("ideal", **{"clyde.update_period_s": 1.0, "execution.death_radius_m": 1e-6})
+    batch = game(map_assets("house", config), config, 1)
+    moved = []
+    for _ in range(12):
+        before = batch.ghosts["x"][0, 0], batch.ghosts["y"][0, 0]
+        batch.step(np.array([batch.hold]))
+        moved.append((batch.ghosts["x"][0, 0], batch.ghosts["y"][0, 0]) != before)
+    assert moved[2:] == [True, False] * 5
