@@ -1,12 +1,22 @@
 """PacManBot as a learning environment: maps, game rules, simulator, policies.
 
 Importing this package registers the environments with Gymnasium and loads nothing else; each part is imported by its
-own name.
+own name, and the multi-agent environments ``parallel_env`` and ``env`` when they are first asked for.
 """
+
+from typing import Any
 
 from pacman_env._version import __version__
 from pacman_env.envs.registration import register_envs
 
-__all__ = ["__version__", "register_envs"]
+__all__ = ["__version__", "env", "parallel_env", "register_envs"]
 
 register_envs()
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("env", "parallel_env"):
+        from pacman_env.envs import pettingzoo_env
+
+        return getattr(pettingzoo_env, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

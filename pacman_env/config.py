@@ -320,6 +320,10 @@ class Config(_Section):
     clyde: ClydeConfig = field(default_factory=ClydeConfig)
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
+    #: Of each ghost that is an agent, where rewards are not zero-sum.
+    ghost_reward: RewardConfig = field(
+        default_factory=lambda: RewardConfig(pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0)
+    )
     refuges: RefugeConfig = field(default_factory=RefugeConfig)
     randomize: RandomizeConfig = field(default_factory=RandomizeConfig)
     observation: ObservationConfig = field(default_factory=ObservationConfig)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..sim.assets import MapSource
-from ..sim.records import RUNNING
-from ..sim.observation import observe
 from ..sim.situation import Situation
-from . import outcome
+from .game import Game
 from .rendering import render_frame
-from .setup import RENDER_FPS, check_render_mode, make_batch
+from .setup import RENDER_FPS, Ghosts, check_render_mode
 from .spaces import action_space, observation_space
 
 Observation = dict[str, NDArray[Any]]
@@ -25,7 +23,7 @@ Observation = dict[str, NDArray[Any]]
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
+class PacManBotEnv(gym.Env[dict[str, Any], Any]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
@@ -92,7 +90,7 @@ class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
-    action_space: spaces.Discrete
+    action_space: spaces.Discrete | spaces.Box
     observation_space: spaces.Dict
 
     def __init__(
@@ -101,6 +99,12 @@ class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
         preset: str = "robot",
         execution: str = "robust",
         *,
+        ghosts: Ghosts | None = None,
+        observation: str | Sequence[str] | None = None,
+        action: str | None = None,
+        endless: bool | None = None,
+        start_level: int | None = None,
+        num_levels: int | None = None,
         settings: Mapping[str, Any] | None = None,
         config: Config | None = None,
         home: tuple[float, float, float] | None = None,
@@ -108,40 +112,49 @@ class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
     ) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
         check_render_mode(render_mode, self.metadata["render_modes"])
-        self.batch = make_batch(1, map, preset, execution, settings, config, home)
-        self.config = self.batch.config
+        self._game = Game(
+            1,
+            map,
+            preset,
+            execution,
+            ghosts=ghosts,
+            observation=observation,
+            action=action,
+            endless=endless,
+            start_level=start_level,
+            num_levels=num_levels,
+            settings=settings,
+            config=config,
+            home=home,
+        )
+        self.batch = self._game.batch
+        self.config = self._game.config
         self.render_mode = render_mode
         self.observation_space = observation_space(self.batch)
         self.action_space = action_space(self.batch)
         self._window: Any = None
-        self._situation: Situation | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start a new round; the round's own seed is drawn from the environment's generator."""
+        """Start a new episode; its own seed is drawn from the environment's generator."""
         super().reset(seed=seed)
         round_seed = self.np_random.integers(2**63, dtype=np.uint64)
-        self.batch.reset(_ONE, np.array([round_seed], dtype=np.uint64))
-        self._situation = self.batch.situation()
+        self._game.reset(_ONE, np.array([round_seed], dtype=np.uint64))
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info()
 
-    def step(self, action: int | np.integer) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive towards a candidate until the next decision.
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive towards a candidate, or at given velocities, until the next decision.
 
         Raises:
-            ValueError: the action is no integer of the action space.
+            ValueError: the action is no element of the action space (a velocity beyond the limits is cut to them).
             ResetNeeded: before the first reset.
         """
-        if self._situation is None:
+        if not self._game.started:
             raise gym.error.ResetNeeded("call reset() before step()")
-        choice = self._choice(action)
-        was_over = self.batch.games["end"] != RUNNING
-        self.batch.step(choice)
-        self._situation = self.batch.situation()
-        reward, terminated, truncated = outcome.reward_and_end(self.batch.games, was_over, self.config.reward)
+        reward, terminated, truncated = self._game.step(self._action(action))
         if self.render_mode == "human":
             self.render()
         return (
@@ -152,16 +165,26 @@ class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
             self._info(),
         )
 
-    def action_masks(self) -> NDArray[np.bool_]:
-        """(C,) bool: which candidates may be chosen now, under the name that sb3-contrib looks for."""
+    @property
+    def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
+        """``action_masks()``: (C,) bool, which candidates may be chosen now; the name that sb3-contrib looks for.
+
+        Raises:
+            AttributeError: velocities have no mask.
+        """
+        if self.config.action != "goal":
+            raise AttributeError("velocity actions have no masks")
+        return self._masks
+
+    def _masks(self) -> NDArray[np.bool_]:
         return self.situation.mask[0].copy()
 
     @property
     def situation(self) -> Situation:
         """What a policy of this package sees now: one situation."""
-        if self._situation is None:
+        if not self._game.started:
             raise gym.error.ResetNeeded("call reset() first")
-        return self._situation
+        return self._game.situation
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
@@ -184,7 +207,16 @@ class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
             self._window.close()
             self._window = None
 
-    def _choice(self, action: int | np.integer) -> NDArray[np.int64]:
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the window: a copy opens its own."""
+        return {**self.__dict__, "_window": None}
+
+    def _action(self, action: Any) -> NDArray[Any]:
+        if isinstance(self.action_space, spaces.Box):
+            velocities = np.asarray(action)
+            if velocities.shape != (2,) or velocities.dtype.kind not in "fiu":
+                raise ValueError(f"action {action!r}: must be two numbers, v in m/s and omega in rad/s")
+            return velocities.astype(np.float64)[None]
         if not self.action_space.contains(action) and not (
             isinstance(action, np.ndarray) and action.shape == () and self.action_space.contains(action[()])
         ):
@@ -192,7 +224,7 @@ class PacManBotEnv(gym.Env[dict[str, Any], np.int64]):
         return np.array([action], dtype=np.int64)
 
     def _observation(self) -> Observation:
-        return {key: array[0] for key, array in observe(self.situation).items()}
+        return {key: array[0] for key, array in self._game.observe().items()}
 
     def _info(self) -> dict[str, Any]:
-        return {key: array.tolist()[0] for key, array in outcome.infos(self.batch.games).items()}
+        return {key: array.tolist()[0] for key, array in self._game.infos().items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..sim.assets import MapSource
 from ..sim.records import RUNNING
-from ..sim.observation import observe
 from ..sim.situation import Situation
-from . import outcome
+from .game import Game
 from .rendering import render_frame
-from .setup import RENDER_FPS, check_render_mode, make_batch
+from .setup import RENDER_FPS, Ghosts, check_render_mode
 from .spaces import action_space, observation_space
 
 Observation = dict[str, NDArray[Any]]
 
 
-class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
+class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     """Many games of :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` at once, on one map.
 
     ```python
@@ -42,7 +41,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
         "render_fps": RENDER_FPS,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    single_action_space: spaces.Discrete
+    single_action_space: spaces.Discrete | spaces.Box
 
     def __init__(
         self,
@@ -51,6 +50,12 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
         preset: str = "robot",
         execution: str = "robust",
         *,
+        ghosts: Ghosts | None = None,
+        observation: str | Sequence[str] | None = None,
+        action: str | None = None,
+        endless: bool | None = None,
+        start_level: int | None = None,
+        num_levels: int | None = None,
         settings: Mapping[str, Any] | None = None,
         config: Config | None = None,
         home: tuple[float, float, float] | None = None,
@@ -61,8 +66,23 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
         check_render_mode(render_mode, self.metadata["render_modes"])
         if num_envs < 1:
             raise ValueError(f"num_envs = {num_envs}: must be at least 1")
-        self.batch = make_batch(num_envs, map, preset, execution, settings, config, home)
-        self.config = self.batch.config
+        self._game = Game(
+            num_envs,
+            map,
+            preset,
+            execution,
+            ghosts=ghosts,
+            observation=observation,
+            action=action,
+            endless=endless,
+            start_level=start_level,
+            num_levels=num_levels,
+            settings=settings,
+            config=config,
+            home=home,
+        )
+        self.batch = self._game.batch
+        self.config = self._game.config
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -72,7 +92,6 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
-        self._situation: Situation | None = None
         self._all = np.arange(num_envs)
 
     def reset(
@@ -95,8 +114,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
         for i in index.tolist():
             self._seed(i, self._seed_of(seed, i))
         self._new_rounds(index)
-        self._situation = self.batch.situation()
-        return observe(self._situation), self._infos(index)
+        return self._game.observe(), self._infos(index)
 
     def step(
         self, actions: NDArray[np.int64]
@@ -107,14 +125,12 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             ValueError: the actions are not N integers of the action space.
             ResetNeeded: before the first reset.
         """
-        batch = self.batch
-        if self._situation is None:
+        game, batch = self._game, self.batch
+        if not game.started:
             raise gym.error.ResetNeeded("call reset() before step()")
-        choices = self._choices(actions)
+        checked = self._checked(actions)
         over = batch.games["end"] != RUNNING
-        batch.step(choices)
-        games = batch.games
-        reward, terminated, truncated = outcome.reward_and_end(games, over, self.config.reward)
+        reward, terminated, truncated = game.step(checked)
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
             self._new_rounds(np.flatnonzero(over))
@@ -124,19 +140,28 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             if len(ended):
                 final = self._final(ended)
                 self._new_rounds(ended)
-        self._situation = batch.situation()
-        return observe(self._situation), reward, terminated, truncated, {**final, **self._infos(self._all)}
+        return game.observe(), reward, terminated, truncated, {**final, **self._infos(self._all)}
 
-    def action_masks(self) -> NDArray[np.bool_]:
-        """(N, C) bool: which candidates may be chosen now."""
+    @property
+    def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
+        """``action_masks()``: (N, C) bool, which candidates may be chosen now.
+
+        Raises:
+            AttributeError: velocities have no mask.
+        """
+        if self.config.action != "goal":
+            raise AttributeError("velocity actions have no masks")
+        return self._masks
+
+    def _masks(self) -> NDArray[np.bool_]:
         return self.situation.mask.copy()
 
     @property
     def situation(self) -> Situation:
         """What a policy of this package sees now: N situations."""
-        if self._situation is None:
+        if not self._game.started:
             raise gym.error.ResetNeeded("call reset() first")
-        return self._situation
+        return self._game.situation
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per game."""
@@ -144,11 +169,17 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             return None
         return tuple(render_frame(self.batch, i) for i in range(self.num_envs))
 
-    def _choices(self, actions: NDArray[np.int64]) -> NDArray[np.int64]:
-        choices = np.asarray(actions)
-        if choices.shape != (self.num_envs,) or choices.dtype.kind not in "iu":
-            raise ValueError(f"actions must be {self.num_envs} integers, got {choices.dtype} of shape {choices.shape}")
-        return choices.astype(np.int64, copy=False)
+    def _checked(self, actions: NDArray[Any]) -> NDArray[Any]:
+        actions = np.asarray(actions)
+        if self.config.action == "velocity":
+            if actions.shape != (self.num_envs, 2) or actions.dtype.kind not in "fiu":
+                raise ValueError(
+                    f"actions must be {self.num_envs} pairs of v and omega, got {actions.dtype} of shape {actions.shape}"
+                )
+            return actions.astype(np.float64)
+        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
+            raise ValueError(f"actions must be {self.num_envs} integers, got {actions.dtype} of shape {actions.shape}")
+        return actions.astype(np.int64, copy=False)
 
     def _reset_index(self, options: dict[str, Any] | None) -> NDArray[np.int64]:
         if not options or "reset_mask" not in options:
@@ -158,7 +189,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
             raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},)")
         if not mask.any():
             raise ValueError("options['reset_mask'] must have at least one True value")
-        if self._situation is None and not mask.all():
+        if not self._game.started and not mask.all():
             raise gym.error.ResetNeeded("the first reset() must be of all games")
         return np.flatnonzero(mask)
 
@@ -177,14 +208,14 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
 
     def _new_rounds(self, index: NDArray[np.int64]) -> None:
         seeds = [self._generators[i].integers(2**63, dtype=np.uint64) for i in index.tolist()]
-        self.batch.reset(index, np.array(seeds, dtype=np.uint64))
+        self._game.reset(index, np.array(seeds, dtype=np.uint64))
 
     def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Gymnasium's layout: an array per key and a mask of the games that have it."""
         present = np.zeros(self.num_envs, dtype=np.bool_)
         present[index] = True
         result: dict[str, Any] = {}
-        for key, array in outcome.infos(self.batch.games).items():
+        for key, array in self._game.infos().items():
             if len(index) < self.num_envs:
                 array[~present] = None if array.dtype == object else 0
             result[key], result[f"_{key}"] = array, present.copy()
@@ -192,7 +223,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.int64], ND
 
     def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:
         """Last observation and info of the games that have just ended."""
-        last = observe(self.batch.situation())
+        last = self._game.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
             final_obs[i] = {key: array[i].copy() for key, array in last.items()}

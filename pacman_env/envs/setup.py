@@ -1,37 +1,112 @@
-"""What both environments do with their arguments: configuration, map assets, a batch of games."""
+"""From an environment's arguments to a configuration, a source of maps and the policies of ghosts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..config import Config, ConfigError, make_config
+from ..game.ghosts import BEHAVIOURS, GHOST_NAMES
+from ..policies.base import Policy
 from ..sim.assets import MapSource, map_assets
-from ..sim.batch import GameBatch
+from ..sim.generated import GeneratedMaps
+from ..sim.sources import FixedMap, LevelSource
 
 RENDER_FPS = 2  # one frame per decision, in real time
+KINDS = ("features", "scan", "grid")
+
+#: How many wander, or for each a behaviour or a policy of his own.
+Ghosts = int | str | Policy | Sequence[str | Policy]
 
 
-def make_batch(
-    n: int,
-    map_source: MapSource,
+def make_settings(
     preset: str,
     execution: str,
+    *,
+    ghosts: Ghosts | None,
+    observation: str | Sequence[str] | None,
+    action: str | None,
+    endless: bool | None,
     settings: Mapping[str, Any] | None,
     config: Config | None,
-    home: tuple[float, float, float] | None,
-) -> GameBatch:
-    """A batch of ``n`` games from an environment's arguments.
+) -> tuple[Config, dict[int, Policy]]:
+    """The configuration and the policies by the ghost's number.
 
     Raises:
         ConfigError: ``config`` together with what it replaces, an unknown name, or a value out of range.
+    """
+    behaviours, policies = _behaviours(ghosts)
+    changes: dict[str, Any] = {}
+    if behaviours is not None:
+        changes["clyde.ghosts"] = behaviours
+    if observation is not None:
+        changes |= _kinds(observation)
+    if action is not None:
+        changes["action"] = action
+    if endless is not None:
+        changes["endless"] = endless
+    if config is not None:
+        if settings or changes or (preset, execution) != ("robot", "robust"):
+            raise ConfigError("give either config or the arguments that make one, not both")
+        return config, policies
+    clash = sorted(changes.keys() & (settings or {}).keys())
+    if clash:
+        raise ConfigError(f"{clash[0]} is given twice: as an argument and in settings")
+    return make_config(preset, execution, **{**changes, **(settings or {})}), policies
+
+
+def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int, Policy]]:
+    if ghosts is None:
+        return None, {}
+    if isinstance(ghosts, int) and not isinstance(ghosts, bool):
+        if not 1 <= ghosts <= len(GHOST_NAMES):
+            raise ConfigError(f"ghosts = {ghosts}: must be 1 to {len(GHOST_NAMES)}")
+        return ("wander",) * ghosts, {}
+    each = [ghosts] if isinstance(ghosts, str) or hasattr(ghosts, "select") else ghosts
+    if not isinstance(each, Sequence):
+        raise ConfigError(f"ghosts = {ghosts!r}: must be a number, a behaviour, a policy, or a sequence of these")
+    names, policies = [], {}
+    for number, one in enumerate(each):
+        if isinstance(one, str):
+            names.append(one)
+        elif hasattr(one, "select"):
+            names.append("policy")
+            policies[number] = one
+        else:
+            raise ConfigError(f"ghosts[{number}] = {one!r}: must be one of {BEHAVIOURS} or a policy")
+    return tuple(names), policies
+
+
+def _kinds(observation: str | Sequence[str]) -> dict[str, bool]:
+    chosen = [observation] if isinstance(observation, str) else list(observation)
+    unknown = [name for name in chosen if name not in KINDS]
+    if unknown or not chosen:
+        raise ConfigError(f"observation = {observation!r}: choose one or several of {KINDS}")
+    return {f"observation.{name}": name in chosen for name in KINDS}
+
+
+def make_source(
+    map_source: MapSource,
+    config: Config,
+    home: tuple[float, float, float] | None,
+    start_level: int | None,
+    num_levels: int | None,
+) -> LevelSource:
+    """Where the maps come from: ``generated``, ``generated:test``, or one map.
+
+    Raises:
+        ConfigError: levels of a map that has none, or levels out of range.
         MapError: the map cannot be read or played on.
     """
-    if config is None:
-        config = make_config(preset, execution, **(settings or {}))
-    elif settings or (preset, execution) != ("robot", "robust"):
-        raise ConfigError("give either config or preset, execution and settings, not both")
-    return GameBatch(map_assets(map_source, config, home), config, n)
+    name = os.fspath(map_source) if isinstance(map_source, (str, os.PathLike)) else ""
+    if name.partition(":")[0] == "generated":
+        if home is not None:
+            raise ConfigError("home: generated houses have home poses of their own")
+        return GeneratedMaps.named(name, config, start_level, num_levels)
+    if start_level is not None or num_levels is not None:
+        raise ConfigError("start_level and num_levels are for map='generated'")
+    return FixedMap(map_assets(map_source, config, home))
 
 
 def check_render_mode(render_mode: str | None, known: list[str]) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from gymnasium import spaces
 
 from ..sim.batch import GameBatch
-from ..sim.observation import CANDIDATE_COLUMNS, CLYDE_COLUMNS, ROBOT_COLUMNS, ROUND_COLUMNS
+from ..sim.observation import CANDIDATE_COLUMNS, CLYDE_COLUMNS, GHOST_COLUMNS, ROBOT_COLUMNS, ROUND_COLUMNS
+from ..sim.observer import CHANNELS
 
 Columns = tuple[tuple[str, float, float, str], ...]
 _BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
@@ -15,14 +18,12 @@ _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 
 
 def _bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
     """Bounds of the columns that depend on the map or the configuration."""
-    grid = batch.assets.grid
-    rows, columns = grid.shape
-    corners = [grid.to_world(c, r) for c in (0, columns) for r in (0, rows)]
-    xs, ys = zip(*corners, strict=True)
-    margin = max(_BELIEF_MARGIN_M, _BELIEF_MARGIN_SIGMAS * batch.config.localization.sigma_xy_m)
+    xs, ys = batch.source.extent()
+    sigma = max(batch.config.localization.sigma_xy_m, (batch.config.randomize.sigma_xy_m or (0.0, 0.0))[1])
+    margin = max(_BELIEF_MARGIN_M, _BELIEF_MARGIN_SIGMAS * sigma)
     return {
-        "x": (min(xs) - margin, max(xs) + margin),
-        "y": (min(ys) - margin, max(ys) + margin),
+        "x": (xs[0] - margin, xs[1] + margin),
+        "y": (ys[0] - margin, ys[1] + margin),
         "time": (0.0, batch.config.time_limit_s + batch.config.execution.tick_s),
         "pellets_left": (0.0, float(batch.pellet_slots)),
     }
@@ -36,20 +37,52 @@ def _box(columns: Columns, bounds: dict[str, tuple[float, float]], rows: int | N
     return spaces.Box(low, high, dtype=np.float32)
 
 
+def _features(batch: GameBatch) -> dict[str, spaces.Space[Any]]:
+    bounds, ghosts = _bounds(batch), len(batch.config.clyde.ghosts)
+    parts: dict[str, spaces.Space[Any]] = {
+        "robot": _box(ROBOT_COLUMNS, bounds),
+        "clyde": _box(CLYDE_COLUMNS, bounds),
+        "candidates": _box(CANDIDATE_COLUMNS, bounds, batch.candidates),
+        "round": _box(ROUND_COLUMNS, bounds),
+    }
+    if ghosts > 1:
+        parts["ghosts"] = _box(GHOST_COLUMNS, bounds, ghosts)
+    return parts
+
+
 def observation_space(batch: GameBatch) -> spaces.Dict:
     """Of one game."""
-    bounds = _bounds(batch)
-    return spaces.Dict(
-        {
-            "robot": _box(ROBOT_COLUMNS, bounds),
-            "clyde": _box(CLYDE_COLUMNS, bounds),
-            "candidates": _box(CANDIDATE_COLUMNS, bounds, batch.candidates),
-            "round": _box(ROUND_COLUMNS, bounds),
-            "action_mask": spaces.MultiBinary(batch.candidates),
-        }
-    )
+    kinds = batch.config.observation
+    parts = _features(batch) if kinds.features else {}
+    if batch.config.action == "goal":
+        parts["action_mask"] = spaces.MultiBinary(batch.candidates)
+    if kinds.scan:
+        parts["scan"] = spaces.Box(kinds.scan_minimum_m, kinds.scan_maximum_m, (kinds.scan_rays,), np.float32)
+    if kinds.grid:
+        parts["grid"] = spaces.Box(0, 255, (kinds.grid_pixels, kinds.grid_pixels, CHANNELS), np.uint8)
+    return spaces.Dict(parts)
 
 
-def action_space(batch: GameBatch) -> spaces.Discrete:
-    """Of one game: the candidate to drive to."""
+def action_space(batch: GameBatch) -> spaces.Discrete | spaces.Box:
+    """Of one game: the candidate to drive to, or v in m/s and omega in rad/s."""
+    if batch.config.action == "goal":
+        return spaces.Discrete(batch.candidates)
+    robot = batch.config.robot
+    high = np.array([robot.wheel_speed_mps, robot.omega_radps], dtype=np.float32)
+    return spaces.Box(high * np.array([0, -1], dtype=np.float32), high, dtype=np.float32)
+
+
+def ghost_observation_space(batch: GameBatch) -> spaces.Dict:
+    """Of one ghost: the features, and his mask."""
+    return spaces.Dict({**_features(batch), "action_mask": spaces.MultiBinary(batch.candidates)})
+
+
+def state_space(batch: GameBatch) -> spaces.Box:
+    """Of the whole game, the numbers of ``PacManBotParallelEnv.state_names``."""
+    count = 8 + 4 * batch.ghosts.shape[1] + batch.pellet_slots + 3
+    return spaces.Box(-np.inf, np.inf, (count,), np.float64)
+
+
+def ghost_action_space(batch: GameBatch) -> spaces.Discrete:
+    """Of one ghost: the candidate to whose place he goes, or to wander on."""
     return spaces.Discrete(batch.candidates)

@@ -8,7 +8,6 @@ decided in ``ghosts``. No simulator and no ROS here: both call these functions.
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 
 import cv2

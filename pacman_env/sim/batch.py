@@ -96,9 +96,33 @@ class GameBatch:
         slot = self._held[game]
         return self.source.first if slot < 0 else self.levels.assets(slot)
 
-    def level(self, game: int) -> int:
-        """The number of the level that a game is played on; 0 where there is one map."""
-        return self.levels.level(self._held[game]) if len(self.levels) > 1 else 0
+    def level_numbers(self) -> NDArray[np.int64]:
+        """(N,) the number of the level that each game is played on."""
+        return self.levels.numbers[self.games["level"]]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The games as they are, down to the physics' cached contacts: a copy goes on bit for bit the same."""
+        names = ("games", "ghosts", "alive", "obstacles", "_waits", "_aborts", "paths", "_ghost_paths")
+        return {
+            "made_from": (self.source, self.config, self.n),
+            "held": self._held,
+            "levels": {slot: int(self.levels.numbers[slot]) for slot in {*self._held} - {-1}},
+            "physics": self.physics,
+            "arrays": {name: getattr(self, name) for name in names},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(*state["made_from"])  # type: ignore[misc]
+        if len(self.levels) > 1:
+            for slot, level in state["levels"].items():
+                self.levels.put(slot, level, self.source.prepare(level), state["held"].count(slot))
+            self._bind()
+        self._held = list(state["held"])
+        self.physics = state["physics"]
+        paths = state["arrays"].pop("_ghost_paths")
+        self._ghost_paths[:, :, : paths.shape[2]] = paths[:, :, : self._ghost_paths.shape[2]]
+        for name, array in state["arrays"].items():
+            setattr(self, name, array)
 
     def _bind(self) -> None:
         """Take over the stacked arrays, after they have been made anew, and make the scratch memory for them."""

@@ -80,14 +80,14 @@ class LevelStack:
         self.longest_ghost_way = 0  # cells
         self.version = 0  # grows when the arrays are replaced by larger ones
         self._assets: list[MapAssets | None] = [None] * slots
-        self._level = [-1] * slots  # the level in each slot
+        self.numbers = np.full(slots, -1, dtype=np.int64)  # the level in each slot
         self._users = np.zeros(slots, dtype=np.int64)
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
         kinds = _kinds(first, config)
         if slots == 1:
             self.arrays = {name: np.asarray(array, order="C")[None] for name, array in kinds.items()}
-            self._assets[0] = first
+            self._assets[0], self.numbers[0] = first, 0
             self._measure(first)
         else:
             self.arrays = {
@@ -106,22 +106,23 @@ class LevelStack:
 
     def has(self, level: int) -> bool:
         """Whether the level lies in a slot."""
-        return level in self._level
+        return bool((self.numbers == level).any())
 
-    def level(self, slot: int) -> int:
-        """The number of the level in a slot."""
-        return self._level[slot]
+    def put(self, slot: int, level: int, assets: MapAssets, users: int) -> None:
+        """Fill a slot as it was in another stack."""
+        self._load(slot, assets)
+        self.numbers[slot], self._users[slot] = level, users
 
     def take(self, level: int, prepare: Callable[[int], MapAssets]) -> int:
         """A slot with that level, held until it is given back; ``prepare`` is called if no slot has it."""
         self._clock += 1
-        if level in self._level:
-            slot = self._level.index(level)
+        if self.has(level):
+            slot = int((self.numbers == level).argmax())
         else:
             free = np.flatnonzero(self._users == 0)
             slot = int(free[self._last_use[free].argmin()])
             self._load(slot, prepare(level))
-            self._level[slot] = level
+            self.numbers[slot] = level
         self._users[slot] += 1
         self._last_use[slot] = self._clock
         return slot
@@ -131,7 +132,7 @@ class LevelStack:
         self._users[slot] -= 1
 
     def _load(self, slot: int, assets: MapAssets) -> None:
-        self._level[slot] = -1  # until it is there as a whole
+        self.numbers[slot] = -1  # until it is there as a whole
         for name, array in _kinds(assets, self.config).items():
             stacked = self.arrays[name]
             if any(n > room for n, room in zip(array.shape, stacked.shape[1:], strict=True)):

@@ -37,6 +37,14 @@ CLYDE_COLUMNS = (
     ("closing_speed", -FAST_MPS, FAST_MPS, "m/s"),
     ("speed", 0.0, FAST_MPS, "m/s, in this round"),
 )
+GHOST_COLUMNS = (
+    ("forward", -FAR_M, FAR_M, "m, robot frame"),
+    ("left", -FAR_M, FAR_M, "m, robot frame"),
+    ("velocity_forward", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
+    ("velocity_left", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
+    ("distance", 0.0, FAR_M, "m, straight"),
+    ("speed", 0.0, FAST_MPS, "m/s, in this round"),
+)
 CANDIDATE_COLUMNS = (
     ("is_pellet", 0.0, 1.0, ""),
     ("is_refuge", 0.0, 1.0, ""),
@@ -61,8 +69,8 @@ def observe(situation: Situation) -> Observation:
     """Observations of N situations; new arrays at each call.
 
     Returns:
-        ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), all float32, and
-        ``action_mask`` (N, C) int8. Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
+        ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6), all
+        float32, and ``action_mask`` (N, C) int8. Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
     """
     n, c = situation.mask.shape
     robot = np.empty((n, len(ROBOT_COLUMNS)), dtype=np.float32)
@@ -70,8 +78,16 @@ def observe(situation: Situation) -> Observation:
     candidates = np.empty((n, c, len(CANDIDATE_COLUMNS)), dtype=np.float32)
     round_ = np.empty((n, len(ROUND_COLUMNS)), dtype=np.float32)
     mask = np.empty((n, c), dtype=np.int8)
-    _fill(situation.arrays(), robot, clyde, candidates, round_, mask)
-    return {"robot": robot, "clyde": clyde, "candidates": candidates, "round": round_, "action_mask": mask}
+    ghosts = np.empty((n, situation.ghosts.shape[1], len(GHOST_COLUMNS)), dtype=np.float32)
+    _fill(situation.arrays(), robot, clyde, candidates, round_, mask, ghosts)
+    return {
+        "robot": robot,
+        "clyde": clyde,
+        "candidates": candidates,
+        "round": round_,
+        "action_mask": mask,
+        "ghosts": ghosts,
+    }
 
 
 @kernel
@@ -80,10 +96,10 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignore[no-untyped-def]
+def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, _, _, pellets_left, _,
+        path_robot, path_clyde, current, _, _, pellets_left, everyone,
     ) = arrays  # fmt: skip
     count = mask.shape[1]
     for i in range(len(time_s)):
@@ -126,3 +142,12 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask):  # type: ignor
             candidates[i, c, 9] = min(path_clyde[i, c], FAR_M)
         round_[i, 0] = time_s[i]
         round_[i, 1] = pellets_left[i]
+        for k in range(everyone.shape[1]):
+            dx, dy = everyone[i, k, 0] - x, everyone[i, k, 1] - y
+            vx, vy = everyone[i, k, 2], everyone[i, k, 3]
+            ghosts[i, k, 0] = _cap(dx * ch + dy * sh, FAR_M)
+            ghosts[i, k, 1] = _cap(dy * ch - dx * sh, FAR_M)
+            ghosts[i, k, 2] = _cap(vx * ch + vy * sh, FAST_MPS)
+            ghosts[i, k, 3] = _cap(vy * ch - vx * sh, FAST_MPS)
+            ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
+            ghosts[i, k, 5] = min(everyone[i, k, 4], FAST_MPS)

@@ -71,6 +71,8 @@ def fill_situation(  # type: ignore[no-untyped-def]
                 kind[i, c] = PELLET
                 if c < g.pellets:
                     goal = c
+                    if seat >= 0 and not alive[i, c]:
+                        kind[i, c] = REFUGE  # a place like others
             elif c < hold:
                 kind[i, c] = REFUGE
                 if c - slots < g.refuges:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Protocol
 
 import numpy as np
@@ -34,6 +33,9 @@ class LevelSource(Protocol):
     def prepare(self, level: int) -> MapAssets:
         """The map of a level, ready to be played on."""
 
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Least and largest x and y that a robot can be at, m."""
+
 
 class FixedMap:
     """One map for every episode."""
@@ -60,3 +62,10 @@ class FixedMap:
     def prepare(self, level: int) -> MapAssets:
         """The map."""
         return self.first
+
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Of the played part of the map."""
+        grid = self.first.grid
+        rows, columns = grid.shape
+        x, y = zip(*(grid.to_world(c, r) for c in (0, columns) for r in (0, rows)), strict=True)
+        return (min(x), max(x)), (min(y), max(y))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pacman_env.config import ClydeConfig, Config, ConfigError, make_config
+from pacman_env.config import ClydeConfig, ConfigError
 from pacman_env.game.clyde import (
     DIAGONAL,
     STRAIGHT,
@@ -19,8 +19,6 @@ from pacman_env.game.clyde import (
     find_path,
     search_memory,
 )
-from pacman_env.sim.assets import MapAssets, map_assets
-from pacman_env.sim.batch import GameBatch
 from pacman_env.world.occupancy import OccupancyMap, load_map
 from tests.drawn import box, drawn
 from tests.shared import shared_path

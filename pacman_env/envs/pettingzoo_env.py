@@ -1,0 +1,279 @@
+"""The multi-agent PettingZoo environment: the same game with the ghosts' seats filled from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import parallel_to_aec
+
+from ..config import Config, ConfigError
+from ..game.ghosts import GHOST_NAMES
+from ..sim.assets import MapSource
+from ..sim.observation import observe
+from .game import Game
+from .rendering import render_frame
+from .setup import RENDER_FPS, Ghosts, check_render_mode
+from .spaces import action_space, ghost_action_space, ghost_observation_space, observation_space, state_space
+
+PACMAN = "pacman"
+Rewards = Literal["zero_sum", "separate"]
+Observations = dict[str, dict[str, Any]]
+
+_ONE = np.zeros(1, dtype=np.int64)
+
+
+class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
+    """
+    ## Description
+    The game of `pacman_env/PacManBot-v0` for two players and more: `pacman` names the robot's next goal, `clyde` the
+    place he goes to himself. Both decide at the same time, every 0.5 s. With `ghosts=("policy", "policy")` there is
+    an agent `blinky` too, then `pinky` and `inky`; ghosts with another behaviour play by themselves.
+
+    ```python
+    env = pacman_env.parallel_env(map="house", rewards="zero_sum")
+    observations, infos = env.reset(seed=0)
+    actions = {agent: env.action_space(agent).sample(observations[agent]["action_mask"]) for agent in env.agents}
+    observations, rewards, terminations, truncations, infos = env.step(actions)
+    ```
+
+    `pacman_env.env(...)` is the same game agent by agent (AEC).
+
+    ## Action Spaces
+    - `pacman`: as in the Gymnasium environment.
+    - a ghost: `Discrete(C)`: the robot's candidates are places that he can go to, as far as he fits in; the last one
+      is to wander on: he goes where he is going, and then draws his own targets as the original Clyde does.
+
+    What the mask forbids makes the robot hold and the ghost wander on.
+
+    ## Observation Spaces
+    `pacman` sees what the Gymnasium environment shows. A ghost sees the features with himself as Clyde, in the robot's
+    frame: `path_clyde` are his own ways, `is_current` is the place he was sent to, a candidate is a pellet as long as
+    one lies there. `action_mask` is in both.
+
+    ## Rewards
+    `pacman` gets the Gymnasium environment's reward. `rewards="zero_sum"`: the ghosts share its negative (each gets an
+    equal part). `"separate"`: each ghost gets 10 when the robot is caught, -0.002 for the time, -5 when it completes
+    the round or the time is over (`config.ghost_reward`).
+
+    ## State
+    `state()`: float64, see `state_names`: true and believed pose of the robot, its velocities, place and velocity of
+    each ghost, which pellets are left, time, round, score.
+
+    ## Episode End
+    For all agents at once, as in the Gymnasium environment.
+
+    ## Arguments
+    Those of the Gymnasium environment, and `rewards`. `ghosts` is `("policy",)` by default.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "name": "pacmanbot_v0",
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": RENDER_FPS,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        map: MapSource = "house",
+        preset: str = "robot",
+        execution: str = "robust",
+        *,
+        rewards: Rewards = "zero_sum",
+        ghosts: Ghosts | None = None,
+        observation: str | Sequence[str] | None = None,
+        action: str | None = None,
+        endless: bool | None = None,
+        start_level: int | None = None,
+        num_levels: int | None = None,
+        settings: Mapping[str, Any] | None = None,
+        config: Config | None = None,
+        home: tuple[float, float, float] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """See the class; raises ConfigError or MapError for arguments that cannot be played."""
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        if rewards not in ("zero_sum", "separate"):
+            raise ConfigError(f"rewards = {rewards!r}: choose zero_sum or separate")
+        if ghosts is None and config is None and "clyde.ghosts" not in (settings or {}):
+            ghosts = ("policy",)
+        self._game = Game(
+            1,
+            map,
+            preset,
+            execution,
+            ghosts=ghosts,
+            observation=observation,
+            action=action,
+            endless=endless,
+            start_level=start_level,
+            num_levels=num_levels,
+            settings=settings,
+            config=config,
+            home=home,
+            seats=True,
+        )
+        self.batch, self.config = self._game.batch, self._game.config
+        self._seats = {GHOST_NAMES[k]: k for k in self._game.seats}
+        if not self._seats:
+            raise ConfigError("ghosts: at least one must have the behaviour 'policy', which makes him an agent")
+        self.rewards = rewards
+        self.render_mode = render_mode
+        self.possible_agents = [PACMAN, *self._seats]
+        self.agents: list[str] = []
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: observation_space(self.batch)}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: action_space(self.batch)}
+        for name in self._seats:
+            self.observation_spaces[name] = ghost_observation_space(self.batch)
+            self.action_spaces[name] = ghost_action_space(self.batch)
+        self.state_space = state_space(self.batch)
+        self._generator: np.random.Generator | None = None
+        self._window: Any = None
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent; the same object each time."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent; the same object each time."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, dict[str, Any]]]:
+        """Start a new episode; its own seed is drawn from the environment's generator."""
+        if seed is not None or self._generator is None:
+            self._generator, _ = seeding.np_random(seed)
+        round_seed = self._generator.integers(2**63, dtype=np.uint64)
+        self._game.reset(_ONE, np.array([round_seed], dtype=np.uint64))
+        self.agents = list(self.possible_agents)
+        if self.render_mode == "human":
+            self.render()
+        return self._observations(), self._infos()
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """One decision of every agent.
+
+        Raises:
+            ValueError: an agent has no action, or one that is not in its space; nothing has been changed then.
+            ResetNeeded: before the first reset.
+        """
+        if not self._game.started:
+            raise gym.error.ResetNeeded("call reset() before step()")
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        missing = [agent for agent in self.agents if agent not in actions]
+        if missing:
+            raise ValueError(f"no action of {', '.join(missing)}")
+        told = {seat: self._choice(name, actions[name]) for name, seat in self._seats.items()}
+        reward, terminated, truncated = self._game.step(self._pacman(actions[PACMAN]), told)
+        agents = self.agents
+        rewards = dict(zip(agents, [float(reward[0]), *self._ghost_rewards(float(reward[0]))], strict=True))
+        if terminated[0] or truncated[0]:
+            self.agents = []
+        if self.render_mode == "human":
+            self.render()
+        return (
+            self._observations(),
+            rewards,
+            dict.fromkeys(agents, bool(terminated[0])),
+            dict.fromkeys(agents, bool(truncated[0])),
+            self._infos(),
+        )
+
+    def state(self) -> NDArray[np.float64]:
+        """The whole game as it truly is; the numbers are named by ``state_names``."""
+        batch = self.batch
+        g, ghosts = batch.games[0], batch.ghosts[0]
+        robot = [g[name] for name in ("x", "y", "heading")] + list(self._game.situation.robot[0])
+        velocity = [0.5 * (g["left"] + g["right"]), (g["right"] - g["left"]) / batch.config.robot.wheel_base_m]
+        each = [[ghost[name] for name in ("x", "y", "vx", "vy")] for ghost in ghosts]
+        game = [g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
+        return np.concatenate([robot, velocity, np.ravel(each), batch.alive[0], game]).astype(np.float64)
+
+    @property
+    def state_names(self) -> list[str]:
+        """What each number of ``state()`` is."""
+        names = ["x", "y", "heading", "believed_x", "believed_y", "believed_heading", "v", "omega"]
+        names += [f"{GHOST_NAMES[k]}_{part}" for k in range(self.batch.ghosts.shape[1]) for part in ("x", "y", "vx", "vy")]
+        names += [f"pellet_{k}" for k in range(self.batch.pellet_slots)]
+        return [*names, "time", "round", "score"]
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
+        if self.render_mode is None:
+            gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")
+            return None
+        frame = render_frame(self.batch, 0)
+        if self.render_mode == "rgb_array":
+            return frame
+        if self._window is None:
+            from .human_window import HumanWindow
+
+            self._window = HumanWindow()
+        self._window.show(frame, RENDER_FPS)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the window: a copy opens its own."""
+        return {**self.__dict__, "_window": None}
+
+    def _observations(self) -> Observations:
+        result = {PACMAN: {key: array[0] for key, array in self._game.observe().items()}}
+        for name, seat in self._seats.items():
+            seen = observe(self.batch.situation(seat))
+            if len(self.config.clyde.ghosts) == 1:
+                del seen["ghosts"]
+            result[name] = {key: array[0] for key, array in seen.items()}
+        return result
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        info = {key: array.tolist()[0] for key, array in self._game.infos().items()}
+        return {agent: dict(info) for agent in self.possible_agents}
+
+    def _ghost_rewards(self, pacman: float) -> list[float]:
+        count = len(self._seats)
+        if self.rewards == "zero_sum":
+            return [-pacman / count] * count
+        return [float(self._game.ghost_reward()[0])] * count
+
+    def _choice(self, name: str, action: Any) -> int:
+        space = self.action_spaces[name]
+        if not space.contains(action) and not (
+            isinstance(action, np.ndarray) and action.shape == () and space.contains(action[()])
+        ):
+            raise ValueError(f"action {action!r} of {name} is not in {space}")
+        return int(action)
+
+    def _pacman(self, action: Any) -> NDArray[Any]:
+        if self.config.action == "velocity":
+            velocities = np.asarray(action)
+            if velocities.shape != (2,) or velocities.dtype.kind not in "fiu":
+                raise ValueError(f"action {action!r} of {PACMAN}: must be two numbers, v in m/s and omega in rad/s")
+            return velocities.astype(np.float64)[None]
+        return np.array([self._choice(PACMAN, action)], dtype=np.int64)
+
+
+def parallel_env(**arguments: Any) -> PacManBotParallelEnv:
+    """The parallel environment; the arguments are those of :class:`PacManBotParallelEnv`."""
+    return PacManBotParallelEnv(**arguments)
+
+
+def env(**arguments: Any) -> AECEnv[str, Any, Any]:
+    """The same game agent by agent: Pac-Man names his goal, then the ghosts; the world moves after the last."""
+    return parallel_to_aec(parallel_env(**arguments))

@@ -1,0 +1,146 @@
+"""Generated houses as levels: a new one for each episode, prepared when it is needed.
+
+Which level an episode gets is drawn from its seed. The split between training and testing is by level number, as in
+Procgen: ``generated`` draws from the levels below ``TEST_LEVEL``, ``generated:test`` from the thousand from there on.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config, ConfigError
+from ..rng import LEVEL
+from ..world.houses import MAX_EXTENT_M, draw_house
+from ..world.occupancy import MapError, OccupancyMap
+from .assets import MapAssets, prepare_map
+from .parameters import draw_below
+
+TEST_LEVEL = 1_000_000  # the first of the test levels
+TEST_LEVELS = 1000
+_ATTEMPTS = 60
+_SPARE_SLOTS = 64  # maps kept beyond those being played on
+_PELLETS = (4, 16)  # of a house at a spacing of 2 m
+
+
+class GeneratedMaps:
+    """The levels from ``start_level`` on, ``num_levels`` of them."""
+
+    def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
+        """Prepare the first level.
+
+        Raises:
+            ConfigError: numbers out of range.
+            MapError: no house of the first level can be played under this configuration.
+        """
+        if start_level < 0:
+            raise ConfigError(f"start_level = {start_level}: must be at least 0")
+        if num_levels < 1:
+            raise ConfigError(f"num_levels = {num_levels}: must be at least 1")
+        self._config = config
+        self.start_level = start_level
+        self.num_levels = num_levels
+
+    @classmethod
+    def named(cls, name: str, config: Config, start_level: int | None, num_levels: int | None) -> GeneratedMaps:
+        """By the name of a split; ``num_levels`` None or 0: all that the split has.
+
+        Raises:
+            ConfigError: an unknown split, or levels that are not in it.
+        """
+        splits = {
+            "generated": (0, TEST_LEVEL),
+            "generated:train": (0, TEST_LEVEL),
+            "generated:test": (TEST_LEVEL, TEST_LEVELS),
+        }
+        if name not in splits:
+            raise ConfigError(f"map = {name!r}: choose one of {', '.join(splits)}")
+        first, count = splits[name]
+        start = first if start_level is None else start_level
+        if not first <= start < first + count:
+            raise ConfigError(f"start_level = {start}: {name} has the levels {first} to {first + count - 1}")
+        room = first + count - start
+        if num_levels is not None and not 0 <= num_levels <= room:
+            raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
+        return cls(config, start, num_levels or room)
+
+    @functools.cached_property
+    def first(self) -> MapAssets:
+        """The map of the first level."""
+        return self.prepare(self.start_level)
+
+    def slots(self, games: int) -> int:
+        """A map of its own for each game, and some more that may come again; two at least mark changing maps."""
+        return max(min(self.num_levels, games + _SPARE_SLOTS), 2)
+
+    def pellet_slots(self, config: Config) -> int:
+        """Most pellets that a level is allowed to have."""
+        return most_pellets(config)
+
+    def refuge_slots(self, config: Config) -> int:
+        """Home, nooks and spread-out places."""
+        return 1 + config.refuges.nooks + config.refuges.spread
+
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        """(M,) drawn uniformly."""
+        return self.start_level + draw_below(seeds, LEVEL, self.num_levels)
+
+    def prepare(self, level: int) -> MapAssets:
+        """The level's house, ready to be played on."""
+        return prepare_level(level, self._config)
+
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Of the largest house there can be."""
+        return (-MAX_EXTENT_M, MAX_EXTENT_M), (-MAX_EXTENT_M, MAX_EXTENT_M)
+
+
+def most_pellets(config: Config) -> int:
+    """The most pellets that a generated house may have: 16 at the original's spacing."""
+    limit = round(_PELLETS[1] * max(1.0, (2.0 / config.pellets.spacing_m) ** 2))
+    return limit if config.max_pellets is None else min(limit, config.max_pellets)
+
+
+def prepare_level(level: int, config: Config) -> MapAssets:
+    """The first house of a level that can be played under the configuration.
+
+    Every pellet can be reached, there are neither too few nor too many, and the ghosts can come to most of them.
+
+    Raises:
+        MapError: none of many houses can be.
+    """
+    reason = ""
+    for attempt in range(_ATTEMPTS):
+        house = draw_house(level, attempt)
+        try:
+            assets = prepare_map(house, config)
+        except (MapError, ConfigError) as error:
+            reason = str(error)
+            continue
+        reason = _objection(assets, config)
+        if not reason:
+            return assets
+    raise MapError(
+        f"generated level {level}: none of {_ATTEMPTS} houses can be played under this configuration; the last: {reason}"
+    )
+
+
+def level_map(level: int, config: Config) -> OccupancyMap:
+    """The map of a level as it is played."""
+    return prepare_level(level, config).occupancy
+
+
+def _objection(assets: MapAssets, config: Config) -> str:
+    """Why a house is no level, "" if it is one."""
+    fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 / config.pellets.spacing_m) ** 2)) or 1
+    if not fewest <= assets.pellets <= most_pellets(config):
+        return f"{assets.pellets} pellets"
+    if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
+        return f"{len(assets.dropped_ids)} pellets out of reach"
+    cells = assets.clyde.part_cells[assets.clyde.part_start[assets.clyde_part] :][
+        : np.diff(assets.clyde.part_start)[assets.clyde_part]
+    ]
+    offset = assets.clyde.position[cells][None, :, :] - assets.goal_xy[: assets.pellets, None, :]
+    near = ((offset**2).sum(axis=2).min(axis=1) <= 0.5**2).sum()
+    return "" if near >= 0.75 * assets.pellets else f"the ghosts come to {near} of {assets.pellets} pellets"
