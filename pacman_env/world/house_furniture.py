@@ -30,6 +30,7 @@ _FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float],
         (_BOX, False, 0.8, 2.0, 0.3, 0.4, 0.8),  # shelf
         (_POT, False, 0.3, 0.45, 0.3, 0.45, 0.7),
         (_BOX, True, 0.25, 0.4, 0.25, 0.4, 0.2),  # pillar
+        (_LEGS, True, 0.4, 0.5, 0.4, 0.5, 0.5),  # chair
     ),
     "kitchen": (
         (_BOX, False, 2.0, 3.6, 0.6, 0.65, 1.0),
@@ -59,7 +60,7 @@ _FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float],
         (_BOX, False, 0.35, 0.4, 0.55, 0.65, 0.8),
     ),
 }
-_CLUTTER = ((_HEAP, False, 0.3, 1.2, 0.2, 0.5, 0.5), (_BOX, False, 0.06, 0.2, 0.06, 0.15, 0.5))  # in every room
+_CLUTTER = ((_HEAP, False, 0.3, 1.4, 0.2, 0.6, 0.7), (_BOX, False, 0.06, 0.2, 0.06, 0.15, 0.5))  # in every room
 
 
 @dataclass
@@ -79,6 +80,16 @@ class Room:
     way: float
     entries: list[Rect] = field(default_factory=list)
     taken: list[tuple[Rect, int]] = field(default_factory=list)
+
+    def place(self, rect: Rect, side: int) -> bool:
+        """Take a place at a side for something of the caller's, if it is clear and leaves a way to the other side."""
+        ahead = self.inner[3] - self.inner[1] - (rect[3] - rect[1])
+        if side >= 2:
+            ahead = self.inner[2] - self.inner[0] - (rect[2] - rect[0])
+        if ahead < self.way or not self._is_clear(rect, side):
+            return False
+        self.taken.append((rect, side))
+        return True
 
     def furnish(self, dice: Dice) -> tuple[list[Shape], int]:
         """Shapes in the frame of ``inner``, and the number of pieces; a table and its chairs are one."""
@@ -127,7 +138,10 @@ class Room:
         cos, sin = abs(math.cos(math.radians(degrees))), abs(math.sin(math.radians(degrees)))
         dx, dy = (length * cos + deep * sin) / 2, (length * sin + deep * cos) / 2
         x0, y0, x1, y1 = self.inner
-        x, y = dice.between(x0 + dx + self.way, x1 - dx - self.way), dice.between(y0 + dy + self.way, y1 - dy - self.way)
+        x, y = (
+            dice.between(x0 + dx + self.way, x1 - dx - self.way),
+            dice.between(y0 + dy + self.way, y1 - dy - self.way),
+        )
         if x1 - x0 < 2 * (dx + self.way) or y1 - y0 < 2 * (dy + self.way):
             return None
         rect = (x - dx, y - dy, x + dx, y + dy)
@@ -151,7 +165,7 @@ def _piece(dice: Dice, form: int, x: float, y: float, length: float, deep: float
         return [(SOLID, x, y, 0.9 * length, 0.9 * length, turn) for turn in (0.0, 45.0)]
     legs = _legs(0.0, 0.0, length, deep)
     if form == _HEAP:
-        count = 3 + dice.below(6)
+        count = 3 + dice.below(10)
         legs = [(length * dice.between(-0.5, 0.5), deep * dice.between(-0.5, 0.5)) for _ in range(count)]
     if form == _CHAIRS:
         seats = max(1, int(length / 0.6))

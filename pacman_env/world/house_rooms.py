@@ -14,7 +14,7 @@ import numpy as np
 
 Rect = tuple[float, float, float, float]  # x0, y0, x1, y1 in m, building frame: (0, 0) is the lower left corner
 
-OUTLINE_M2 = (54.0, 80.0)  # of the whole building, before corners and cores are cut out
+OUTLINE_M2 = (54.0, 76.0)  # of the whole building, before corners and cores are cut out
 ROOMS = (4, 10)  # fewest and most
 _LENGTH_M, _DEPTH_M = (8.0, 13.0), (5.5, 10.0)
 _SPAN_M = 13.4  # of the turned building along both axes of the map
@@ -62,7 +62,7 @@ class Floor:
     rooms: list[Rect]
     halls: frozenset[int] = frozenset()
     core: Rect | None = None
-    wide: tuple[int, int] = (-1, -1)
+    wide: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,9 @@ def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: flo
     for w in _shared_walls(rooms, corner, door):
         pair = {w.a, w.b}
         small = sum(area(rooms[k]) < _SMALL_M2 for k in pair - floor.halls)
-        burden[w] = dice.draw() + 0.6 * small - (0.9 if pair & hubs else 0.0) - (9.0 if (w.a, w.b) == floor.wide else 0.0)
+        burden[w] = (
+            dice.draw() + 0.6 * small - (0.9 if pair & hubs else 0.0) - (9.0 if (w.a, w.b) == floor.wide else 0.0)
+        )
     group = list(range(len(rooms)))
     degree = [0] * len(rooms)
     doors, others = [], []

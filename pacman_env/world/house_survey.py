@@ -24,15 +24,19 @@ _OCCUPIED, _UNKNOWN, _FREE = 0, 205, 254
 #: kind, centre x, y, width, depth (m, building frame, y up), turn (degrees)
 Shape = tuple[int, float, float, float, float, float]
 
-_MARGIN_PX = (6, 44)  # unknown cells on each side
+_MARGIN_PX = (6, 45)  # least and most between the building and each edge of the image
 _CELL, _CELL_ASKEW = 5, 7  # chamfer distance
+_LATTICE_PX, _PLACES = 40, 5  # Algorithm 1 at 2 m, from pixel (0, 0), finds about five pellets and more
+_PLACE_CLEARANCE = 8 * _CELL  # the half diagonal of a pellet's free square
+_CROPS = 4  # margins tried for that
 _STOP_CLEARANCE = 6 * _CELL  # the robot stops more than 0.3 m from anything
 _HOME_CLEARANCE = 9 * _CELL  # 0.45 m, of which noise takes a cell
 _STOP_EVERY = 5  # cells of the tour
-_NEAR_PX = 30  # every place for the robot is seen from a stop at most that far away
+_NEAR_PX = 36  # every place for the robot is seen from a stop at most that far away
 _RANGE_PX = 240.0  # RPLIDAR A1: 12 m
 _RAYS, _FANS = 360, 4  # rays per stop; the stops take turns with fans that lie between each other
-_BOW_M, _SKEW = 0.07, 0.02
+_BOW_M, _SKEW = 0.07, 0.02  # at most; m and rad
+_WALL_SHARES = (0.0, 0.94, 0.5, 0.15)  # of the surface seen, by depth in cells
 _SUBPIXEL = 4  # bits
 _THIN_PX = 9  # free squares of that size outside are thinned: nobody shall stand there
 _angle = np.arange(_RAYS * _FANS) * (2 * math.pi / (_RAYS * _FANS)) + 0.0007  # none along a row of cell corners
@@ -43,7 +47,7 @@ def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], f
     """The map of a building after a tour; its origin is a place with room for the robot.
 
     Free is what some stop saw; occupied are surfaces next to it, a cell or two deep and a little ragged; the
-    rest is unknown. Some rays leave through glass and are thin fans outside.
+    rest is unknown. Some rays leave through glass and are thin fans outside, too thin for a pellet or a ghost.
 
     Args:
         name: of the map.
@@ -54,7 +58,7 @@ def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], f
     Raises:
         ValueError: the building has no place for the robot, or is too large for the image.
     """
-    kind = _raster(name, shapes, turn, draw)
+    kind, margin = _raster(name, shapes, turn, draw)
     seed = np.uint64(int(draw() * 2**53))
     clearance = _clearance(kind)
     tour = _largest_part(clearance > _STOP_CLEARANCE)
@@ -67,12 +71,16 @@ def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], f
     out = ((grey == _FREE) & (kind == OUTSIDE)).astype(np.uint8)
     wide = cv2.morphologyEx(out, cv2.MORPH_OPEN, np.ones((_THIN_PX, _THIN_PX), np.uint8))
     grey.flat[np.flatnonzero(wide)[::2]] = _UNKNOWN
-    origin = (-(home_column + 0.5) * RESOLUTION_M, -(kind.shape[0] - home_row - 0.5) * RESOLUTION_M, 0.0)
-    return OccupancyMap.from_pixels(name, grey, RESOLUTION_M, tuple(round(v, 3) for v in origin))  # type: ignore[arg-type]
+    rows, columns = _crop(clearance, margin, draw)
+    x = (columns.start - home_column - 0.5) * RESOLUTION_M
+    y = (home_row + 0.5 - rows.stop) * RESOLUTION_M
+    return OccupancyMap.from_pixels(name, grey[rows, columns], RESOLUTION_M, (round(x, 3), round(y, 3), 0.0))
 
 
-def _raster(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]) -> NDArray[np.uint8]:
-    """(H, W) kinds of the turned building, with margins of any width around it."""
+def _raster(
+    name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]
+) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+    """(H, W) kinds of the turned building, and the widths of the margins beside and above it."""
     table = np.array(shapes)
     own = np.radians(table[:, 5])
     # A filled polygon covers the pixels that its outline touches: half a pixel less on each side.
@@ -90,15 +98,28 @@ def _raster(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], 
     width, height = math.ceil(column[rooms].max()) + 4 - left, math.ceil(row[rooms].max()) + 4 - top
     if max(width, height) > MAX_PIXELS:
         raise ValueError(f"{name}: the building takes {width} x {height} px, the image has at most {MAX_PIXELS}")
-    spare = (MAX_PIXELS - width, MAX_PIXELS - height) * 2
-    low, high = _MARGIN_PX
-    margin = [min(low + int(draw() * (high - low)), s // 2) for s in spare]  # left, top, right, bottom
-    image = np.full((height + margin[1] + margin[3], width + margin[0] + margin[2]), OUTSIDE, np.uint8)
-    points = np.stack([column - left + margin[0], row - top + margin[1]], axis=2) - 0.5
+    margin_x, margin_y = (min(_MARGIN_PX[1], (MAX_PIXELS - size) // 2) for size in (width, height))
+    image = np.full((height + 2 * margin_y, width + 2 * margin_x), OUTSIDE, np.uint8)
+    points = np.stack([column - left + margin_x, row - top + margin_y], axis=2) - 0.5
     points = np.rint(points * 2**_SUBPIXEL).astype(np.int32)
     for shape, corners in zip(shapes, points, strict=True):
         cv2.fillConvexPoly(image, corners, shape[0], cv2.LINE_8, _SUBPIXEL)
-    return image
+    return image, (margin_x, margin_y)
+
+
+def _crop(clearance: NDArray[np.int32], margin: tuple[int, int], draw: Callable[[], float]) -> tuple[slice, slice]:
+    """Rows and columns to keep: margins of any width, such that pellets find places where the building has them."""
+    most, kept = -1, (slice(None), slice(None))
+    spare_x, spare_y = (max(m - _MARGIN_PX[0] + 1, 0) for m in margin)
+    for _ in range(_CROPS):
+        left, right, top, bottom = (int(draw() * spare) for spare in (spare_x, spare_x, spare_y, spare_y))
+        places = int((clearance[top::_LATTICE_PX, left::_LATTICE_PX] > _PLACE_CLEARANCE).sum())
+        if places > most:
+            most = places
+            kept = slice(top, clearance.shape[0] - bottom), slice(left, clearance.shape[1] - right)
+        if most >= _PLACES:
+            break
+    return kept
 
 
 @kernel
@@ -243,10 +264,10 @@ def _paint(kind, seen, hit, seed):  # type: ignore[no-untyped-def]
             if deep > 3:
                 continue
             if here == SOLID:
-                rough = _noise(seed, r, c, 3)
-                if deep == 1 or (deep == 2 and rough < 0.55) or (deep == 3 and rough < 0.12):
-                    if _noise(seed, r, c, 1) < 0.96:
-                        grey[r, c] = _OCCUPIED
+                # Patches where the wall is thick, thin, or missing.
+                rough = _noise(seed, r, c, 4) if deep > 1 else _noise(seed, r, c, 3)
+                if rough < _WALL_SHARES[deep] and _noise(seed, r, c, 1) < 0.97:
+                    grey[r, c] = _OCCUPIED
             elif here == GLASS:
                 if deep < 3 and not seen[r, c] and _noise(seed, r, c, 1) < 0.5:
                     grey[r, c] = _OCCUPIED

@@ -93,13 +93,17 @@ class _Plan:
         half, rooms = self.wall / 2, self.floor.rooms
         self.rooms = [Room((x0 + half, y0 + half, x1 - half, y1 - half), "", self.way) for x0, y0, x1, y1 in rooms]
         max(self.rooms, key=lambda r: area(r.inner)).role = "living"
-        for k, role in (*((k, "hall") for k in self.floor.halls), *zip(self.floor.wide, ("living", "kitchen"), strict=True)):
-            if k >= 0:
-                self.rooms[k].role = role
+        for k in self.floor.halls:
+            self.rooms[k].role = "hall"
+        if self.floor.wide:
+            living, kitchen = self.floor.wide
+            self.rooms[living].role, self.rooms[kitchen].role = "living", "kitchen"
         self.shapes: list[Shape] = []
         self._build_walls()
-        for door in doors:
-            self._build_door(door)
+        leaves = [self._build_door(door) for door in doors]
+        for k, leaf, side in leaves:  # once all that must stay clear is known
+            if self.dice.chance(_LEAF_SHARE) and self.rooms[k].place(leaf, side):
+                self._add(SOLID, leaf)
         glass, furniture = self._build_windows(), 0
         for room in self.rooms:
             shapes, pieces = room.furnish(self.dice)
@@ -130,8 +134,8 @@ class _Plan:
         for room in self.rooms:
             self._add(OPEN, room.inner)
 
-    def _build_door(self, wall: Wall) -> None:
-        """A doorway, the places on both sides that stay clear, and sometimes its open leaf."""
+    def _build_door(self, wall: Wall) -> tuple[int, Rect, int]:
+        """A doorway and the places on both sides that stay clear; where its open leaf would be: room, place, side."""
         dice, half = self.dice, self.wall / 2
         wide = (wall.a, wall.b) == self.floor.wide
         width = dice.between(*_OPENING_M) if wide else dice.between(self.way, max(_DOOR_M, self.way + 0.1))
@@ -146,14 +150,10 @@ class _Plan:
             room = self.rooms[k]
             sign = 1 if room.inner[0 if wall.upright else 1] > wall.at else -1
             ends = sorted((wall.at, wall.at + sign * (half + self.way)))
-            room.entries.append(rect(ends[0], low - 0.08, ends[1], low + width + 0.08))
-        x0, y0, x1, y1 = room.inner
-        if not wide and (x1 - x0 if wall.upright else y1 - y0) > width + self.way and dice.chance(_LEAF_SHARE):
-            ends = sorted((wall.at + sign * half, wall.at + sign * (half + width - 0.05)))
-            hinge = low + width + 0.02 if dice.chance(0.5) else low - 0.07
-            leaf = rect(ends[0], hinge, ends[1], hinge + 0.05)
-            self._add(SOLID, leaf)
-            room.taken.append((leaf, (2 if wall.upright else 0) + (sign < 0)))
+            room.entries.append(rect(ends[0], low - 0.02, ends[1], low + width + 0.02))
+        ends = sorted((wall.at + sign * half, wall.at + sign * (half + width - 0.05)))
+        hinge = low + width + 0.03 if dice.chance(0.5) else low - 0.08
+        return wall.b, rect(ends[0], hinge, ends[1], hinge + 0.05), (2 if wall.upright else 0) + (sign < 0)
 
     def _build_windows(self) -> int:
         dice, count, pitch = self.dice, 0, _PANE_M + _POST_M
@@ -180,4 +180,6 @@ class _Plan:
 def _turn_degrees(dice: Dice) -> float:
     """A quarter of the buildings is parallel to the map, half of them nearly, a quarter turned by any angle."""
     upright = 90.0 * dice.below(2)
-    return upright + (0.0, dice.between(-10.0, 10.0), dice.between(-10.0, 10.0), dice.between(-45.0, 45.0))[dice.below(4)]
+    return (
+        upright + (0.0, dice.between(-10.0, 10.0), dice.between(-10.0, 10.0), dice.between(-45.0, 45.0))[dice.below(4)]
+    )
