@@ -88,7 +88,48 @@ def _map_list(arguments: argparse.Namespace) -> int:
     return 0
 
 
-GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group,)
+def _add_play(commands: Any) -> None:
+    play = commands.add_parser("play", help="play rounds in a window, with mouse and keys (F1: which)")
+    play.add_argument("--map", default="house", metavar="FILE_OR_NAME", help="as for 'map check' (%(default)s)")
+    play.add_argument("--preset", default="robot", help="robot or ideal (%(default)s)")
+    play.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
+    play.add_argument("--seed", type=_seed, help="of the first round; the others follow from it (random)")
+    play.add_argument("--clyde-speed", type=_finite, metavar="M_PER_S", help="Clyde's speed")
+    play.add_argument("--time-limit", type=_finite, metavar="S", help="length of a round at most")
+    play.add_argument("--fps", type=_finite, default=20.0, help="pictures per second, about (%(default)s)")
+    play.add_argument("--speed", type=_finite, default=1.0, help="times real time (%(default)s)")
+    play.set_defaults(run=_play)
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is negative")
+    return value
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    from pacman_env.envs.human_window import HumanWindow
+    from pacman_env.envs.pacmanbot import PacManBotEnv
+    from pacman_env.envs.play import Player, play
+
+    try:
+        window = HumanWindow()
+    except ImportError as error:  # pygame is an extra
+        raise OSError(error) from error
+    given = {"clyde.speed_mps": arguments.clyde_speed, "time_limit_s": arguments.time_limit}
+    settings = {name: value for name, value in given.items() if value is not None}
+    kind = arguments.map, arguments.preset, arguments.execution
+    try:
+        window.require_screen()
+        env = PacManBotEnv(*kind, settings=settings, render_mode="rgb_array")
+        play(Player(env, seed=arguments.seed, speed=arguments.speed), window, fps=arguments.fps)
+    finally:
+        window.close()
+    return 0
+
+
+GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play)
 
 if __name__ == "__main__":
     sys.exit(main())

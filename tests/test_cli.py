@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -77,6 +78,10 @@ def test_an_error_is_one_line_and_status_2(
         ["map", "check", "x", "--home", "1"],
         ["map", "check", "x", "--home", "nan", "0"],
         ["map", "check", "x", "--spacing", "two"],
+        ["play", "house"],
+        ["play", "--seed", "-1"],
+        ["play", "--speed", "fast"],
+        ["play", "--fps", "inf"],
     ],
 )
 def test_bad_arguments_are_one_line_and_status_2(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
@@ -86,6 +91,47 @@ def test_bad_arguments_are_one_line_and_status_2(capsys: pytest.CaptureFixture[s
     err = capsys.readouterr().err
     assert err.startswith("pacman-env")
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--map", "nowhere"], "nowhere: neither a YAML file"),
+        (["--preset", "fast"], "unknown preset 'fast'"),
+        (["--execution", "slow"], "unknown execution 'slow'"),
+        (["--clyde-speed", "-1"], "ClydeConfig.speed_mps"),
+        (["--time-limit", "0"], "time_limit_s"),
+        (["--speed", "0"], "speed = 0.0"),
+        (["--fps", "0"], "fps = 0.0"),
+    ],
+)
+def test_what_cannot_be_played_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: str
+) -> None:
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    assert main(["play", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_playing_without_pygame_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    assert main(["play"]) == 2
+    assert capsys.readouterr().err == "pacman-env: a window needs pygame: pip install pacman_env[render]\n"
+
+
+def test_playing_without_a_screen_is_one_line_and_status_2() -> None:
+    pytest.importorskip("pygame")
+    without = {key: os.environ[key] for key in os.environ if "DISPLAY" not in key and key != "SDL_VIDEODRIVER"}
+    command = [sys.executable, "-m", "pacman_env.cli", "play"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=without)
+    if sys.platform == "linux":  # elsewhere a screen needs no name
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == "pacman-env: no screen to open a window on\n"
 
 
 def test_list_names_the_shipped_maps(

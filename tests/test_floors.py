@@ -30,7 +30,7 @@ ONLY_IN = {
     "pettingzoo": {"envs"},
     "rclpy": {"ros"},
     "torch": set(),
-    "stable_baselines3": set(),
+    "stable_baselines3": {"envs.sb3_vec_env"},
     "sb3_contrib": set(),
     "ray": set(),
 }

@@ -97,6 +97,13 @@ class MapView:
         y = (row + 0.5 - r0) * self._map[1] / (r1 - r0) + self._top - 0.5
         return np.stack([x, y], axis=-1)
 
+    def metres(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Pixels (..., 2) as positions (..., 2) in m: the inverse of :meth:`pixels`."""
+        c0, r0, c1, r1 = self._crop
+        column = (pixels[..., 0] + 0.5 - self._left) * (c1 - c0) / self._map[0] + c0 - 0.5
+        row = (pixels[..., 1] + 0.5 - self._top) * (r1 - r0) / self._map[1] + r0 - 0.5
+        return np.stack(self.assets.occupancy.cell_to_world(column, row), axis=-1)
+
     def angle(self, heading: float) -> float:
         """A heading of the map frame as an angle in the picture, where y points down."""
         return self.assets.occupancy.origin[2] - heading

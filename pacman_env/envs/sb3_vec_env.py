@@ -1,0 +1,198 @@
+"""The native vector environment as a Stable-Baselines3 ``VecEnv``: one call steps all games.
+
+The only module that imports Stable-Baselines3 (the extra ``train``). What a game is and how it is stepped stays in
+:mod:`pacman_env.envs.pacmanbot_vector`; here results are laid out as SB3 expects them, episodes summed up as its
+``Monitor`` does.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+
+from .pacmanbot_vector import PacManBotVectorEnv
+from .setup import check_render_mode
+
+Observation = dict[str, NDArray[Any]]
+
+_FINAL = ("final_obs", "final_info")
+_SPACES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
+
+
+class PacManBotVecEnv(VecEnv):
+    """Many games at once for Stable-Baselines3 and sb3-contrib.
+
+    ```python
+    env = PacManBotVecEnv(64, map="house", settings={"clyde.speed_mps": 0.35})
+    model = sb3_contrib.MaskablePPO("MultiInputPolicy", env)
+    ```
+
+    Equal to ``DummyVecEnv`` of single environments in ``Monitor``, step by step. ``infos[i]`` holds the single
+    environment's info and ``TimeLimit.truncated``; at the end of an episode, ``terminal_observation`` and
+    ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s since this object was made). The games of a
+    batch share their attributes, so an attribute can be set for all of them only. ``env_is_wrapped(Monitor)`` is true
+    because episodes are reported as by ``Monitor``.
+    """
+
+    def __init__(self, env: PacManBotVectorEnv | int = 64, **arguments: Any) -> None:
+        """Take a vector environment, or make one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
+
+        Raises:
+            TypeError: ``env`` is neither, or arguments come with an environment that is made already.
+            ValueError: the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
+        """
+        if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
+            env = PacManBotVectorEnv(int(env), **{"autoreset_mode": AutoresetMode.SAME_STEP, **arguments})
+        elif not isinstance(env, PacManBotVectorEnv):
+            raise TypeError(f"env = {env!r}: must be a number of games or a PacManBotVectorEnv")
+        elif arguments:
+            raise TypeError(f"{sorted(arguments)} given with an environment that is made already")
+        if env.autoreset_mode != AutoresetMode.SAME_STEP:
+            raise ValueError(f"autoreset_mode = {env.autoreset_mode}: Stable-Baselines3 needs AutoresetMode.SAME_STEP")
+        self.env = env
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._start = time.time()
+        self._returns = np.zeros(self.num_envs)
+        self._lengths = np.zeros(self.num_envs, dtype=np.int64)
+        self._actions: Any = None
+
+    def reset(self) -> Observation:
+        """Start new rounds in all games, with what ``seed`` and ``set_options`` have asked for since the last reset.
+
+        Raises:
+            ValueError: the options are not the same for all games, or ask for some games only.
+        """
+        options = self._options[0]
+        if any(other != options for other in self._options) or "reset_mask" in options:
+            raise ValueError("options must be the same for all games, and all games are reset")
+        observations, infos = self.env.reset(seed=self._seeds, options=options or None)
+        self._reset_seeds()
+        self._reset_options()
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
+        self.reset_infos = _rows(infos)
+        return observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions for ``step_wait``."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """One decision in every game; where a round ended, the observation is the first of the next one.
+
+        Raises:
+            ValueError: the actions do not fit the action space.
+            ResetNeeded: before the first reset.
+        """
+        observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
+        dones = terminated | truncated
+        self._returns += rewards
+        self._lengths += 1
+        rows = _rows(infos, **{"TimeLimit.truncated": truncated & ~terminated})
+        if dones.any():
+            self._end_episodes(np.flatnonzero(dones).tolist(), rows, infos)
+        return observations, rewards.astype(np.float32), dones, rows
+
+    def _end_episodes(self, ended: list[int], rows: list[dict[str, Any]], infos: dict[str, Any]) -> None:
+        """Put the last info of the games that ended where the first of their next round is, and start new sums."""
+        final = _rows(infos["final_info"])
+        elapsed = round(time.time() - self._start, 6)
+        for i in ended:
+            row = rows[i]
+            self.reset_infos[i] = {key: row[key] for key in row if key != "TimeLimit.truncated"}
+            row.update(final[i])
+            row["terminal_observation"] = infos["final_obs"][i]
+            row["episode"] = {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": elapsed}
+        self._returns[ended] = 0.0
+        self._lengths[ended] = 0
+
+    def close(self) -> None:
+        """Close the vector environment."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """One picture per game; None, with a warning, where ``render_mode`` is None."""
+        images = self.env.render()
+        if images is None:
+            warnings.warn("the render mode is None, pass render_mode='rgb_array' to get pictures", stacklevel=2)
+            return [None] * self.num_envs
+        return images
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """An attribute as each single environment has it; what games do not have of their own they share.
+
+        Raises:
+            AttributeError: there is none of this name.
+        """
+        chosen = self._indices(indices)
+        if attr_name in _METHODS:
+            return [partial(_game_method, self.env, attr_name, i) for i in chosen]
+        value = getattr(self.env, _SPACES.get(attr_name, attr_name))
+        if attr_name == "situation":
+            return [value.rows(np.array([i])) for i in chosen]
+        return [value] * len(chosen)
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of the vector environment, for all games.
+
+        Raises:
+            ValueError: for some games only, or a render mode that the environment does not have.
+        """
+        if set(self._indices(indices)) != set(range(self.num_envs)):
+            raise ValueError(f"{attr_name}: the games of a batch share it, it cannot be set for some of them only")
+        if attr_name == "render_mode":
+            check_render_mode(value, self.env.metadata["render_modes"])
+            self.render_mode = value
+            self.metadata = {"render_modes": ["human", value] if value else []}
+        setattr(self.env, _SPACES.get(attr_name, attr_name), value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call ``action_masks`` or ``render`` for games: masks are computed once for all.
+
+        Raises:
+            AttributeError: another method.
+        """
+        method = _METHODS.get(method_name)
+        if method is None:
+            raise AttributeError(f"games of a batch have no method {method_name!r}, only {sorted(_METHODS)}")
+        results = method(self.env, *method_args, **method_kwargs)
+        return list(results) if indices is None else [results[i] for i in self._indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
+        """Whether the wrapper is ``Monitor``, whose work is done here."""
+        return [wrapper_class is Monitor] * len(self._indices(indices))
+
+    def _indices(self, indices: VecEnvIndices) -> list[int]:
+        chosen = np.arange(self.num_envs)
+        return (chosen if indices is None else chosen[np.atleast_1d(np.asarray(indices, dtype=np.int64))]).tolist()
+
+
+def _render(env: PacManBotVectorEnv) -> Sequence[NDArray[np.uint8] | None]:
+    return env.render() or [None] * env.num_envs
+
+
+#: Methods that a single environment has too: results for all games by the vector environment.
+_METHODS: dict[str, Callable[..., Any]] = {"action_masks": PacManBotVectorEnv.action_masks, "render": _render}
+
+
+def _game_method(env: PacManBotVectorEnv, name: str, game: int) -> Any:
+    return _METHODS[name](env)[game]
+
+
+def _rows(infos: dict[str, Any], **more: NDArray[Any]) -> list[dict[str, Any]]:
+    """One dict per game from Gymnasium's arrays, numbers as Python's; masks (``_key``) and final values left out."""
+    columns = {key: value for key, value in infos.items() if key[0] != "_" and key not in _FINAL} | more
+    names = tuple(columns)
+    return [dict(zip(names, row, strict=True)) for row in zip(*(v.tolist() for v in columns.values()), strict=True)]

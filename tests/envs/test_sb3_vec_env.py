@@ -1,0 +1,271 @@
+"""What the VecEnv promises: to be SB3's DummyVecEnv of monitored single environments, only faster."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+pytest.importorskip("stable_baselines3")
+
+import torch
+from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.evaluation import evaluate_policy
+from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+
+from pacman_env.config import ConfigError
+from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.policies.registry import make_policy
+from tests.envs.helpers import ID, QUICK, arrays, make_vector, same
+
+
+def make_dummy(num_envs: int, **arguments: Any) -> DummyVecEnv:
+    return DummyVecEnv([lambda: Monitor(gym.make(ID, **arguments)) for _ in range(num_envs)])
+
+
+def without_time(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The infos; how long an episode took is checked to be there and left out."""
+    infos = copy.deepcopy(infos)
+    for info in infos:
+        if "episode" in info:
+            assert 0 < info["episode"].pop("t") < 600
+    return infos
+
+
+def random_play(env: PacManBotVecEnv, steps: int, seed: int) -> list[Any]:
+    rng = np.random.default_rng(seed)
+    return [env.step(rng.integers(env.action_space.n, size=env.num_envs)) for _ in range(steps)]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("execution", ["robust", "as_built"])
+def test_it_equals_a_vector_of_monitored_single_environments(execution: str) -> None:
+    settings = {**QUICK, "nav2.abort_rate": 0.3} if execution == "as_built" else QUICK
+    native = PacManBotVecEnv(5, execution=execution, settings=settings)
+    singles = make_dummy(5, execution=execution, settings=settings)
+    assert native.observation_space == singles.observation_space
+    assert native.action_space == singles.action_space
+    assert native.seed(3) == singles.seed(3)
+    assert same(native.reset(), dict(singles.reset()))
+    assert same(native.reset_infos, singles.reset_infos)
+    policy, rng, outcomes, cut = make_policy("nearest"), np.random.default_rng(0), [], 0
+    for k in range(120):
+        actions = policy.select(native.env.situation)
+        actions[0] = rng.integers(native.env.single_action_space.n)
+        observations, rewards, dones, infos = native.step(actions)
+        theirs = singles.step(actions)
+        assert same(observations, dict(theirs[0])), k
+        assert same((rewards, dones), theirs[1:3]), k
+        assert same(without_time(infos), without_time(theirs[3])), k
+        assert same(native.reset_infos, singles.reset_infos), k
+        outcomes += [info["outcome"] for info in infos if "terminal_observation" in info]
+        cut += sum(info["TimeLimit.truncated"] for info in infos)
+    assert set(outcomes) >= {"caught", "timeout", "cleared" if execution == "as_built" else "complete"}
+    assert cut == outcomes.count("timeout")
+
+
+def test_seeds_and_options_hold_for_one_reset() -> None:
+    native, singles = PacManBotVecEnv(2), make_dummy(2)
+    for seed in (4, None, 4, None):
+        for env in (native, singles):
+            if seed is not None:
+                env.seed(seed)
+        native.set_options({"unknown": 1})
+        assert same(native.reset(), dict(singles.reset()))
+    assert native._options == [{}, {}]
+    native.set_options([{"unknown": 1}, {"unknown": 2}])
+    with pytest.raises(ValueError, match="same for all games"):
+        native.reset()
+    native.set_options({"reset_mask": True})
+    with pytest.raises(ValueError, match="all games are reset"):
+        native.reset()
+
+
+def test_a_reset_in_the_middle_begins_new_episodes() -> None:
+    env = PacManBotVecEnv(2, settings={"time_limit_s": 3.0})
+    env.seed(0)
+    env.reset()
+    random_play(env, 4, seed=0)
+    env.reset()
+    ends = [infos[0]["episode"]["l"] for *_, infos in random_play(env, 12, seed=1) if "episode" in infos[0]]
+    assert ends == [6, 6]
+
+
+def test_what_was_returned_is_never_changed_later() -> None:
+    env = PacManBotVecEnv(4, settings={**QUICK, "time_limit_s": 5.0})
+    env.seed(0)
+    returned = [env.reset(), env.reset_infos, *random_play(env, 50, seed=1), env.env_method("action_masks")]
+    kept = copy.deepcopy(returned)
+    random_play(env, 20, seed=2)
+    env.reset()
+    assert same(returned[2:], kept[2:])
+    assert same(returned[0], kept[0])
+    found = [array for result in returned[2:-1] for array in arrays(result[:3])]
+    starts = {array.__array_interface__["data"][0] for array in found}
+    assert len(starts) == len(found) == 50 * 7
+
+
+def test_masks_are_those_of_each_game() -> None:
+    env = PacManBotVecEnv(4, settings=QUICK)
+    assert is_masking_supported(env)
+    env.seed(0)
+    observations = env.reset()
+    forbidden = 0
+    for k in range(40):
+        masks = get_action_masks(env)
+        assert masks.dtype == np.bool_
+        np.testing.assert_array_equal(masks, observations["action_mask"] == 1)
+        picked = env.env_method("action_masks", indices=[2, 0])
+        np.testing.assert_array_equal(picked, masks[[2, 0]])
+        np.testing.assert_array_equal([ask() for ask in env.get_attr("action_masks")], masks)
+        forbidden += int((~masks).sum())
+        observations = env.step(np.arange(4) + k // 10)[0]
+    assert forbidden > 0
+
+
+def test_masks_of_64_games_are_quick() -> None:
+    env = PacManBotVecEnv(64)
+    env.reset()
+    taken = []
+    for _ in range(50):
+        start = time.perf_counter()
+        env.env_method("action_masks")
+        taken.append(time.perf_counter() - start)
+    assert min(taken) < 30e-6
+
+
+@pytest.fixture
+def _one_thread() -> Iterator[None]:
+    """Networks as small as these are quickest on one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.usefixtures("_one_thread")
+@pytest.mark.parametrize("wrap", [lambda env: env, lambda env: VecNormalize(env, norm_obs=False)])
+def test_maskable_ppo_learns_and_evaluates_on_it_without_a_warning(wrap: Callable[[Any], Any]) -> None:
+    env = wrap(PacManBotVecEnv(8, settings={**QUICK, "time_limit_s": 6.0}))
+    model = MaskablePPO("MultiInputPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, device="cpu")
+    model.learn(256)
+    assert model.num_timesteps == 256
+    assert len(model.ep_info_buffer) >= 8
+    assert all(0 < episode["l"] <= 12 for episode in model.ep_info_buffer)
+    returns, lengths = evaluate_policy(model, env, n_eval_episodes=8, return_episode_rewards=True)
+    assert len(returns) == len(lengths) >= 8
+
+
+def test_attributes_are_those_of_single_environments() -> None:
+    env, dummy = PacManBotVecEnv(3, map="loop"), make_dummy(3, map="loop")
+    env.seed(0)
+    env.reset()
+    dummy.seed(0)
+    dummy.reset()
+    for name in ("observation_space", "action_space", "render_mode", "config"):
+        assert env.get_attr(name) == dummy.get_attr(name)
+        assert env.get_attr(name, 1) == dummy.get_attr(name, 1)
+    for ours, theirs in zip(env.get_attr("situation", [2, 0]), dummy.get_attr("situation", [2, 0]), strict=True):
+        assert same(ours.arrays(), theirs.arrays())
+    assert env.has_attr("batch")
+    assert not env.has_attr("nothing")
+    with pytest.raises(AttributeError, match="nothing"):
+        env.get_attr("nothing")
+    with pytest.raises(AttributeError, match="'fly'"):
+        env.env_method("fly")
+    with pytest.raises(IndexError):
+        env.get_attr("config", [0, 3])
+
+
+def test_attributes_are_set_for_all_games_or_not_at_all() -> None:
+    env = PacManBotVecEnv(2)
+    env.set_attr("stage", 3)
+    env.set_attr("stage", 4, indices=[1, 0])
+    assert env.get_attr("stage") == [4, 4]
+    with pytest.raises(ValueError, match="stage: the games of a batch share it"):
+        env.set_attr("stage", 5, indices=0)
+    assert env.get_attr("stage") == [4, 4]
+
+
+def test_pictures_can_be_turned_on_later() -> None:
+    env = PacManBotVecEnv(2)
+    env.seed(0)
+    env.reset()
+    with pytest.warns(UserWarning, match="render mode is None"):
+        assert env.get_images() == [None, None]
+    assert env.env_method("render") == [None, None]
+    env.set_attr("render_mode", "rgb_array")
+    assert env.get_attr("render_mode") == ["rgb_array"] * 2
+    images = env.get_images()
+    assert len(images) == 2
+    np.testing.assert_array_equal(env.env_method("render", indices=1)[0], images[1])
+    height, width = images[0].shape[:2]
+    tiled = env.render()
+    assert tiled is not None
+    assert tiled.shape == (2 * height, width, 3)
+    with pytest.raises(ValueError, match=r"'human'.*rgb_array"):
+        env.set_attr("render_mode", "human")
+    env.set_attr("render_mode", None)
+    assert env.get_attr("render_mode") == [None, None]
+
+
+def test_episodes_are_monitored_already() -> None:
+    env = PacManBotVecEnv(2)
+    assert env.env_is_wrapped(Monitor) == [True, True]
+    assert env.env_is_wrapped(gym.wrappers.TimeLimit, indices=[0]) == [False]
+    with pytest.warns(UserWarning, match="already wrapped with a `Monitor`"):
+        VecMonitor(env)
+
+
+def test_a_vector_environment_made_before_is_taken_as_it_is() -> None:
+    vector = make_vector(3, map="loop", autoreset_mode=AutoresetMode.SAME_STEP, render_mode="rgb_array")
+    env = PacManBotVecEnv(vector)
+    assert env.env is vector
+    assert env.num_envs == 3
+    assert env.render_mode == "rgb_array"
+    env.close()
+    assert vector.closed
+
+
+def wrong_mode() -> PacManBotVecEnv:
+    return PacManBotVecEnv(make_vector(2))
+
+
+def with_arguments() -> PacManBotVecEnv:
+    return PacManBotVecEnv(make_vector(2, autoreset_mode=AutoresetMode.SAME_STEP), map="loop")
+
+
+@pytest.mark.parametrize(
+    ("build", "error", "message"),
+    [
+        (wrong_mode, ValueError, r"NEXT_STEP.*needs AutoresetMode.SAME_STEP"),
+        (lambda: PacManBotVecEnv(2, autoreset_mode=AutoresetMode.DISABLED), ValueError, "DISABLED"),
+        (with_arguments, TypeError, r"\['map'\] given with an environment"),
+        (lambda: PacManBotVecEnv("house"), TypeError, "'house': must be a number of games"),
+        (lambda: PacManBotVecEnv(True), TypeError, "True: must be a number"),
+        (lambda: PacManBotVecEnv(0), ValueError, "num_envs = 0"),
+        (lambda: PacManBotVecEnv(2, preset="fast"), ConfigError, "unknown preset"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_named(build: Callable[[], Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        build()
+
+
+def test_what_are_no_actions_is_named_and_changes_nothing() -> None:
+    env, twin = PacManBotVecEnv(2), PacManBotVecEnv(2)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(2, dtype=np.int64))
+    for one in (env, twin):
+        one.seed(1)
+        one.reset()
+    with pytest.raises(ValueError, match="2 integers"):
+        env.step(np.zeros(3, dtype=np.int64))
+    assert same(env.step(np.array([1, 2])), twin.step(np.array([1, 2])))
