@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
-from ..policies.base import Policy
 from ..sim.assets import MapSource
 from ..sim.batch import GameBatch
 from ..sim.observation import Observation

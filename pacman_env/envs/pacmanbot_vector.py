@@ -173,9 +173,8 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
         actions = np.asarray(actions)
         if self.config.action == "velocity":
             if actions.shape != (self.num_envs, 2) or actions.dtype.kind not in "fiu":
-                raise ValueError(
-                    f"actions must be {self.num_envs} pairs of v and omega, got {actions.dtype} of shape {actions.shape}"
-                )
+                got = f"{actions.dtype} of shape {actions.shape}"
+                raise ValueError(f"actions must be {self.num_envs} pairs of v and omega, got {got}")
             return actions.astype(np.float64)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ValueError(f"actions must be {self.num_envs} integers, got {actions.dtype} of shape {actions.shape}")

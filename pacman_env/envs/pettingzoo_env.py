@@ -204,7 +204,8 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
     def state_names(self) -> list[str]:
         """What each number of ``state()`` is."""
         names = ["x", "y", "heading", "believed_x", "believed_y", "believed_heading", "v", "omega"]
-        names += [f"{GHOST_NAMES[k]}_{part}" for k in range(self.batch.ghosts.shape[1]) for part in ("x", "y", "vx", "vy")]
+        for ghost in GHOST_NAMES[: self.batch.ghosts.shape[1]]:
+            names += [f"{ghost}_{part}" for part in ("x", "y", "vx", "vy")]
         names += [f"pellet_{k}" for k in range(self.batch.pellet_slots)]
         return [*names, "time", "round", "score"]
 

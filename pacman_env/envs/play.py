@@ -137,7 +137,7 @@ class Player:
     def handle(self, event: Input) -> None:
         """Take one input; what means nothing is ignored."""
         if event.kind == "click" and not self.controls.drives:
-            view = map_view(self.batch.assets, self.batch.config, len(self.picture()))
+            view = map_view(self.batch.assets_of(0), self.batch.config, len(self.picture()))
             xy = view.metres(np.array(event.at, dtype=float))
             self.controls.click(xy, max(CLICK_M, CLICK_PX / view.scale), self.situation)
         elif event.kind == "release":
@@ -178,8 +178,9 @@ class Player:
         if share < 1.0:
             self._show(self._before)
             old, new = self._before[0], now[0]
-            for name in ("x", "y", "clyde_x", "clyde_y"):
-                self.batch.games[name] = old[name] + share * (new[name] - old[name])
+            for k, moving in enumerate((self.batch.games, self.batch.ghosts)):
+                for name in ("x", "y"):
+                    moving[name] = self._before[k][name] + share * (now[k][name] - self._before[k][name])
             turned = [math.remainder(a, 2 * math.pi) for a in (new["heading"] - old["heading"]).tolist()]
             self.batch.games["heading"] = old["heading"] + share * np.array(turned)
         try:
@@ -201,11 +202,14 @@ class Player:
 
     def _state(self) -> tuple[NDArray[Any], ...]:
         """All that a picture shows."""
-        return tuple(array.copy() for array in (self.batch.games, self.batch.alive, self.batch.paths))
+        return tuple(array.copy() for array in self._shown())
 
     def _show(self, state: tuple[NDArray[Any], ...]) -> None:
-        for array, values in zip((self.batch.games, self.batch.alive, self.batch.paths), state, strict=True):
+        for array, values in zip(self._shown(), state, strict=True):
             array[...] = values
+
+    def _shown(self) -> tuple[NDArray[Any], ...]:
+        return self.batch.games, self.batch.ghosts, self.batch.alive, self.batch.paths
 
 
 def play(player: Player, window: HumanWindow, *, fps: float = 20.0) -> None:

@@ -122,6 +122,11 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
         return assets
 
 
+def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
+    """placeholder."""
+    return _build(occupancy, config, home, "x")
+
+
 def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, float]:
     try:
         x, y, heading = (float(value) for value in home)

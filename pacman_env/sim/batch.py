@@ -77,6 +77,12 @@ class GameBatch:
         self._idle = bool((self.behaviours == WANDER).all())
         self._told = bool((self.behaviours == POLICY).any())
         self._wander_on = np.full((n, ghosts), self.hold, dtype=np.int64)
+        # What a copy plays again: memory is taken as it is written to.
+        ticks, velocity = int(self._parameters[0]["ticks_max"]) + 1, config.action == "velocity"
+        self._began = np.zeros(n, dtype=records.GAME)
+        self._actions_type = np.float64 if velocity else np.int64
+        self._decisions = np.zeros((n, ticks, 2) if velocity else (n, ticks), np.float64 if velocity else np.int16)
+        self._ghost_choices = np.zeros((n, ticks if self._told else 0, ghosts), np.int16)
         clyde_steps = int(self._parameters[0]["clyde_steps"])
         period = math.gcd(self.substeps, clyde_steps)
         # Games of a batch differ in phase; ghosts can be due at any multiple of this.
@@ -101,28 +107,41 @@ class GameBatch:
         return self.levels.numbers[self.games["level"]]
 
     def __getstate__(self) -> dict[str, Any]:
-        """The games as they are, down to the physics' cached contacts: a copy goes on bit for bit the same."""
-        names = ("games", "ghosts", "alive", "obstacles", "_waits", "_aborts", "paths", "_ghost_paths")
+        """How each game's round began and what has been decided in it since."""
+        started = [i for i in range(self.n) if self._held[i] >= 0]
+        ticks = self.games["tick"]
         return {
             "made_from": (self.source, self.config, self.n),
-            "held": self._held,
-            "levels": {slot: int(self.levels.numbers[slot]) for slot in {*self._held} - {-1}},
-            "physics": self.physics,
-            "arrays": {name: getattr(self, name) for name in names},
+            "games": started,
+            "seeds": self.games["seed"][started],
+            "levels": self.level_numbers()[started] if started else np.zeros(0, dtype=np.int64),
+            "began": self._began[started],
+            "decisions": [self._decisions[i, : ticks[i]].copy() for i in started],
+            "ghost_choices": [self._ghost_choices[i, : ticks[i]].copy() for i in started],
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
         self.__init__(*state["made_from"])  # type: ignore[misc]
-        if len(self.levels) > 1:
-            for slot, level in state["levels"].items():
-                self.levels.put(slot, level, self.source.prepare(level), state["held"].count(slot))
-            self._bind()
-        self._held = list(state["held"])
-        self.physics = state["physics"]
-        paths = state["arrays"].pop("_ghost_paths")
-        self._ghost_paths[:, :, : paths.shape[2]] = paths[:, :, : self._ghost_paths.shape[2]]
-        for name, array in state["arrays"].items():
-            setattr(self, name, array)
+        self.games["end"] = records.TIMEOUT  # stands still until it begins
+        index = np.array(state["games"], dtype=np.int64)
+        lengths = np.array([len(decisions) for decisions in state["decisions"]], dtype=np.int64)
+        wait = lengths.max(initial=0) - lengths  # all arrive at their present together
+        actions = np.zeros((self.n, *self._decisions.shape[2:]), dtype=self._actions_type)
+        choices = self._wander_on.copy()
+        for tick in range(lengths.max(initial=0) + 1):
+            begin = np.flatnonzero(wait == tick)
+            if len(begin) > 0:
+                if len(self.levels) > 1:
+                    self._change_maps(index[begin], state["levels"][begin])
+                self._start(index[begin], state["seeds"][begin], state["began"][begin])
+            if tick == lengths.max(initial=0):
+                break
+            for k, i in enumerate(state["games"]):
+                if wait[k] <= tick < wait[k] + lengths[k]:
+                    actions[i] = state["decisions"][k][tick - wait[k]]
+                    choices[i] = state["ghost_choices"][k][tick - wait[k]] if self._told else self.hold
+            self._advance(actions, choices)
 
     def _bind(self) -> None:
         """Take over the stacked arrays, after they have been made anew, and make the scratch memory for them."""
@@ -177,6 +196,7 @@ class GameBatch:
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
         """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
+        self._began[index] = fresh
         for k, i in enumerate(index.tolist()):
             if self._held[i] < 0:
                 self._held[i] = 0
@@ -228,15 +248,23 @@ class GameBatch:
         Raises:
             ValueError: an action or a choice is none; nothing has been changed then.
         """
+        if ghost_choices is None:
+            ghost_choices = self._wander_on
+        elif self._told:
+            self._check_ghost_choices(ghost_choices)
+        self._advance(actions, ghost_choices)
+        if self.config.endless:
+            self._next_rounds()
+
+    def _advance(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64]) -> None:
+        """A step, but for what follows a completed round."""
         parameters, games, goal_xy = self._parameters, self.games, self._goal_xy
         physics, nav, alive, obstacles = self.physics, self._nav, self.alive, self.obstacles
         ghosts, ghost_paths = self.ghosts, self._ghost_paths
         row, state, force = physics.row, physics.state, physics.force
-        if self._told and ghost_choices is not None:
-            self._check_ghost_choices(ghost_choices)
         due = self._decide(actions)
         if not self._idle:
-            self._decide_ghosts(self._wander_on if ghost_choices is None else ghost_choices)
+            self._decide_ghosts(ghost_choices)
         for k in range(self.substeps):
             if self._check_due[k]:
                 kernels.check(games, row, state, goal_xy, alive, obstacles, parameters)
@@ -253,17 +281,15 @@ class GameBatch:
                 kernels.apply_results(games, goal_xy, alive, self._waits, self._aborts, parameters)
             physics.step()
         kernels.finish(games, row, state, goal_xy, alive, obstacles, parameters)
-        if self.config.endless:
-            self._next_rounds()
 
     def _decide(self, actions: NDArray[Any]) -> int:
         """Hand the actions over; returns what is due."""
         if self.config.action == "velocity":
-            due = int(kernels.decide_velocity(self.games, actions, self._parameters))
+            due = int(kernels.decide_velocity(self.games, actions, self._decisions, self._parameters))
             if due < 0:
                 raise ValueError(f"action {actions[-1 - due].tolist()} of game {-1 - due}: must be two finite numbers")
             return due
-        due = int(kernels.decide(self.games, actions, self.alive, self._waits, self._parameters))
+        due = int(kernels.decide(self.games, actions, self._decisions, self.alive, self._waits, self._parameters))
         if due < 0:
             bad = -1 - due
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
@@ -284,6 +310,7 @@ class GameBatch:
             self.ghosts,
             self._ghost_paths,
             choices,
+            self._ghost_choices,
             self.behaviours,
             self._parameters,
             self._ghost_places,

@@ -121,9 +121,7 @@ def prepare_level(level: int, config: Config) -> MapAssets:
         reason = _objection(assets, config)
         if not reason:
             return assets
-    raise MapError(
-        f"generated level {level}: none of {_ATTEMPTS} houses can be played under this configuration; the last: {reason}"
-    )
+    raise MapError(f"generated level {level}: none of {_ATTEMPTS} houses can be played; the last: {reason}")
 
 
 def level_map(level: int, config: Config) -> OccupancyMap:

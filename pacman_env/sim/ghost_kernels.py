@@ -11,12 +11,13 @@ from .records import RUNNING
 
 @kernel
 def decide_ghosts(  # type: ignore[no-untyped-def]
-    games, ghosts, ghost_paths, choices, behaviours, parameters, places, arrays, node, queue
+    games, ghosts, ghost_paths, choices, remembered, behaviours, parameters, places, arrays, node, queue
 ):
     """Where the ghosts that do not just wander go now; ``choices`` (N, G) are those of ``policy`` ghosts.
 
     A choice is one of the robot's candidates, whose place he then goes to, or the last one: wander on. ``places`` is
-    (affine, snap to his cells, cell of each goal, corners), ``arrays`` his cells, all stacked.
+    (affine, snap to his cells, cell of each goal, corners), ``arrays`` his cells, all stacked; ``remembered``
+    (N, T, G) keeps the choices by the tick.
     """
     affine, snap, place, corner = places
     graph, part, part_start, part_cells = arrays
@@ -34,6 +35,7 @@ def decide_ghosts(  # type: ignore[no-untyped-def]
                 continue
             if behaviours[k] == rule.POLICY:
                 chosen = choices[i, k]
+                remembered[i, g.tick, k] = chosen
                 ghost.place = -1
                 goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
                 if chosen < on and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):

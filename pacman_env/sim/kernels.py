@@ -128,9 +128,10 @@ def _give_up(g):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def decide(games, choices, alive, waits, parameters):  # type: ignore[no-untyped-def]
+def decide(games, choices, decisions, alive, waits, parameters):  # type: ignore[no-untyped-def]
     """Hand each game's choice to the navigator; a candidate that its mask forbids is hold.
 
+    ``decisions`` (N, T) remembers them by the tick.
     Returns what is due, or -1 - i without any change if the choice of game i is no candidate.
     """
     p = parameters[0]
@@ -146,6 +147,7 @@ def decide(games, choices, alive, waits, parameters):  # type: ignore[no-untyped
         if g.end != RUNNING:
             continue
         chosen = choices[i]
+        decisions[i, g.tick] = chosen
         if chosen == hold or not allowed(g, i, chosen, alive, waits, p):
             chosen = -1
         navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
@@ -162,7 +164,7 @@ def decide(games, choices, alive, waits, parameters):  # type: ignore[no-untyped
 
 
 @kernel
-def decide_velocity(games, commands, parameters):  # type: ignore[no-untyped-def]
+def decide_velocity(games, commands, decisions, parameters):  # type: ignore[no-untyped-def]
     """Take each game's velocities (N, 2), v in m/s and omega in rad/s, as far as the base can follow them.
 
     Returns -1 - i without any change if a number of game i is not finite, else 0.
@@ -175,6 +177,9 @@ def decide_velocity(games, commands, parameters):  # type: ignore[no-untyped-def
         g = games[i]
         g.tick_pellets = 0
         g.tick_rounds = 0
+        if g.end != RUNNING:
+            continue
+        decisions[i, g.tick, 0], decisions[i, g.tick, 1] = commands[i, 0], commands[i, 1]
         g.command_v, g.command_w = limit(max(commands[i, 0], 0.0), commands[i, 1], p)
     return 0
 

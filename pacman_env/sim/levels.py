@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +145,8 @@ class LevelStack:
                 rows, columns = (room - n for n, room in zip(array.shape, stacked.shape[1:], strict=True))
                 stacked[slot] = np.pad(array, ((0, rows), (0, columns)), mode="edge")
             else:
-                stacked[slot][tuple(slice(n) for n in array.shape)] = array
+                place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
+                stacked[place] = array
         self._assets[slot] = assets
         self._measure(assets)
 

@@ -70,7 +70,8 @@ def observe(situation: Situation) -> Observation:
 
     Returns:
         ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6), all
-        float32, and ``action_mask`` (N, C) int8. Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
+        float32, and ``action_mask`` (N, C) int8. Rows of candidates that the mask forbids keep their kind and are 0
+        otherwise.
     """
     n, c = situation.mask.shape
     robot = np.empty((n, len(ROBOT_COLUMNS)), dtype=np.float32)

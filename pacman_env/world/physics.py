@@ -9,7 +9,6 @@ and a velocity written over the solver's result would push a body into the wall 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pymunk
@@ -74,7 +73,7 @@ class PhysicsWorld:
         """The space of the robots from ``first`` on."""
         count = min(self._per_space, self.n - first)
         rows = slice(self.row[first], self.row[first] + count + 1)
-        return _Space(walls, _new_space(walls, count, *self._robot), self.state[rows], self.force[rows])
+        return _Space(walls, count, self.state[rows], self.force[rows], *self._robot)
 
     def place(self, index: int, x: float, y: float, walls: NDArray[np.float64] | None = None) -> None:
         """Put one robot somewhere, at rest; where walls are not shared, among other walls if they are given."""
@@ -82,22 +81,12 @@ class PhysicsWorld:
         if not self._shared and walls is not None and walls is not self._spaces[number].walls:
             self._spaces[number] = self._space(index, walls)
         body = self._spaces[number].bodies[place]
-        body.position = (x, y)
         body.velocity = (0.0, 0.0)
+        # Moves by, and so forgets, what the solver has left over to push the body out of a wall it touched.
+        pymunk.Body.update_position(body, self.step_s)
+        body.position = (x, y)
         self.state[self.row[index]] = (x, y, 0.0, 0.0)
         self.force[self.row[index]] = 0.0
-
-    def __getstate__(self) -> dict[str, Any]:
-        """With pymunk's spaces as pymunk saves them, cached contacts included."""
-        return {**self.__dict__, "_spaces": [(space.walls, space.space) for space in self._spaces]}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        saved, self._spaces = state["_spaces"], []
-        for k, (walls, space) in enumerate(saved):
-            first = k * self._per_space
-            rows = slice(self.row[first], self.row[first] + min(self._per_space, self.n - first) + 1)
-            self._spaces.append(_Space(walls, space, self.state[rows], self.force[rows]))
 
     def step(self) -> None:
         """Apply ``force``, advance by one step, write ``state``."""
@@ -145,31 +134,33 @@ def _batched(
     return call
 
 
-def _new_space(walls: NDArray[np.float64], count: int, radius_m: float, mass_kg: float) -> pymunk.Space:
-    """Walls and robots that touch them but not one another."""
-    space = pymunk.Space()
-    space.collision_slop = _COLLISION_SLOP_M
-    segments = [pymunk.Segment(space.static_body, w[:2], w[2:], 0.0) for w in walls.tolist()]
-    if segments:
-        space.add(*segments)
-    only_walls = pymunk.ShapeFilter(group=1)
-    for _ in range(count):
-        body = pymunk.Body(mass_kg, float("inf"))
-        shape = pymunk.Circle(body, radius_m)
-        shape.filter = only_walls
-        space.add(body, shape)
-    return space
-
-
 class _Space:
     """One pymunk space with up to ``GAMES_PER_SPACE`` robots; reads and writes its rows of the world's arrays."""
 
     def __init__(
-        self, walls: NDArray[np.float64], space: pymunk.Space, state: NDArray[np.float64], force: NDArray[np.float64]
+        self,
+        walls: NDArray[np.float64],
+        count: int,
+        state: NDArray[np.float64],
+        force: NDArray[np.float64],
+        radius_m: float,
+        mass_kg: float,
     ) -> None:
         self.walls = walls
+        space = pymunk.Space()
+        space.collision_slop = _COLLISION_SLOP_M
+        segments = [pymunk.Segment(space.static_body, w[:2], w[2:], 0.0) for w in walls.tolist()]
+        if segments:
+            space.add(*segments)
+        self.bodies = []
+        only_walls = pymunk.ShapeFilter(group=1)
+        for _ in range(count):
+            body = pymunk.Body(mass_kg, float("inf"))
+            shape = pymunk.Circle(body, radius_m)
+            shape.filter = only_walls
+            space.add(body, shape)
+            self.bodies.append(body)
         self.space = space
-        self.bodies = space.bodies
         self._state = state
         self._force = pymunk.batch.Buffer()
         self._force.set_float_buf(force)
@@ -178,7 +169,7 @@ class _Space:
         self._set_force = _batched(space, "pmSpaceBodySetIteratorFuncBatched", _FORCE, self._force)
         self._get_state = _batched(space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._out)
         # The buffer has its full size now and is never moved again, so one view serves every step.
-        self._view = np.frombuffer(self._out.float_buf(), dtype=np.float64).reshape(len(self.bodies) + 1, STATE_FIELDS)
+        self._view = np.frombuffer(self._out.float_buf(), dtype=np.float64).reshape(count + 1, STATE_FIELDS)
 
     def step(self, step_s: float) -> None:
         self._set_force()
