@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -16,7 +17,7 @@ from pettingzoo.utils import parallel_to_aec
 from ..config import Config, ConfigError
 from ..game.ghosts import GHOST_NAMES
 from ..sim.assets import MapSource
-from ..sim.observation import observe
+from ..sim.observation import FAST_MPS, observe
 from .game import Game
 from .rendering import render_frame
 from .setup import RENDER_FPS, Ghosts, check_render_mode
@@ -70,7 +71,8 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
     For all agents at once, as in the Gymnasium environment.
 
     ## Arguments
-    Those of the Gymnasium environment, and `rewards`. `ghosts` is `("policy",)` by default.
+    Those of the Gymnasium environment, `rewards`, and `max_cycles`: truncation after so many decisions, as a time
+    limit outside of the game. `ghosts` is `("policy",)` by default.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -87,6 +89,7 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         execution: str = "robust",
         *,
         rewards: Rewards = "zero_sum",
+        max_cycles: int | None = None,
         ghosts: Ghosts | None = None,
         observation: str | Sequence[str] | None = None,
         action: str | None = None,
@@ -102,6 +105,8 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         check_render_mode(render_mode, self.metadata["render_modes"])
         if rewards not in ("zero_sum", "separate"):
             raise ConfigError(f"rewards = {rewards!r}: choose zero_sum or separate")
+        if max_cycles is not None and max_cycles < 1:
+            raise ConfigError(f"max_cycles = {max_cycles}: must be at least 1")
         if ghosts is None and config is None and "clyde.ghosts" not in (settings or {}):
             ghosts = ("policy",)
         self._game = Game(
@@ -125,6 +130,8 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         if not self._seats:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', which makes him an agent")
         self.rewards = rewards
+        self.max_cycles = max_cycles
+        self._cycles = 0
         self.render_mode = render_mode
         self.possible_agents = [PACMAN, *self._seats]
         self.agents: list[str] = []
@@ -154,6 +161,7 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         round_seed = self._generator.integers(2**63, dtype=np.uint64)
         self._game.reset(_ONE, np.array([round_seed], dtype=np.uint64))
         self.agents = list(self.possible_agents)
+        self._cycles = 0
         if self.render_mode == "human":
             self.render()
         return self._observations(), self._infos()
@@ -176,6 +184,9 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
             raise ValueError(f"no action of {', '.join(missing)}")
         told = {seat: self._choice(name, actions[name]) for name, seat in self._seats.items()}
         reward, terminated, truncated = self._game.step(self._pacman(actions[PACMAN]), told)
+        self._cycles += 1
+        if self.max_cycles is not None and self._cycles >= self.max_cycles and not terminated[0]:
+            truncated[0] = True
         agents = self.agents
         rewards = dict(zip(agents, [float(reward[0]), *self._ghost_rewards(float(reward[0]))], strict=True))
         if terminated[0] or truncated[0]:
@@ -194,11 +205,14 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         """The whole game as it truly is; the numbers are named by ``state_names``."""
         batch = self.batch
         g, ghosts = batch.games[0], batch.ghosts[0]
-        robot = [g[name] for name in ("x", "y", "heading")] + list(self._game.situation.robot[0])
+        heading = math.remainder(g["heading"], 2 * math.pi)
+        robot = [g["x"], g["y"], heading, *self._game.situation.robot[0]]
         velocity = [0.5 * (g["left"] + g["right"]), (g["right"] - g["left"]) / batch.config.robot.wheel_base_m]
-        each = [[ghost[name] for name in ("x", "y", "vx", "vy")] for ghost in ghosts]
+        each = []
+        for ghost in ghosts:
+            each += [ghost["x"], ghost["y"], *np.clip([ghost["vx"], ghost["vy"]], -FAST_MPS, FAST_MPS)]
         game = [g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
-        return np.concatenate([robot, velocity, np.ravel(each), batch.alive[0], game]).astype(np.float64)
+        return np.concatenate([robot, velocity, each, batch.alive[0], game]).astype(np.float64)
 
     @property
     def state_names(self) -> list[str]:

@@ -8,11 +8,19 @@ import numpy as np
 from gymnasium import spaces
 
 from ..sim.batch import GameBatch
-from ..sim.observation import CANDIDATE_COLUMNS, CLYDE_COLUMNS, GHOST_COLUMNS, ROBOT_COLUMNS, ROUND_COLUMNS
+from ..sim.observation import (
+    CANDIDATE_COLUMNS,
+    CLYDE_COLUMNS,
+    FAST_MPS,
+    GHOST_COLUMNS,
+    ROBOT_COLUMNS,
+    ROUND_COLUMNS,
+)
 from ..sim.observer import CHANNELS
 
 Columns = tuple[tuple[str, float, float, str], ...]
 _BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
+_MANY = 1e9  # rounds, or pellets over all rounds
 _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
 
 
@@ -79,8 +87,14 @@ def ghost_observation_space(batch: GameBatch) -> spaces.Dict:
 
 def state_space(batch: GameBatch) -> spaces.Box:
     """Of the whole game, the numbers of ``PacManBotParallelEnv.state_names``."""
-    count = 8 + 4 * batch.ghosts.shape[1] + batch.pellet_slots + 3
-    return spaces.Box(-np.inf, np.inf, (count,), np.float64)
+    bounds, robot = _bounds(batch), batch.config.robot
+    x, y, turn = bounds["x"], bounds["y"], (-np.pi, np.pi)
+    wheels = 2 * robot.wheel_speed_mps
+    limits = [x, y, turn, x, y, turn, (-wheels, wheels), (-wheels / robot.wheel_base_m, wheels / robot.wheel_base_m)]
+    fast = (-FAST_MPS, FAST_MPS)
+    limits += [x, y, fast, fast] * batch.ghosts.shape[1] + [(0.0, 1.0)] * batch.pellet_slots
+    low, high = np.array([*limits, bounds["time"], (1.0, _MANY), (0.0, _MANY)]).T
+    return spaces.Box(low, high, dtype=np.float64)
 
 
 def ghost_action_space(batch: GameBatch) -> spaces.Discrete:

@@ -7,6 +7,7 @@ Procgen: ``generated`` draws from the levels below ``TEST_LEVEL``, ``generated:t
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,10 @@ class GeneratedMaps:
         if num_levels is not None and not 0 <= num_levels <= room:
             raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
         return cls(config, start, num_levels or room)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the first map, which is prepared again when it is asked for."""
+        return {name: value for name, value in self.__dict__.items() if name != "first"}
 
     @functools.cached_property
     def first(self) -> MapAssets:

@@ -34,7 +34,7 @@ class LevelSource(Protocol):
         """The map of a level, ready to be played on."""
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Least and largest x and y that a robot can be at, m."""
+        """Least and largest x and y that a robot or a ghost can be at, m."""
 
 
 class FixedMap:
@@ -64,8 +64,10 @@ class FixedMap:
         return self.first
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of the played part of the map."""
+        """Of the played part of the map and the ghosts' cells."""
         grid = self.first.grid
         rows, columns = grid.shape
-        x, y = zip(*(grid.to_world(c, r) for c in (0, columns) for r in (0, rows)), strict=True)
-        return (min(x), max(x)), (min(y), max(y))
+        corners = [grid.to_world(c, r) for c in (0, columns) for r in (0, rows)]
+        places = np.concatenate([np.array(corners), self.first.clyde.position])
+        (x0, y0), (x1, y1) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+        return (x0, x1), (y0, y1)
