@@ -30,7 +30,7 @@ ROUNDS = 9
 
 def vector_rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> float:
     """Decisions per second over ``steps`` steps with random goals, each held for a while."""
-    choices = rng.integers(0, env.single_action_space.n, size=(steps // HELD + 1, env.num_envs))
+    choices = rng.integers(0, env.batch.candidates, size=(steps // HELD + 1, env.num_envs))
     began = time.perf_counter()
     for k in range(steps):
         env.step(choices[k // HELD])
@@ -39,7 +39,7 @@ def vector_rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -
 
 def single_rate(env: PacManBotEnv, rng: np.random.Generator, steps: int) -> float:
     """Decisions per second of the unwrapped single environment, resets included."""
-    choices = rng.integers(0, env.action_space.n, size=steps // HELD + 1).tolist()
+    choices = rng.integers(0, env.batch.candidates, size=steps // HELD + 1).tolist()
     began = time.perf_counter()
     for k in range(steps):
         _, _, terminated, truncated, _ = env.step(choices[k // HELD])

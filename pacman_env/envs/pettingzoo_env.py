@@ -252,8 +252,6 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         result = {PACMAN: {key: array[0] for key, array in self._game.observe().items()}}
         for name, seat in self._seats.items():
             seen = observe(self.batch.situation(seat))
-            if len(self.config.clyde.ghosts) == 1:
-                del seen["ghosts"]
             result[name] = {key: array[0] for key, array in seen.items()}
         return result
 

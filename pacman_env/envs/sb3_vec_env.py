@@ -136,6 +136,7 @@ class PacManBotVecEnv(VecEnv):
         """
         chosen = self._indices(indices)
         if attr_name in _METHODS:
+            getattr(self.env, attr_name)  # velocity actions have no masks
             return [partial(_game_method, self.env, attr_name, i) for i in chosen]
         value = getattr(self.env, _SPACES.get(attr_name, attr_name))
         if attr_name == "situation":
@@ -183,8 +184,12 @@ def _render(env: PacManBotVectorEnv) -> Sequence[NDArray[np.uint8] | None]:
     return env.render() or [None] * env.num_envs
 
 
+def _masks(env: PacManBotVectorEnv) -> NDArray[np.bool_]:
+    return env.action_masks()
+
+
 #: Methods that a single environment has too: results for all games by the vector environment.
-_METHODS: dict[str, Callable[..., Any]] = {"action_masks": PacManBotVectorEnv.action_masks, "render": _render}
+_METHODS: dict[str, Callable[..., Any]] = {"action_masks": _masks, "render": _render}
 
 
 def _game_method(env: PacManBotVectorEnv, name: str, game: int) -> Any:

@@ -63,7 +63,7 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
         if not 1 <= ghosts <= len(GHOST_NAMES):
             raise ConfigError(f"ghosts = {ghosts}: must be 1 to {len(GHOST_NAMES)}")
         return ("wander",) * ghosts, {}
-    each = [ghosts] if isinstance(ghosts, str) or hasattr(ghosts, "select") else ghosts
+    each: Any = [ghosts] if isinstance(ghosts, str) or hasattr(ghosts, "select") else ghosts
     if not isinstance(each, Sequence):
         raise ConfigError(f"ghosts = {ghosts!r}: must be a number, a behaviour, a policy, or a sequence of these")
     names, policies = [], {}

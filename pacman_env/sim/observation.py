@@ -69,9 +69,9 @@ def observe(situation: Situation) -> Observation:
     """Observations of N situations; new arrays at each call.
 
     Returns:
-        ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6), all
-        float32, and ``action_mask`` (N, C) int8. Rows of candidates that the mask forbids keep their kind and are 0
-        otherwise.
+        ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2) and, where there are several
+        ghosts, ``ghosts`` (N, G, 6), all float32; ``action_mask`` (N, C) int8. Rows of candidates that the mask
+        forbids keep their kind and are 0 otherwise.
     """
     n, c = situation.mask.shape
     robot = np.empty((n, len(ROBOT_COLUMNS)), dtype=np.float32)
@@ -81,14 +81,11 @@ def observe(situation: Situation) -> Observation:
     mask = np.empty((n, c), dtype=np.int8)
     ghosts = np.empty((n, situation.ghosts.shape[1], len(GHOST_COLUMNS)), dtype=np.float32)
     _fill(situation.arrays(), robot, clyde, candidates, round_, mask, ghosts)
-    return {
-        "robot": robot,
-        "clyde": clyde,
-        "candidates": candidates,
-        "round": round_,
-        "action_mask": mask,
-        "ghosts": ghosts,
-    }
+    observation: Observation = {"robot": robot, "clyde": clyde, "candidates": candidates, "round": round_}
+    if ghosts.shape[1] > 1:
+        observation["ghosts"] = ghosts
+    observation["action_mask"] = mask
+    return observation
 
 
 @kernel

@@ -35,8 +35,6 @@ class Observer:
             observation = observe(situation)
             if not self._masked:
                 del observation["action_mask"]
-            if situation.ghosts.shape[1] == 1:
-                del observation["ghosts"]
         else:
             observation = {"action_mask": situation.mask.astype(np.int8)} if self._masked else {}
         if kinds.scan:

@@ -61,7 +61,7 @@ def _walls(affine, clearance_cm, x, y, forward_x, forward_y, image):  # type: ig
 
 @kernel
 def raster_all(  # type: ignore[no-untyped-def]
-    affine, clearance_cm, level, pose, pellet_xy, pellet_there, ghosts, metres_per_pixel, radius_m, images
+    affine, clearance_cm, shape, level, pose, pellet_xy, pellet_there, ghosts, metres_per_pixel, radius_m, images
 ):
     """Fill ``images`` (N, S, S, 4) uint8, 0 or 255, with the surroundings of N robots, robot i on map ``level[i]``.
 
@@ -71,7 +71,8 @@ def raster_all(  # type: ignore[no-untyped-def]
 
     Args:
         affine: (L, 6) world to cell, of :class:`~pacman_env.world.grid.DriveGrid`.
-        clearance_cm: (L, H, W) uint8 of the same grids, 0 is not free; a smaller map is filled up with 0.
+        clearance_cm: (L, H, W) uint8 of the same grids, 0 is not free.
+        shape: (L, 2) int32: rows and columns of each grid; what lies beyond is a wall.
         level: (N,) int32, in [0, L).
         pose: (N, 3) believed x, y, heading in m and rad; any finite numbers.
         pellet_xy: (N, P, 2) m.
@@ -87,7 +88,15 @@ def raster_all(  # type: ignore[no-untyped-def]
         m, image = level[i], images[i]
         x, y, heading = pose[i, 0], pose[i, 1], pose[i, 2]
         cos, sin = math.cos(heading), math.sin(heading)
-        _walls(affine[m], clearance_cm[m], x, y, cos * metres_per_pixel, sin * metres_per_pixel, image)
+        _walls(
+            affine[m],
+            clearance_cm[m, : shape[m, 0], : shape[m, 1]],
+            x,
+            y,
+            cos * metres_per_pixel,
+            sin * metres_per_pixel,
+            image,
+        )
         for k in range(pellet_xy.shape[1]):
             if pellet_there[i, k]:
                 dx, dy = (pellet_xy[i, k, 0] - x) * pixels_per_m, (pellet_xy[i, k, 1] - y) * pixels_per_m

@@ -11,9 +11,7 @@ from statistics import NormalDist
 import numpy as np
 
 from ..jit import kernel
-from ..rng import mix, stream
-
-LIDAR = 5  # purpose number of the noise's stream, after those of rng
+from ..rng import LIDAR, mix, stream
 
 _GAMMA, _S54 = np.uint64(0x9E3779B97F4A7C15), np.uint64(54)
 _DIAGONAL = math.sqrt(2.0) + 1e-3  # cells; the excess is for clearances rounded up and lengths kept in float32
@@ -125,13 +123,14 @@ def scan(  # type: ignore[no-untyped-def]
 
 @kernel
 def scan_all(  # type: ignore[no-untyped-def]
-    affine, clearance_cm, resolution, level, pose, seeds, ticks, noise, minimum, maximum, ranges
+    affine, clearance_cm, shape, resolution, level, pose, seeds, ticks, noise, minimum, maximum, ranges
 ):
     """Fill ``ranges`` (N, R) float32 with the scans of N robots, robot i on map ``level[i]``; see :func:`scan`.
 
     Args:
         affine: (L, 6).
-        clearance_cm: (L, H, W) uint8; a smaller map is filled up with 0.
+        clearance_cm: (L, H, W) uint8.
+        shape: (L, 2) int32: rows and columns of each map; what lies beyond is not looked at.
         resolution: m per cell of all maps.
         level: (N,) int32, in [0, L).
         pose: (N, 3) x, y, heading in m and rad.
@@ -145,6 +144,6 @@ def scan_all(  # type: ignore[no-untyped-def]
     for i in range(len(pose)):
         m = level[i]
         scan(
-            affine[m], clearance_cm[m], resolution, pose[i, 0], pose[i, 1], pose[i, 2],
+            affine[m], clearance_cm[m, : shape[m, 0], : shape[m, 1]], resolution, pose[i, 0], pose[i, 1], pose[i, 2],
             seeds[i], ticks[i], noise, minimum, maximum, ranges[i],
         )  # fmt: skip

@@ -46,6 +46,7 @@ def picture(
     raster_all(
         grid.affine[None],
         grid.clearance_cm[None],
+        np.array([grid.shape], np.int32),
         np.zeros(1, np.int32),
         np.array([pose]),
         np.array(pellets, np.float64).reshape(1, -1, 2),
@@ -184,6 +185,7 @@ def test_robots_of_a_batch_see_each_its_own_map(grid: DriveGrid) -> None:
     raster_all(
         np.stack([grid.affine, other.affine]),
         np.stack([grid.clearance_cm, other.clearance_cm]),
+        np.array([grid.shape, other.shape], np.int32),
         level,
         pose,
         pellets,

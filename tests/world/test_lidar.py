@@ -211,14 +211,15 @@ def test_robots_of_a_batch_scan_each_its_own_map() -> None:
     grids = [grid_of(drawn(box(12, 8))), grid_of(drawn(ROOMS, origin=(-1.2, -1.7, 0.7)))]
     shape = np.max([g.shape for g in grids], axis=0)
     affine = np.stack([g.affine for g in grids])
-    clearance_cm = np.zeros((2, *shape), np.uint8)
+    clearance_cm = np.full((2, *shape), 100, np.uint8)  # what lies beyond a map is not looked at
+    shapes = np.array([g.shape for g in grids], np.int32)
     for level, g in zip(clearance_cm, grids, strict=True):
         level[: g.shape[0], : g.shape[1]] = g.clearance_cm
     level = np.array([1, 0, 1], np.int32)
     pose = np.array([free_poses(grids[m], 5 + m, 1)[0] for m in level])
     seeds, ticks = np.array([4, 5, 6], np.uint64), np.array([0, 3, 9], np.int64)
     ranges = np.empty((3, 90), np.float32)
-    scan_all(affine, clearance_cm, RESOLUTION, level, pose, seeds, ticks, 0.01, MINIMUM, MAXIMUM, ranges)
+    scan_all(affine, clearance_cm, shapes, RESOLUTION, level, pose, seeds, ticks, 0.01, MINIMUM, MAXIMUM, ranges)
     for i, m in enumerate(level):
         alone = ranges_at(
             grids[m].affine, grids[m].clearance_cm, tuple(pose[i]), rays=90, noise=0.01, seed=seeds[i], tick=ticks[i]
