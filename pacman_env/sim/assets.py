@@ -164,7 +164,7 @@ def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, fl
     clyde_drive = grid.cells_of_pixels(clyde.pixel, occupancy.height)
     part = _connected_part(clyde, clyde_drive, occupancy.name)
     neighbours = grid.neighbours
-    known = grid.path_fields(neighbours)
+    known = grid.path_fields()
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
@@ -199,7 +199,7 @@ def path_fields(
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.full((goals, count), UNREACHABLE_CM, dtype=np.uint16)
     next_step = np.full((goals, count), NO_STEP, dtype=np.int16)
-    fields = fields or grid.path_fields(neighbours)
+    fields = fields or grid.path_fields()
     for k, cell in enumerate(goal_cell.tolist()):
         if cell >= 0:
             length_cm[k], next_step[k] = fields.to(cell)

@@ -29,7 +29,7 @@ def choose_refuges(
     """
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     nooks = _nooks(grid, clyde, part, config)
-    spread = _spread(grid, fields or grid.path_fields(grid.neighbours), [home, *nooks], config.spread)
+    spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config.spread)
     places = [(float(grid.home[0]), float(grid.home[1]))]
     places += [grid.to_world(*grid.cell[k]) for k in (*nooks, *spread)]
     return np.array(places, dtype=np.float64)

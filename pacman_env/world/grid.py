@@ -102,9 +102,9 @@ class DriveGrid:
         cx, cy = _apply(self.affine, x, y)
         return int(_nearest(self.cell_id, cx, cy, within_m / self.resolution + 0.5))
 
-    def path_fields(self, neighbours: NDArray[np.int32]) -> PathFields:
-        """A store of path fields over this grid, empty; ``neighbours`` are the grid's own."""
-        return PathFields(self.cell_id, self.cell, neighbours, navfn_weights(self.cost, self.cell), self.resolution)
+    def path_fields(self) -> PathFields:
+        """A store of path fields over this grid, still empty."""
+        return PathFields(self.cell_id, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
 
 
 @kernel

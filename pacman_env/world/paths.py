@@ -26,10 +26,11 @@ STEPS8 = STEPS16[::2].copy()
 
 _START = 16  # in place of a direction: the way begins at this cell
 _SETTLED = 32  # added to a cell's direction once its cost is final
-_PAD = 2  # no step leads further
-_NEVER = 1 << 25  # a cell outside the window of 25 cells, one bit each, that are at most _PAD rows and columns away
-_ALL = (1 << 41) - 1  # a cell's pattern where its window is free of cost (bits 0 to 24), all steps allowed (25 to 40)
-_EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside what a detour costs
+_PAD = 2  # no step leads further; the window of 25 cells at most that far from a cell is numbered row by row
+_OUTSIDE = np.uint64(1 << 60)  # a cell that is not in the window: no pattern has it
+_OPEN = np.uint64((1 << 50) - 1)  # pattern of a window: weight 1 (bits 0 to 24), drivable (bits 25 to 49)
+_EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside _DETOUR
+_DETOUR = 0.05  # cells that a way must be longer than another to be called a detour
 _BATCH = 64  # cells whose steps are looked at together
 
 
@@ -50,17 +51,22 @@ def neighbour_table(cell_id, cell, steps):  # type: ignore[no-untyped-def]
     A diagonal step needs both cells beside it (no corner cutting), a knight's move the two cells it passes between.
     """
     rows, columns = cell_id.shape
-    table = np.full((len(cell), len(steps)), -1, np.int32)
+    width = columns + 2 * _PAD
+    number = np.full((rows + 2 * _PAD) * width, -1, np.int32)
+    for row in range(rows):
+        number[(row + _PAD) * width + _PAD :][:columns] = cell_id[row]
+    there = np.empty((len(steps), 3), np.int64)
+    for d in range(len(steps)):
+        dc, dr = steps[d]
+        c0, r0, c1, r1 = _between(dc, dr)
+        there[d, 0], there[d, 1], there[d, 2] = dr * width + dc, r0 * width + c0, r1 * width + c1
+    table = np.empty((len(cell), len(steps)), np.int32)
     for k in range(len(cell)):
-        column, row = cell[k, 0], cell[k, 1]
+        here = (cell[k, 1] + _PAD) * width + cell[k, 0] + _PAD
         for d in range(len(steps)):
-            dc, dr = steps[d, 0], steps[d, 1]
-            c, r = column + dc, row + dr
-            if c < 0 or r < 0 or c >= columns or r >= rows or cell_id[r, c] < 0:
-                continue
-            c0, r0, c1, r1 = _between(dc, dr)
-            if cell_id[row + r0, column + c0] >= 0 and cell_id[row + r1, column + c1] >= 0:
-                table[k, d] = cell_id[r, c]
+            v = number[np.uintp(here + there[d, 0])]
+            free = min(number[np.uintp(here + there[d, 1])], number[np.uintp(here + there[d, 2])]) >= 0
+            table[k, d] = v if free else -1
     return table
 
 
@@ -68,19 +74,18 @@ class PathFields:
     """The path fields over one grid, each computed once; not for two threads at the same time.
 
     Label-setting Dijkstra in buckets one cell wide: no step costs less than a cell, so the labels inside a bucket
-    cannot improve one another. Steps that cannot be the best are not tried: where the floor around a cell is free of
-    cost, a way that comes by one direction and leaves by another than that or those next to it is a detour.
+    cannot improve one another. Steps that cannot be the best are not tried: on open floor, a way that comes to a cell
+    by one direction and leaves it by another than that or those next to it is a detour.
     """
 
     def __init__(
         self,
         cell_id: NDArray[np.int32],
         cell: NDArray[np.int32],
-        neighbours: NDArray[np.int32],
         weight: NDArray[np.float32],
         resolution: float,
     ) -> None:
-        """``cell_id`` (H, W), ``cell`` (K, 2) column, row, ``neighbours`` (K, 16), ``weight`` (K,) at least 1."""
+        """``cell_id`` (H, W), ``cell`` (K, 2) column, row, ``weight`` (K,) at least 1."""
         rows, columns = cell_id.shape[0] + 2 * _PAD, cell_id.shape[1] + 2 * _PAD
         size = rows * columns
         steps = np.append(STEPS16, [(0, 0)], axis=0)  # the last: _START
@@ -89,14 +94,14 @@ class PathFields:
         number = np.full((rows, columns), -1, dtype=np.int32)
         number[_PAD:-_PAD, _PAD:-_PAD] = cell_id
         weights = np.full(size, np.inf, dtype=np.float32)
-        at, kind, patterns = _patterns(cell, neighbours, weight, columns, weights)
+        at, kind, patterns = _patterns(cell, weight, columns, weights)
         self._fields: dict[int, tuple[NDArray[np.uint16], NDArray[np.int16]]] = {}
         self._ground = (
             at,
             number.ravel(),
             weights,
             kind,
-            *_worth_trying(patterns, _detours()),
+            *_worth_trying(patterns, _detours(length, float(weight.max()))),
             steps[:, 1] * columns + steps[:, 0],
             length,
             np.float32(0.5) * length,
@@ -129,12 +134,14 @@ class PathFields:
 
 
 @kernel
-def _detours():  # type: ignore[no-untyped-def]
-    """Cells of the window, uint32 (17, 16), that must be free for coming by direction a, leaving by b to be a detour.
+def _detours(length, heaviest):  # type: ignore[no-untyped-def]
+    """What makes coming by direction a and leaving by b a detour: (17, 16, 2) patterns, either of which will do.
 
-    They are those of the shortest way between the two ends, which takes two neighbouring directions only.
+    The shortest way between the two ends takes two neighbouring directions, in either order. Its cells between the
+    ends must have weight 1, and so must an end where the way's step there is so much the longer that up to
+    ``heaviest`` it could cost more than is saved.
     """
-    table = np.full((17, 16), _NEVER, np.uint32)
+    table = np.full((17, 16, 2), _OUTSIDE, np.uint64)
     for a in range(16):
         for b in range(16):
             if (b - a + 1) % 16 <= 2:
@@ -145,33 +152,62 @@ def _detours():  # type: ignore[no-untyped-def]
                 # Two neighbouring steps span an area of one cell, so both numbers of steps are whole.
                 m = dc * STEPS16[other, 1] - dr * STEPS16[other, 0]
                 n = STEPS16[one, 0] * dr - STEPS16[one, 1] * dc
-                if m >= 0 and n >= 0:
-                    table[a, b] = min(_cells_of(a, one, m, other, n), _cells_of(a, other, n, one, m))
+                if m < 0 or n < 0:
+                    continue
+                saved = length[a] + length[b] - m * length[one] - n * length[other] - _DETOUR
+                for order in range(2):
+                    first, last = one if m > 0 else other, other if n > 0 else one
+                    from_a = max(length[first] - length[a], 0.0) * 0.5 * (heaviest - 1.0)
+                    to_b = max(length[last] - length[b], 0.0) * 0.5 * (heaviest - 1.0)
+                    both, least = from_a + to_b < saved, min(from_a, to_b) < saved
+                    free_a = not both and not (least and from_a <= to_b)
+                    free_b = not both and not (least and from_a > to_b)
+                    table[a, b, order] = _needed(a, b, one, m, other, n, free_a, free_b)
+                    one, other, m, n = other, one, n, m
+                break
     return table
 
 
 @kernel
-def _cells_of(a, first, m, second, n):  # type: ignore[no-untyped-def]
-    """Bits of the cells that m steps and n others need, from the cell that step ``a`` comes from."""
+def _needed(a, b, one, m, other, n, free_a, free_b):  # type: ignore[no-untyped-def]
+    """Pattern that m steps and n others need: the first from where step ``a`` comes from, the last to where b goes."""
     column, row = -STEPS16[a, 0], -STEPS16[a, 1]
-    bits = np.uint32(0)
+    pattern = np.uint64(0)
+    if m + n > 0 and free_a:
+        pattern |= _bit(column, row)
+    if m + n > 0 and free_b:
+        pattern |= _bit(STEPS16[b, 0], STEPS16[b, 1])
     for i in range(m + n):
-        dc, dr = STEPS16[first] if i < m else STEPS16[second]
+        dc, dr = STEPS16[one] if i < m else STEPS16[other]
         c0, r0, c1, r1 = _between(dc, dr)
-        for c, r in ((0, 0), (c0, r0), (c1, r1), (dc, dr)):
-            if abs(column + c) > _PAD or abs(row + r) > _PAD:
-                return np.uint32(_NEVER)
-            bits |= np.uint32(1) << np.uint32((row + r + _PAD) * 5 + column + c + _PAD)
+        pattern |= _drivable(column + c0, row + r0) | _drivable(column + c1, row + r1)
         column += dc
         row += dr
-    return bits
+        if i < m + n - 1:
+            pattern |= _bit(column, row)
+    return pattern
 
 
 @kernel
-def _patterns(cell, neighbours, weight, columns, weights):  # type: ignore[no-untyped-def]
-    """Place of each cell (K,) on the padded grid, the number of each place's pattern, the patterns (see _ALL).
+def _bit(column, row):  # type: ignore[no-untyped-def]
+    """The bit of a cell of the window."""
+    if abs(column) > _PAD or abs(row) > _PAD:
+        return _OUTSIDE
+    return np.uint64(1) << np.uint64((row + _PAD) * 5 + column + _PAD)
 
-    Fills the places' ``weights``. Pattern 0 is _ALL; equal patterns are found by hashing, with linear probing.
+
+@kernel
+def _drivable(column, row):  # type: ignore[no-untyped-def]
+    """The bit of a cell of the window that may have any weight."""
+    bit = _bit(column, row)
+    return bit if bit == _OUTSIDE else bit << np.uint64(25)
+
+
+@kernel
+def _patterns(cell, weight, columns, weights):  # type: ignore[no-untyped-def]
+    """Place of each cell (K,) on the padded grid, the number of each place's pattern, the patterns.
+
+    Fills the places' ``weights``. Pattern 0 is _OPEN; equal patterns are found by hashing, with linear probing.
     """
     count = len(cell)
     at = np.empty(count, np.int32)
@@ -180,7 +216,7 @@ def _patterns(cell, neighbours, weight, columns, weights):  # type: ignore[no-un
         weights[at[k]] = weight[k]
     kind = np.zeros(len(weights), np.int32)
     patterns = np.empty(count + 1, np.uint64)
-    patterns[0] = _ALL
+    patterns[0] = _OPEN
     used = 1
     slots = 4
     while slots < 2 * count:
@@ -191,12 +227,11 @@ def _patterns(cell, neighbours, weight, columns, weights):  # type: ignore[no-un
         bit = np.uint64(0)
         for row in range(-_PAD, _PAD + 1):
             for place in range(at[k] + row * columns - _PAD, at[k] + row * columns + _PAD + 1):
-                pattern |= np.uint64(weights[np.uintp(place)] == np.float32(1.0)) << bit
+                w = weights[np.uintp(place)]
+                pattern |= np.uint64(w == np.float32(1.0)) << bit
+                pattern |= np.uint64(w < np.inf) << (bit + np.uint64(25))
                 bit += np.uint64(1)
-        for d in range(16):
-            pattern |= np.uint64(neighbours[k, d] >= 0) << bit
-            bit += np.uint64(1)
-        if pattern == np.uint64(_ALL):
+        if pattern == _OPEN:
             continue
         slot = np.int64((pattern * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & (slots - 1)
         while table[slot] > 0 and patterns[table[slot]] != pattern:
@@ -214,14 +249,19 @@ def _worth_trying(patterns, detours):  # type: ignore[no-untyped-def]
     """Directions in rising order, uint8 (N, 17, 16), by pattern and the direction come by; their number (N, 17)."""
     directions = np.empty((len(patterns), 17, 16), np.uint8)
     number = np.empty((len(patterns), 17), np.uint8)
+    needed = np.empty(16, np.uint64)
+    for b in range(16):
+        dc, dr = STEPS16[b]
+        c0, r0, c1, r1 = _between(dc, dr)
+        needed[b] = _drivable(dc, dr) | _drivable(c0, r0) | _drivable(c1, r1)
     for k in range(len(patterns)):
-        blocked = np.uint32(~patterns[k] & np.uint64(_NEVER - 1)) | np.uint32(_NEVER)
-        allowed = np.uint32(patterns[k] >> np.uint64(25))
+        lacking = ~patterns[k]
         for a in range(17):
-            n = 0
+            n = np.uintp(0)
             for b in range(16):
                 directions[k, a, n] = b
-                n += (allowed >> np.uint32(b)) & np.uint32(1) != 0 and detours[a, b] & blocked != 0
+                allowed = needed[b] & lacking == 0
+                n += np.uintp(allowed and detours[a, b, 0] & lacking != 0 and detours[a, b, 1] & lacking != 0)
             number[k, a] = n
     return directions, number
 
