@@ -25,14 +25,7 @@ from ..jit import source_hash
 from ..world.cache import cached_arrays
 from ..world.grid import DriveGrid, build_grid
 from ..world.occupancy import MapError, OccupancyMap, load_map
-from ..world.paths import (
-    NO_STEP,
-    STEPS16,
-    UNREACHABLE_CM,
-    navfn_weights,
-    path_field,
-    step_lengths,
-)
+from ..world.paths import NO_STEP, UNREACHABLE_CM, PathFields
 from .haunts import Haunts, find_haunts
 from .refuges import choose_refuges
 
@@ -123,8 +116,15 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
 
 def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """placeholder."""
-    return _build(occupancy, config, home, "x")
+    """The same as :func:`map_assets`, computed anew: nothing is looked up or kept, in the process or on disk.
+
+    For a map that is played on once. Threads may prepare different maps at the same time.
+
+    Raises:
+        MapError: the map has no place for the robot or no pellet to play for.
+        ConfigError: Clyde's spawn rule leaves him no cell.
+    """
+    return _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
 
 
 def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, float]:
@@ -137,7 +137,10 @@ def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, fl
     return x, y, heading
 
 
-def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str) -> MapAssets:
+def _build(
+    occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str | None
+) -> MapAssets:
+    """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
     tolerance = config.nav2.unreachable_tolerance_m
@@ -157,12 +160,14 @@ def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, fl
     clyde = clyde_cells(occupancy, config.clyde, config.pellets.free_grey)
     clyde_drive = grid.cells_of_pixels(clyde.pixel, occupancy.height)
     part = _connected_part(clyde, clyde_drive, occupancy.name)
-    refuge_xy = choose_refuges(grid, clyde, part, config.refuges)
+    neighbours = grid.neighbours
+    known = grid.path_fields()
+    refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
-    neighbours = grid.neighbours
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
-    fields = cached_arrays(key, ("length_cm", "next_step"), lambda: path_fields(grid, neighbours, goal_cell))
+    names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, neighbours, goal_cell, known)
+    fields = compute() if key is None else cached_arrays(key, names, compute)
     return MapAssets(
         occupancy=occupancy,
         grid=grid,
@@ -181,19 +186,21 @@ def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, fl
     )
 
 
-def path_fields(grid: DriveGrid, neighbours: NDArray[np.int32], goal_cell: NDArray[np.int32]) -> dict[str, NDArray]:
-    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere."""
+def path_fields(
+    grid: DriveGrid, neighbours: NDArray[np.int32], goal_cell: NDArray[np.int32], fields: PathFields | None = None
+) -> dict[str, NDArray]:
+    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere.
+
+    ``neighbours`` and ``fields`` are those of the grid; a field that was computed before is not computed again.
+    """
     count, goals = len(grid.cell), len(goal_cell)
-    length_cm = np.full((count, goals), UNREACHABLE_CM, dtype=np.uint16)
+    length_cm = np.full((goals, count), UNREACHABLE_CM, dtype=np.uint16)
     next_step = np.full((goals, count), NO_STEP, dtype=np.int16)
-    lengths = step_lengths(STEPS16)
-    weight = navfn_weights(grid.cost, grid.cell)
-    column = np.empty(count, dtype=np.uint16)
-    for k, cell in enumerate(goal_cell):
+    fields = fields or grid.path_fields()
+    for k, cell in enumerate(goal_cell.tolist()):
         if cell >= 0:
-            path_field(neighbours, lengths, weight, np.float32(grid.resolution), cell, column, next_step[k])
-            length_cm[:, k] = column
-    return {"length_cm": length_cm, "next_step": next_step}
+            length_cm[k], next_step[k] = fields.to(cell)
+    return {"length_cm": np.ascontiguousarray(length_cm.T), "next_step": next_step}
 
 
 def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:

@@ -15,38 +15,39 @@ from numpy.typing import NDArray
 from ..config import RefugeConfig
 from ..game.clyde import ClydeCells
 from ..world.grid import DriveGrid, clearance_m
-from ..world.paths import STEPS16, navfn_weights, path_field, step_lengths
+from ..world.paths import PathFields
 
 _ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
 
 
-def choose_refuges(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> NDArray[np.float64]:
-    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these."""
+def choose_refuges(
+    grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig, fields: PathFields | None = None
+) -> NDArray[np.float64]:
+    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these.
+
+    The path fields that this takes stay in ``fields``, those of the grid.
+    """
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     nooks = _nooks(grid, clyde, part, config)
-    spread = _spread(grid, [home, *nooks], config.spread)
+    spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config.spread)
     places = [(float(grid.home[0]), float(grid.home[1]))]
     places += [grid.to_world(*grid.cell[k]) for k in (*nooks, *spread)]
     return np.array(places, dtype=np.float64)
 
 
-def _spread(grid: DriveGrid, given: list[int], count: int) -> list[int]:
+def _spread(grid: DriveGrid, fields: PathFields, given: list[int], count: int) -> list[int]:
     """Farthest-point sampling by path length, from the given cells on."""
     if count == 0:
         return []
-    lengths = step_lengths(STEPS16)
-    weight = navfn_weights(grid.cost, grid.cell)
     clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
     roomy = clearance >= _ROOMY_M
     if not roomy.any():
         roomy = clearance >= clearance.max()
     nearest = np.full(len(grid.cell), np.inf)
-    field = np.empty(len(grid.cell), np.uint16)
-    next_step = np.empty(len(grid.cell), np.int16)
     chosen = list(given)
     for k in range(len(given) + count - 1):
-        path_field(grid.neighbours, lengths, weight, np.float32(grid.resolution), chosen[k], field, next_step)
-        np.minimum(nearest, field, out=nearest)
+        length_cm, _ = fields.to(chosen[k])
+        np.minimum(nearest, length_cm, out=nearest)
         if k + 1 == len(chosen):
             farthest = int(np.where(roomy, nearest, -1.0).argmax())
             if nearest[farthest] <= 0:

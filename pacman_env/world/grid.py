@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..config import Nav2Config, PelletConfig, RobotConfig
 from ..jit import kernel
 from .occupancy import MapError, OccupancyMap
-from .paths import STEPS16, neighbour_table
+from .paths import STEPS16, PathFields, navfn_weights, neighbour_table
 
 LETHAL = 254  # an obstacle's own cell
 INSCRIBED = 253  # the robot's centre cannot be here
@@ -100,12 +100,28 @@ class DriveGrid:
     def nearest_cell(self, x: float, y: float, within_m: float) -> int:
         """Number of the drivable cell nearest to (x, y) inside a square of that half-width; -1: none."""
         cx, cy = _apply(self.affine, x, y)
-        reach = within_m / self.resolution + 0.5
-        offset = self.cell + 0.5 - (cx, cy)
-        candidates = np.flatnonzero(np.abs(offset).max(axis=1) <= reach)
-        if len(candidates) == 0:
-            return -1
-        return int(candidates[(offset[candidates] ** 2).sum(axis=1).argmin()])
+        return int(_nearest(self.cell_id, cx, cy, within_m / self.resolution + 0.5))
+
+    def path_fields(self) -> PathFields:
+        """A store of path fields over this grid, still empty."""
+        return PathFields(self.cell_id, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
+
+
+@kernel
+def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
+    """Number of the cell whose centre is nearest to (cx, cy), at most ``reach`` rows and columns away; -1: none."""
+    rows, columns = cell_id.shape
+    found = -1
+    least = np.inf
+    for row in range(int(min(max(cy - reach - 1.0, 0.0), rows)), int(min(max(cy + reach + 1.0, 0.0), rows))):
+        for column in range(
+            int(min(max(cx - reach - 1.0, 0.0), columns)), int(min(max(cx + reach + 1.0, 0.0), columns))
+        ):
+            dx, dy = column + 0.5 - cx, row + 0.5 - cy
+            if cell_id[row, column] >= 0 and max(abs(dx), abs(dy)) <= reach and dx * dx + dy * dy < least:
+                least = dx * dx + dy * dy
+                found = cell_id[row, column]
+    return found
 
 
 def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:
