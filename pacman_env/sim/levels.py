@@ -17,7 +17,7 @@ from ..config import Config
 from ..world.paths import UNREACHABLE_CM
 from .assets import MapAssets
 
-_SPARE = 1.15  # room left for larger maps when the arrays are made
+_SPARE = 2.0  # room for larger maps; memory is taken as it is written to
 _PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
 _VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
 _FIXED = ("affine", "shape", "home", "spawn_count", "ghost_corner")
