@@ -7,7 +7,6 @@ decided in ``ghosts``. No simulator and no ROS here: both call these functions.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -67,125 +66,153 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
     reach = int(config.clearance_m / occupancy.resolution + 1e-9)
     kernel_size = (2 * reach + 1, 2 * reach + 1)
     roomy = cv2.erode(free, np.ones(kernel_size, np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    v, u = np.nonzero(roomy)
-    if len(u) == 0:
+    pixel = cv2.findNonZero(roomy)
+    if pixel is None:
         raise ConfigError(f"clyde.clearance_m = {config.clearance_m}: the map has no place that wide for Clyde")
-    number = np.full(roomy.shape, -1, dtype=np.int32)
-    number[v, u] = np.arange(len(u), dtype=np.int32)
-    neighbours = _neighbours(number, np.stack([u, v], axis=1).astype(np.int64))
+    graph = np.zeros((len(pixel), 16), dtype=np.int32)
+    graph[:, _AT_PIXEL:] = pixel = pixel.reshape(-1, 2)
     # 4-connected: a diagonal step needs both cells beside it
     _, labels, stats, _ = cv2.connectedComponentsWithStats(roomy, connectivity=4)
     order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
-    part = rank[labels[v, u] - 1]
+    part = rank[labels[roomy > 0] - 1]
     part_cells = np.argsort(part, kind="stable").astype(np.int32)
     sizes = np.bincount(part, minlength=len(order))
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    landmark = _landmarks(neighbours, part_cells, start)
-    x, y = pixel_to_world(occupancy, u, v)
+    _number_neighbours(graph, *roomy.shape)
+    longest = _landmarks(graph, part_cells, start)
+    x, y = pixel_to_world(occupancy, *pixel.T.astype(np.int64))
     return ClydeCells(
         resolution=occupancy.resolution,
         position=np.stack([x, y], axis=1),
-        graph=np.column_stack([neighbours, landmark, u, v]).astype(np.int32),
+        graph=graph,
         part=part,
         part_start=start,
         part_cells=part_cells,
-        longest=_longest_path(neighbours, part_cells, start, landmark),
+        longest=longest,
     )
 
 
-def _longest_path(
-    neighbours: NDArray[np.int32],
-    part_cells: NDArray[np.int32],
-    part_start: NDArray[np.int64],
-    landmark: NDArray[np.int32],
-) -> int:
-    """Upper bound of the cells of a path: from anywhere over one fixed cell of the part to anywhere."""
-    bound = int(landmark[part_cells[: part_start[1]], 0].max()) * 2 // STRAIGHT
-    cost = np.empty(len(neighbours), dtype=np.int32)
-    for first, last in itertools.pairwise(part_start[1:]):
-        if last - first <= bound:
-            break  # a path never has more cells than its part, and the parts to come are smaller
-        cells = part_cells[first:last]
-        _costs_from(neighbours, cells[0], cost)
-        bound = max(bound, int(cost[cells].max()) * 2 // STRAIGHT)
+@kernel
+def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
+    """Fill the neighbours' columns of ``graph`` from the pixels'."""
+    number = np.full((rows + 2, columns + 2), -1, np.int32)
+    for k in range(len(graph)):
+        number[graph[k, _AT_PIXEL + 1] + 1, graph[k, _AT_PIXEL] + 1] = k
+    for k in range(len(graph)):
+        u, v = graph[k, _AT_PIXEL] + 1, graph[k, _AT_PIXEL + 1] + 1
+        for d in range(8):
+            du, dv = _STEPS[d]
+            free = min(number[v, u + du], number[v + dv, u]) >= 0
+            graph[k, d] = number[v + dv, u + du] if free else -1
+
+
+@kernel
+def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
+    """Fill the landmarks' columns of ``graph``; return an upper bound of the cells of a path.
+
+    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than the way from
+    anywhere over one fixed cell of the part to anywhere.
+    """
+    count = len(graph)
+    cost = np.empty(count, np.int32)
+    came = np.empty(count, np.uint8)
+    queue = np.empty(16 * count + 2, np.int32)
+    nearest = np.empty(count, np.int32)
+    going_on = _going_on()
+    open_floor = np.empty(count, np.bool_)
+    for k in range(count):
+        open_floor[k] = graph[k, :_AT_LANDMARKS].min() >= 0
+    bound = 0
+    for p in range(len(part_start) - 1):
+        cells = part_cells[part_start[p] : part_start[p + 1]]
+        guided = p == 0 or len(cells) >= _WORTH_LANDMARKS  # small parts do with the octile distance
+        # A path never has more cells than its part.
+        unbound = p > 0 and len(cells) > bound
+        if not guided and not unbound:
+            break  # the parts to come are smaller
+        _costs_from(graph, open_floor, going_on, cells[0], cost, came, queue)
+        source = cells[cost[cells].argmax()]
+        if unbound:
+            bound = max(bound, cost[source] * 2 // STRAIGHT)
+        if not guided:
+            continue
+        nearest[cells] = _FAR
+        for column in range(_AT_LANDMARKS, _AT_PIXEL):
+            _costs_from(graph, open_floor, going_on, source, cost, came, queue)
+            farthest = 0
+            for k in cells:
+                graph[k, column] = cost[k]
+                farthest = max(farthest, cost[k])
+                nearest[k] = min(nearest[k], cost[k])
+            if p == 0 and column == _AT_LANDMARKS:
+                bound = farthest * 2 // STRAIGHT
+            source = cells[nearest[cells].argmax()]
     return bound + 2
 
 
 @kernel
-def _neighbours(number, pixel):  # type: ignore[no-untyped-def]
-    rows, columns = number.shape
-    table = np.full((len(pixel), 8), -1, np.int32)
-    for k in range(len(pixel)):
-        u, v = pixel[k, 0], pixel[k, 1]
+def _going_on():  # type: ignore[no-untyped-def]
+    """By the directions (bits) of the last steps to a cell: how many steps are worth trying, then which; (256, 9).
+
+    Where all 8 neighbours can be gone to, among the cheapest ways there is one that takes its diagonal steps first:
+    after a straight step it goes straight on, after a diagonal one on or half a right angle to either side.
+    """
+    table = np.zeros((256, 9), np.uint8)
+    for came in range(256):
         for d in range(8):
-            c, r = u + _STEPS[d, 0], v + _STEPS[d, 1]
-            if c < 0 or r < 0 or c >= columns or r >= rows or number[r, c] < 0:
-                continue
-            if d % 2 == 1 and (number[v, c] < 0 or number[r, u] < 0):
-                continue
-            table[k, d] = number[r, c]
+            beside = (1 << (d + 1) % 8 | 1 << (d + 7) % 8) if d % 2 == 0 else 0
+            if came & (1 << d | beside):
+                table[came, 0] += 1
+                table[came, table[came, 0]] = d
     return table
 
 
 @kernel
-def _costs_from(neighbours, source, cost):  # type: ignore[no-untyped-def]
-    """Fill ``cost`` (K,) int32 with the exact cost from ``source``; _FAR where there is no way."""
-    count = len(neighbours)
+def _costs_from(graph, open_floor, going_on, source, cost, came, queue):  # type: ignore[no-untyped-def]
+    """Fill ``cost`` (K,) int32 with the exact cost from ``source``; _FAR where there is no way.
+
+    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``came``
+    (K,) uint8 and ``queue`` (16 K + 2,) int32 are scratch memory.
+    """
     cost[:] = _FAR
     cost[source] = 0
-    slots = DIAGONAL + 1
-    heads = np.full(slots, -1, np.int64)
-    entry_cell = np.empty(9 * count + 1, np.int32)
-    entry_next = np.empty(9 * count + 1, np.int64)
-    entry_cell[0] = source
-    entry_next[0] = -1
+    came[source] = 255
+    heads = np.full(4, -1, np.int64)  # a step leads into the second bucket ahead at most
+    queue[0], queue[1] = source, -1
     heads[0] = 0
-    used, waiting, level = 1, 1, 0
-    while waiting > 0:
-        slot = level % slots
-        while heads[slot] >= 0:
-            e = heads[slot]
-            heads[slot] = entry_next[e]
-            waiting -= 1
-            u = entry_cell[e]
-            if cost[u] != level:
-                continue
-            for d in range(8):
-                v = neighbours[u, d]
+    used, bucket, empty = 2, 0, 0
+    while empty < 4:
+        e = heads[bucket & 3]
+        heads[bucket & 3] = -1
+        empty = 0 if e >= 0 else empty + 1
+        while e >= 0:
+            u = np.uintp(queue[np.uintp(e)])
+            e = np.int64(queue[np.uintp(e + 1)])
+            here = cost[u]
+            if here >> 6 != bucket:
+                continue  # it was reached at less
+            steps = np.uintp(came[u] if open_floor[u] else 255)
+            for i in range(np.uintp(going_on[steps, 0])):
+                d = going_on[steps, i + np.uintp(1)]
+                v = graph[u, np.uintp(d)]
                 if v < 0:
                     continue
-                new = level + (DIAGONAL if d % 2 else STRAIGHT)
-                if new < cost[v]:
+                v = np.uintp(v)
+                new = here + (DIAGONAL if d & 1 else STRAIGHT)
+                old = cost[v]
+                if new < old:
                     cost[v] = new
-                    entry_cell[used] = v
-                    entry_next[used] = heads[new % slots]
-                    heads[new % slots] = used
-                    used += 1
-                    waiting += 1
-        level += 1
-
-
-def _landmarks(
-    neighbours: NDArray[np.int32], part_cells: NDArray[np.int32], part_start: NDArray[np.int64]
-) -> NDArray[np.int32]:
-    """Exact costs (K, L) from L cells far apart in the cell's own part, the farthest from all before each time."""
-    table = np.zeros((len(neighbours), _LANDMARKS), dtype=np.int32)
-    cost = np.empty(len(neighbours), dtype=np.int32)
-    for first, last in itertools.pairwise(part_start):
-        if last - first < _WORTH_LANDMARKS and first > 0:
-            break  # small parts do with the octile distance
-        cells = part_cells[first:last]
-        _costs_from(neighbours, cells[0], cost)
-        source = cells[cost[cells].argmax()]
-        nearest = np.full(len(cells), _FAR, dtype=np.int32)
-        for k in range(_LANDMARKS):
-            _costs_from(neighbours, source, cost)
-            table[cells, k] = cost[cells]
-            np.minimum(nearest, cost[cells], out=nearest)
-            source = cells[nearest.argmax()]
-    return table
+                    came[v] = 1 << d
+                    if new >> 6 != old >> 6:  # else it waits there
+                        queue[np.uintp(used)] = v
+                        queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
+                        heads[new >> 6 & 3] = used
+                        used += 2
+                elif new == old:
+                    came[v] |= 1 << d
+        bucket += 1
 
 
 @kernel

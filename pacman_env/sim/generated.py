@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
+from ..jit import kernel
 from ..rng import LEVEL
 from ..world.houses import MAX_EXTENT_M, draw_house
 from ..world.occupancy import MapError, OccupancyMap
@@ -22,7 +23,8 @@ from .parameters import draw_below
 TEST_LEVEL = 1_000_000  # the first of the test levels
 TEST_LEVELS = 1000
 _ATTEMPTS = 60
-_SPARE_SLOTS = 64  # maps kept beyond those being played on
+_SPARE_SLOTS = 64  # maps kept beyond those being played on, if all levels can then be kept
+_NEAR_M, _NEAR_SHARE = 0.5, 0.75  # the ghosts come so near to so many of the pellets
 _PELLETS = (4, 16)  # of a house at a spacing of 2 m
 
 
@@ -77,8 +79,8 @@ class GeneratedMaps:
         return self.prepare(self.start_level)
 
     def slots(self, games: int) -> int:
-        """A map of its own for each game, and some more that may come again; two at least mark changing maps."""
-        return max(min(self.num_levels, games + _SPARE_SLOTS), 2)
+        """A map of its own for each game, or all levels if they are few; two at least mark changing maps."""
+        return max(self.num_levels if self.num_levels <= games + _SPARE_SLOTS else games, 2)
 
     def pellet_slots(self, config: Config) -> int:
         """Most pellets that a level is allowed to have."""
@@ -141,9 +143,20 @@ def _objection(assets: MapAssets, config: Config) -> str:
         return f"{assets.pellets} pellets"
     if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
         return f"{len(assets.dropped_ids)} pellets out of reach"
-    cells = assets.clyde.part_cells[assets.clyde.part_start[assets.clyde_part] :][
-        : np.diff(assets.clyde.part_start)[assets.clyde_part]
-    ]
-    offset = assets.clyde.position[cells][None, :, :] - assets.goal_xy[: assets.pellets, None, :]
-    near = ((offset**2).sum(axis=2).min(axis=1) <= 0.5**2).sum()
-    return "" if near >= 0.75 * assets.pellets else f"the ghosts come to {near} of {assets.pellets} pellets"
+    clyde, part = assets.clyde, assets.clyde_part
+    cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
+    near = _come_near(assets.goal_xy[: assets.pellets], clyde.position, cells, _NEAR_M)
+    return "" if near >= _NEAR_SHARE * assets.pellets else f"the ghosts come to {near} of {assets.pellets} pellets"
+
+
+@kernel
+def _come_near(goals, position, cells, near):  # type: ignore[no-untyped-def]
+    """How many goals (P, 2) have one of the cells within ``near`` m."""
+    count = 0
+    for i in range(len(goals)):
+        for cell in cells:
+            dx, dy = goals[i, 0] - position[cell, 0], goals[i, 1] - position[cell, 1]
+            if dx * dx + dy * dy <= near * near:
+                count += 1
+                break
+    return count

@@ -17,7 +17,7 @@ from ..config import Config
 from ..world.paths import UNREACHABLE_CM
 from .assets import MapAssets
 
-_SPARE = 2.0  # room for larger maps; memory is taken as it is written to
+_SPARE = 1.5  # room for larger maps; memory is taken as it is written to
 _PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
 _VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
 _FIXED = ("affine", "shape", "home", "spawn_count", "ghost_corner")
@@ -34,7 +34,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "affine": grid.affine,
         "shape": np.array(grid.shape, dtype=np.int32),
         "snap": grid.snap,
-        "neighbours": assets.neighbours,
+        "neighbours": assets.neighbours[:, ::2],  # the 8 around a cell
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,

@@ -130,11 +130,26 @@ def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfi
     254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
     """
     d = clearance.astype(np.float64)
-    cost = np.floor(252.0 * np.exp(-nav2.inflation_scale * (d - robot.inscribed_radius_m)))
-    cost[d > math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6] = 0
+    cost = np.zeros(d.shape, dtype=np.uint8)
+    near = d <= math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6
+    decay = np.floor(252.0 * np.exp(-nav2.inflation_scale * (d[near] - robot.inscribed_radius_m)))
+    cost[near] = np.clip(decay, 0, 254).astype(np.uint8)
     cost[d <= robot.inscribed_radius_m] = INSCRIBED
     cost[d == 0] = LETHAL
-    return np.clip(cost, 0, 254).astype(np.uint8)
+    return cost
+
+
+def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
+    """First and last row, first and last column (the last ones excluded) of what is set and a margin around it."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return 0, mask.shape[0], 0, mask.shape[1]
+    return (
+        max(int(rows[0]) - margin, 0),
+        min(int(rows[-1]) + margin + 1, mask.shape[0]),
+        max(int(columns[0]) - margin, 0),
+        min(int(columns[-1]) + margin + 1, mask.shape[1]),
+    )
 
 
 def _parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -145,16 +160,19 @@ def _parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32
 
 
 def _home_cell(
-    drivable: NDArray[np.bool_], clearance: NDArray[np.float32], wished: tuple[int, int], any_part: bool
+    labels: NDArray[np.int32],
+    areas: NDArray[np.int32],
+    clearance: NDArray[np.float32],
+    wished: tuple[int, int],
+    any_part: bool,
 ) -> tuple[int, int]:
     """The wished cell if the robot can stand there, else the roomiest one of the largest part.
 
     Unless ``any_part``, the wished cell must lie in a part worth playing in: a quarter of the largest or more.
     """
-    labels, areas = _parts(drivable)
     column, row = wished
-    rows, columns = drivable.shape
-    inside = 0 <= row < rows and 0 <= column < columns and drivable[row, column]
+    rows, columns = labels.shape
+    inside = 0 <= row < rows and 0 <= column < columns and labels[row, column] > 0
     if inside and (any_part or areas[labels[row, column]] * 4 >= areas.max()):
         return column, row
     best = int(np.where(labels == areas.argmax(), clearance, -1.0).argmax())
@@ -189,6 +207,10 @@ def build_grid(
     res = occupancy.resolution
     free = np.flipud(occupancy.game_free(pellets.free_grey))
     free = np.pad(free, _MARGIN, constant_values=False)
+    # What lies further from all free cells is never looked at.
+    keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
+    r0, r1, c0, c1 = _frame(free, keep)
+    free = free[r0:r1, c0:c1]
     # Ray noise far from any place where the robot fits is dropped before anything else is computed.
     clearance = clearance_m(free, res)
     drivable = clearance > robot.inscribed_radius_m
@@ -209,38 +231,37 @@ def build_grid(
     to_cell, _ = affine(-_MARGIN, -_MARGIN)
     hx, hy, heading = (0.0, 0.0, 0.0) if home is None else home
     column, row = _apply(to_cell, hx, hy)
-    wished = (math.floor(column), math.floor(row))
-    home_cell = _home_cell(drivable, clearance, wished, any_part=home is not None)
+    wished = (math.floor(column) - c0, math.floor(row) - r0)
+    labels, areas = _parts(drivable)
+    home_cell = _home_cell(labels, areas, clearance, wished, any_part=home is not None)
     if home is not None and home_cell != wished:
         raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
-    labels, _ = _parts(drivable)
     main = labels == labels[home_cell[1], home_cell[0]]
 
-    rows, columns = np.nonzero(main)
-    keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
-    r0, r1 = max(rows.min() - keep, 0), min(rows.max() + keep + 1, main.shape[0])
-    c0, c1 = max(columns.min() - keep, 0), min(columns.max() + keep + 1, main.shape[1])
-    free, main, clearance = free[r0:r1, c0:c1], main[r0:r1, c0:c1], clearance[r0:r1, c0:c1]
-
+    top, bottom, left, right = _frame(main, keep)
+    window = np.s_[top:bottom, left:right]
+    free, main, clearance = free[window], main[window], clearance[window]
+    r0, c0 = r0 + top, c0 + left
     # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
     away, nearest = cv2.distanceTransformWithLabels(
         (~main).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
     swept = free & (away * res <= robot.inscribed_radius_m)
-    to_cell, to_world = affine(int(c0) - _MARGIN, int(r0) - _MARGIN)
+    offset = c0 - _MARGIN, r0 - _MARGIN
+    to_cell, to_world = affine(*offset)
 
     cell_id = np.full(main.shape, -1, dtype=np.int32)
-    rows, columns = np.nonzero(main)
-    cell_id[rows, columns] = np.arange(len(rows), dtype=np.int32)
+    cell = cv2.findNonZero(main.astype(np.uint8)).reshape(-1, 2)
+    cell_id[main] = np.arange(len(cell), dtype=np.int32)
     by_label = np.zeros(int(nearest.max()) + 1, dtype=np.int32)
-    by_label[nearest[rows, columns]] = cell_id[rows, columns]
+    by_label[nearest[main]] = np.arange(len(cell), dtype=np.int32)
 
     segments = []
     for polygon in _walls(~swept):
         xy = np.stack(_apply(to_world, polygon[:, 0] + 0.5, polygon[:, 1] + 0.5), axis=1)
         segments.append(np.concatenate([xy, np.roll(xy, -1, axis=0)], axis=1))
-    hc, hr = home_cell[0] - c0, home_cell[1] - r0
-    home_xy = (hx, hy) if wished == home_cell else _apply(to_world, hc + 0.5, hr + 0.5)
+    roomiest = _apply(to_world, home_cell[0] - left + 0.5, home_cell[1] - top + 0.5)
+    home_xy = (hx, hy) if wished == home_cell else roomiest
     return DriveGrid(
         resolution=res,
         affine=to_cell,
@@ -250,19 +271,28 @@ def build_grid(
         cost=inflate(clearance, res, robot, nav2),
         cell_id=cell_id,
         snap=by_label[nearest],
-        cell=np.stack([columns, rows], axis=1).astype(np.int32),
+        cell=cell,
         walls=np.concatenate(segments),
         home=np.array([home_xy[0], home_xy[1], heading]),
-        offset=(int(c0) - _MARGIN, int(r0) - _MARGIN),
+        offset=offset,
     )
 
 
 def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
     """Distance (H, W) of each cell's centre to that of the nearest cell that is not free, m."""
     distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # OpenCV's last bit differs from call to call; the squares are whole numbers, so rounding makes them exact.
-    squared = np.rint(np.square(distance, dtype=np.float64))
-    return (np.sqrt(squared) * resolution).astype(np.float32)
+    return _whole_squares(distance, resolution)
+
+
+@kernel
+def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
+    """Distances in m. OpenCV's last bit differs from call to call; the squares are whole, so rounding is exact."""
+    rounded = np.empty(distance.shape, np.float32)
+    for row in range(len(distance)):
+        for column in range(distance.shape[1]):
+            d = np.float64(distance[row, column])
+            rounded[row, column] = np.sqrt(np.rint(d * d)) * resolution
+    return rounded
 
 
 @kernel

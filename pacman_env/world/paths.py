@@ -26,9 +26,10 @@ STEPS8 = STEPS16[::2].copy()
 
 _START = 16  # in place of a direction: the way begins at this cell
 _SETTLED = 32  # added to a cell's direction once its cost is final
-_PAD = 2  # no step leads further; the window of 25 cells at most that far from a cell is numbered row by row
-_OUTSIDE = np.uint64(1 << 60)  # a cell that is not in the window: no pattern has it
-_OPEN = np.uint64((1 << 50) - 1)  # pattern of a window: weight 1 (bits 0 to 24), drivable (bits 25 to 49)
+_PAD = 2  # no step leads further
+#: A pattern tells of the 5 rows of 5 cells around a cell which have weight 1 (5 bits), which are drivable (5 bits).
+_OPEN = np.uint64((1 << 50) - 1)
+_OUTSIDE = np.uint64(1 << 60)  # a cell beyond those 25: no pattern has it
 _EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside _DETOUR
 _DETOUR = 0.05  # cells that a way must be longer than another to be called a detour
 _BATCH = 64  # cells whose steps are looked at together
@@ -114,7 +115,7 @@ class PathFields:
         )
         self._queue = (
             np.empty(slots, dtype=np.int32),  # newest entry of each bucket
-            np.empty((16 * len(cell) + 1, 2), dtype=np.int32),  # cell and entry before; a step enters one at most
+            np.empty(32 * len(cell) + 2, dtype=np.int32),  # entries: cell, entry before; a step makes one at most
         )
 
     def to(self, goal: int) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
@@ -190,22 +191,22 @@ def _needed(a, b, one, m, other, n, free_a, free_b):  # type: ignore[no-untyped-
 
 @kernel
 def _bit(column, row):  # type: ignore[no-untyped-def]
-    """The bit of a cell of the window."""
+    """The bit for "has weight 1" of a cell this far from a pattern's middle."""
     if abs(column) > _PAD or abs(row) > _PAD:
         return _OUTSIDE
-    return np.uint64(1) << np.uint64((row + _PAD) * 5 + column + _PAD)
+    return np.uint64(1) << np.uint64((row + _PAD) * 10 + column + _PAD)
 
 
 @kernel
 def _drivable(column, row):  # type: ignore[no-untyped-def]
-    """The bit of a cell of the window that may have any weight."""
+    """The bit for "is drivable"."""
     bit = _bit(column, row)
-    return bit if bit == _OUTSIDE else bit << np.uint64(25)
+    return bit if bit == _OUTSIDE else bit << np.uint64(5)
 
 
 @kernel
 def _patterns(cell, weight, columns, weights):  # type: ignore[no-untyped-def]
-    """Place of each cell (K,) on the padded grid, the number of each place's pattern, the patterns.
+    """Place of each cell (K,) on the padded grid, 17 times the number of each place's pattern, the patterns.
 
     Fills the places' ``weights``. Pattern 0 is _OPEN; equal patterns are found by hashing, with linear probing.
     """
@@ -222,15 +223,16 @@ def _patterns(cell, weight, columns, weights):  # type: ignore[no-untyped-def]
     while slots < 2 * count:
         slots *= 2
     table = np.zeros(slots, np.int32)
+    row_bits = np.zeros(len(weights), np.uint64)
+    bits = 0
+    for place in range(len(weights) - _PAD):
+        w = weights[place + _PAD]
+        bits = bits >> 1 & 0b0111101111 | (w == np.float32(1.0)) << 4 | (w < np.inf) << 9
+        row_bits[place] = bits
     for k in range(count):
         pattern = np.uint64(0)
-        bit = np.uint64(0)
-        for row in range(-_PAD, _PAD + 1):
-            for place in range(at[k] + row * columns - _PAD, at[k] + row * columns + _PAD + 1):
-                w = weights[np.uintp(place)]
-                pattern |= np.uint64(w == np.float32(1.0)) << bit
-                pattern |= np.uint64(w < np.inf) << (bit + np.uint64(25))
-                bit += np.uint64(1)
+        for row in range(5):
+            pattern |= row_bits[np.uintp(at[k] + (row - _PAD) * columns)] << np.uint64(10 * row)
         if pattern == _OPEN:
             continue
         slot = np.int64((pattern * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & (slots - 1)
@@ -240,15 +242,15 @@ def _patterns(cell, weight, columns, weights):  # type: ignore[no-untyped-def]
             table[slot] = used
             patterns[used] = pattern
             used += 1
-        kind[at[k]] = table[slot]
+        kind[at[k]] = 17 * table[slot]
     return at, kind, patterns[:used]
 
 
 @kernel
 def _worth_trying(patterns, detours):  # type: ignore[no-untyped-def]
-    """Directions in rising order, uint8 (N, 17, 16), by pattern and the direction come by; their number (N, 17)."""
-    directions = np.empty((len(patterns), 17, 16), np.uint8)
-    number = np.empty((len(patterns), 17), np.uint8)
+    """Directions in rising order, uint8 (17 N, 16), by pattern and the direction come by, and their number (17 N,)."""
+    directions = np.empty((17 * len(patterns), 16), np.uint8)
+    number = np.empty(17 * len(patterns), np.uint8)
     needed = np.empty(16, np.uint64)
     for b in range(16):
         dc, dr = STEPS16[b]
@@ -259,10 +261,10 @@ def _worth_trying(patterns, detours):  # type: ignore[no-untyped-def]
         for a in range(17):
             n = np.uintp(0)
             for b in range(16):
-                directions[k, a, n] = b
+                directions[17 * k + a, n] = b
                 allowed = needed[b] & lacking == 0
                 n += np.uintp(allowed and detours[a, b, 0] & lacking != 0 and detours[a, b, 1] & lacking != 0)
-            number[k, a] = n
+            number[17 * k + a] = n
     return directions, number
 
 
@@ -286,10 +288,10 @@ def _search(goal, ground, labels, queue):  # type: ignore[no-untyped-def]
     cost[start] = 0.0
     came[start] = _START
     metres[start] = 0.0
-    entry[0, 0] = start
-    entry[0, 1] = -1
+    entry[0] = start
+    entry[1] = -1
     head[0] = 0
-    used = 1
+    used = 2
     bucket = 0
     empty = 0
     while empty <= mask:
@@ -305,8 +307,8 @@ def _search(goal, ground, labels, queue):  # type: ignore[no-untyped-def]
             # for an index that counts from the end.
             n = np.uintp(0)
             while e >= 0 and n < _BATCH:
-                u = np.uintp(entry[np.uintp(e), 0])
-                e = np.int64(entry[np.uintp(e), 1])
+                u = np.uintp(entry[np.uintp(e)])
+                e = np.int64(entry[np.uintp(e + 1)])
                 batch[n] = u
                 n += np.uintp(came[u] < _SETTLED)
                 came[u] |= _SETTLED
@@ -316,12 +318,12 @@ def _search(goal, ground, labels, queue):  # type: ignore[no-untyped-def]
                 a = np.uintp(came[u] & (_SETTLED - 1))
                 here = cost[u]
                 metres[u] = metres[np.uintp(np.int64(u) - offset[a])] + metres_of[a]
-                pattern = np.uintp(kind[u])
                 if here >= _EXACT_BELOW:
                     a = np.uintp(_START)
-                if pattern == 0 and a != _START:
+                row = np.uintp(kind[u]) + a
+                if row < _START:  # on open floor
                     for j in range(3):
-                        d = np.uintp(directions[0, a, j])
+                        d = np.uintp(directions[row, j])
                         v = np.uintp(np.int64(u) + offset[d])
                         new = here + length[d]
                         to[m] = v
@@ -330,8 +332,8 @@ def _search(goal, ground, labels, queue):  # type: ignore[no-untyped-def]
                         m += np.uintp(new < cost[v])
                 else:
                     weight = weights[u]
-                    for j in range(np.uintp(number[pattern, a])):
-                        d = np.uintp(directions[pattern, a, j])
+                    for j in range(np.uintp(number[row])):
+                        d = np.uintp(directions[row, j])
                         v = np.uintp(np.int64(u) + offset[d])
                         new = here + half[d] * (weight + weights[v])
                         to[m] = v
@@ -345,10 +347,10 @@ def _search(goal, ground, labels, queue):  # type: ignore[no-untyped-def]
                     cost[v] = new
                     came[v] = by[i]
                     slot = np.uintp(np.int64(new) & mask)
-                    entry[used, 0] = v
-                    entry[used, 1] = head[slot]
+                    entry[np.uintp(used)] = v
+                    entry[np.uintp(used + 1)] = head[slot]
                     head[slot] = used
-                    used += 1
+                    used += 2
         bucket += 1
 
 

@@ -8,7 +8,7 @@ and a velocity written over the solver's result would push a body into the wall 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pymunk
@@ -64,7 +64,7 @@ class PhysicsWorld:
         self._per_space = GAMES_PER_SPACE if shared else 1
         # pymunk.batch counts each space's static body as its last row: one spare row per space.
         self.row = np.arange(n) + np.arange(n) // self._per_space
-        rows = int(self.row[-1]) + 2
+        rows = int(self.row[-1]) + 3  # one more at the end: see _Space
         self.state = np.zeros((rows, STATE_FIELDS))
         self.force = np.zeros((rows, FORCE_FIELDS))
         self._spaces = [self._space(first, walls) for first in range(0, n, self._per_space)]
@@ -112,26 +112,17 @@ class PhysicsWorld:
                 space.space.step(self.step_s)
 
 
-def _batched(
-    space: pymunk.Space, function: str, fields: pymunk.batch.BodyFields, buffer: pymunk.batch.Buffer
-) -> Callable[[], None]:
-    """``pymunk.batch.get_space_bodies`` or ``set_space_bodies`` for one space, bound once.
+def _batched(function: str, fields: pymunk.batch.BodyFields, buffer: pymunk.batch.Buffer) -> tuple[Any, Any, Any]:
+    """What ``pymunk.batch.get_space_bodies`` or ``set_space_bodies`` makes anew at each call, made once.
 
-    The same C call with its arguments made once instead of each step: those of 64 bodies take longer to make than
-    the call itself takes.
+    Returns:
+        The C function that visits a body, its data, and the array whose counter says where the data begin.
     """
     data = ffi.new("pmBatchedData *")
     data.fields = fields.value
     array = data.floatArray = buffer._float_arr
     data.intArray = buffer._int_arr
-    visit = ffi.addressof(lib, function)
-    each, handle = lib.cpSpaceEachBody, space._space
-
-    def call() -> None:
-        array.num = 0  # both directions run through the array from its beginning
-        each(handle, visit, data)
-
-    return call
+    return ffi.addressof(lib, function), data, array
 
 
 class _Space:
@@ -161,21 +152,24 @@ class _Space:
             space.add(body, shape)
             self.bodies.append(body)
         self.space = space
-        self._state = state
-        self._force = pymunk.batch.Buffer()
-        self._force.set_float_buf(force)
-        self._out = pymunk.batch.Buffer()
-        pymunk.batch.get_space_bodies(space, _STATE, self._out)
-        self._set_force = _batched(space, "pmSpaceBodySetIteratorFuncBatched", _FORCE, self._force)
-        self._get_state = _batched(space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._out)
-        # The buffer has its full size now and is never moved again, so one view serves every step.
-        self._view = np.frombuffer(self._out.float_buf(), dtype=np.float64).reshape(count + 1, STATE_FIELDS)
+        # Both buffers are the world's own arrays, as long as the bodies have numbers: pymunk reads and writes in place.
+        self._buffers = pymunk.batch.Buffer(), pymunk.batch.Buffer()
+        for buffer, array in zip(self._buffers, (force, state), strict=True):
+            buffer.set_float_buf(array)
+        set_force, data_in, array_in = _batched("pmSpaceBodySetIteratorFuncBatched", _FORCE, self._buffers[0])
+        get_state, data_out, array_out = _batched("pmSpaceBodyGetIteratorFuncBatched", _STATE, self._buffers[1])
+        array_out.max += STATE_FIELDS  # pymunk would make room for another body before there is one
+        each, advance, handle = lib.cpSpaceEachBody, lib.cpSpaceStep, space._space
 
-    def step(self, step_s: float) -> None:
-        self._set_force()
-        self.space.step(step_s)
-        self._get_state()
-        self._state[:] = self._view
+        def step(step_s: float) -> None:
+            """Apply the forces, advance, write the states: the three C calls of a step with all else made before."""
+            array_in.num = 0
+            each(handle, set_force, data_in)
+            advance(handle, step_s)
+            array_out.num = 0
+            each(handle, get_state, data_out)
+
+        self.step = step
 
     def deepest_contact(self) -> float:
         data = pymunk.batch.Buffer()

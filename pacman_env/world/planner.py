@@ -155,11 +155,11 @@ def _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search):  
         if goal_blocked and abs(cell_xy[u, 0] - gx) <= tolerance and abs(cell_xy[u, 1] - gy) <= tolerance:
             reached = u
             break
-        for d in range(0, neighbours.shape[1], 2):  # the 8 neighbours
+        for d in range(8):
             v = neighbours[u, d]
             if v < 0 or _keepout_violated(cell_xy[v, 0], cell_xy[v, 1], obstacles):
                 continue
-            new = node[u, 0] + (diagonal if d % 4 else straight)
+            new = node[u, 0] + (diagonal if d % 2 else straight)
             if node[v, 2] == stamp and node[v, 0] <= new:
                 continue
             node[v, 0] = new
