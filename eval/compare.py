@@ -19,11 +19,11 @@ from eval.files import prepare, replaced
 from eval.parallel import Block, play_all
 from eval.report_table import render
 from eval.rows import Row, make_row
-from eval.settings import parse_settings
 from pacman_env import __version__
 from pacman_env.cli import ERROR_STATUS, Parser
 from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
 from pacman_env.policies.registry import make_policy, policy_names
+from pacman_env.settings import parse_settings
 from pacman_env.sim.assets import MapAssets, map_assets
 
 SCHEMA = 1

@@ -11,6 +11,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from pacman_env import __version__
@@ -64,6 +65,11 @@ def _add_map_group(commands: Any) -> None:
     check.add_argument("--spacing", type=_finite, default=2.0, help="pellet spacing, m (%(default)s)")
     check.set_defaults(run=_map_check)
     group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)
+    generate = group.add_parser("generate", help="write the houses of levels as map files")
+    generate.add_argument("folder", type=Path, help="where generated-LEVEL.yaml and .pgm go")
+    generate.add_argument("--level", type=_not_negative, default=0, help="the first level (%(default)s)")
+    generate.add_argument("--count", type=_not_negative, default=1, help="how many (%(default)s)")
+    generate.set_defaults(run=_map_generate)
 
 
 def _map_check(arguments: argparse.Namespace) -> int:
@@ -88,20 +94,38 @@ def _map_list(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _map_generate(arguments: argparse.Namespace) -> int:
+    from pacman_env.config import make_config
+    from pacman_env.sim.generated import level_map
+
+    config = make_config()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    for level in range(arguments.level, arguments.level + arguments.count):
+        print(level_map(level, config).save(arguments.folder / f"generated-{level}.yaml"))
+    return 0
+
+
 def _add_play(commands: Any) -> None:
     play = commands.add_parser("play", help="play rounds in a window, with mouse and keys (F1: which)")
-    play.add_argument("--map", default="house", metavar="FILE_OR_NAME", help="as for 'map check' (%(default)s)")
+    play.add_argument(
+        "--map", default="house", metavar="FILE_OR_NAME", help="as for 'map check', or 'generated' (%(default)s)"
+    )
     play.add_argument("--preset", default="robot", help="robot or ideal (%(default)s)")
     play.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
-    play.add_argument("--seed", type=_seed, help="of the first round; the others follow from it (random)")
+    play.add_argument("--seed", type=_not_negative, help="of the first round; the others follow from it (random)")
     play.add_argument("--clyde-speed", type=_finite, metavar="M_PER_S", help="Clyde's speed")
     play.add_argument("--time-limit", type=_finite, metavar="S", help="length of a round at most")
+    play.add_argument("--drive", action="store_true", help="drive with the arrow keys instead of naming goals")
+    play.add_argument("--endless", action="store_true", help="round after round, Clyde faster each time")
+    play.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
+    )
     play.add_argument("--fps", type=_finite, default=20.0, help="pictures per second, about (%(default)s)")
     play.add_argument("--speed", type=_finite, default=1.0, help="times real time (%(default)s)")
     play.set_defaults(run=_play)
 
 
-def _seed(text: str) -> int:
+def _not_negative(text: str) -> int:
     value = int(text)
     if value < 0:
         raise argparse.ArgumentTypeError(f"{text!r} is negative")
@@ -112,13 +136,19 @@ def _play(arguments: argparse.Namespace) -> int:
     from pacman_env.envs.human_window import HumanWindow
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.envs.play import Player, play
+    from pacman_env.settings import parse_settings
 
     try:
         window = HumanWindow()
     except ImportError as error:  # pygame is an extra
         raise OSError(error) from error
-    given = {"clyde.speed_mps": arguments.clyde_speed, "time_limit_s": arguments.time_limit}
-    settings = {name: value for name, value in given.items() if value is not None}
+    given = {
+        "clyde.speed_mps": arguments.clyde_speed,
+        "time_limit_s": arguments.time_limit,
+        "action": "velocity" if arguments.drive else None,
+        "endless": arguments.endless or None,
+    }
+    settings = {name: value for name, value in given.items() if value is not None} | parse_settings(arguments.set)
     kind = arguments.map, arguments.preset, arguments.execution
     try:
         window.require_screen()

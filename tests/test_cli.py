@@ -158,3 +158,12 @@ def test_version_as_a_process() -> None:
     command = [sys.executable, "-m", "pacman_env.cli", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n", "")
+
+
+def test_generate_writes_the_houses_of_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["map", "generate", str(tmp_path / "houses"), "--level", "7", "--count", "2"]) == 0
+    assert sorted(path.name for path in (tmp_path / "houses").iterdir()) == [
+        *("generated-7.pgm", "generated-7.yaml", "generated-8.pgm", "generated-8.yaml")
+    ]
+    assert capsys.readouterr().out.split() == [str(tmp_path / "houses" / f"generated-{k}.yaml") for k in (7, 8)]
+    assert occupancy.load_map(tmp_path / "houses" / "generated-7.yaml").name == "generated-7"

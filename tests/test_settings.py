@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from eval.settings import parse_settings
 from pacman_env.config import ConfigError, make_config
+from pacman_env.settings import parse_settings
 
 
 @pytest.mark.parametrize(
@@ -17,6 +17,9 @@ from pacman_env.config import ConfigError, make_config
         ("time_limit_s=60", 60.0),
         ("max_pellets=20", 20),
         ("max_pellets=none", None),
+        ("clyde.ghosts=chase,wander", ("chase", "wander")),
+        ("randomize.clyde_speed_mps=0.2, 0.5", (0.2, 0.5)),
+        ("randomize.clyde_speed_mps=none", None),
     ],
 )
 def test_values_get_the_type_of_their_field(text: str, value: object) -> None:
@@ -37,6 +40,7 @@ def test_values_get_the_type_of_their_field(text: str, value: object) -> None:
         ("nav2.abort_rate=often", "'often': must be a number"),
         ("refuges.spread=1.5", "'1.5': must be a whole number"),
         ("localization.perfect=1", "'1': must be true or false"),
+        ("randomize.clyde_speed_mps=0.2,fast", "'fast': must be a number"),
     ],
 )
 def test_wrong_settings_are_named(text: str, message: str) -> None:

@@ -1,4 +1,7 @@
-"""Configuration fields given as text, ``clyde.update_period_s=0.1``, turned into values of its type."""
+"""Configuration fields given as text, ``clyde.update_period_s=0.1``, turned into values of its type.
+
+Several values are written with commas: ``clyde.ghosts=chase,wander``, ``randomize.clyde_speed_mps=0.2,0.5``.
+"""
 
 from __future__ import annotations
 
@@ -46,6 +49,9 @@ def _value(name: str, text: str, kind: Any) -> Any:
         if text.lower() == "none":
             return None
         kind = next(k for k in typing.get_args(kind) if k is not types.NoneType)
+    if typing.get_origin(kind) is tuple:
+        kinds = typing.get_args(kind)
+        return tuple(_value(name, part.strip(), kinds[0]) for part in text.split(","))
     if typing.get_origin(kind) is typing.Literal:
         return text  # which words are allowed is checked by the configuration
     try:
