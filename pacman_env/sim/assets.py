@@ -142,7 +142,9 @@ def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, fl
     return x, y, heading
 
 
-def _build(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str | None) -> MapAssets:
+def _build(
+    occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str | None
+) -> MapAssets:
     """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)

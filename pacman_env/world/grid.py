@@ -114,7 +114,9 @@ def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
     found = -1
     least = np.inf
     for row in range(int(min(max(cy - reach - 1.0, 0.0), rows)), int(min(max(cy + reach + 1.0, 0.0), rows))):
-        for column in range(int(min(max(cx - reach - 1.0, 0.0), columns)), int(min(max(cx + reach + 1.0, 0.0), columns))):
+        for column in range(
+            int(min(max(cx - reach - 1.0, 0.0), columns)), int(min(max(cx + reach + 1.0, 0.0), columns))
+        ):
             dx, dy = column + 0.5 - cx, row + 0.5 - cy
             if cell_id[row, column] >= 0 and max(abs(dx), abs(dy)) <= reach and dx * dx + dy * dy < least:
                 least = dx * dx + dy * dy
@@ -240,7 +242,7 @@ def build_grid(
 
     top, bottom, left, right = _frame(main, keep)
     window = np.s_[top:bottom, left:right]
-    free, main, clearance = free[window], main[window], clearance[window]
+    free, main, clearance = free[window], main[window], np.ascontiguousarray(clearance[window])
     r0, c0 = r0 + top, c0 + left
     # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
     away, nearest = cv2.distanceTransformWithLabels(
