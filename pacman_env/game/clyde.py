@@ -72,14 +72,14 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
     graph = np.zeros((len(pixel), 16), dtype=np.int32)
     graph[:, _AT_PIXEL:] = pixel = pixel.reshape(-1, 2)
     # 4-connected: a diagonal step needs both cells beside it
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(roomy, connectivity=4)
-    order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")
+    label = cv2.connectedComponents(roomy, connectivity=4)[1][roomy > 0] - 1
+    sizes = np.bincount(label)
+    order = np.argsort(-sizes, kind="stable")
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
-    part = rank[labels[roomy > 0] - 1]
+    part = rank[label]
     part_cells = np.argsort(part, kind="stable").astype(np.int32)
-    sizes = np.bincount(part, minlength=len(order))
-    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    start = np.concatenate([[0], np.cumsum(sizes[order])]).astype(np.int64)
     _number_neighbours(graph, *roomy.shape)
     longest = _landmarks(graph, part_cells, start)
     x, y = pixel_to_world(occupancy, *pixel.T.astype(np.int64))
@@ -123,7 +123,9 @@ def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
     going_on = _going_on()
     open_floor = np.empty(count, np.bool_)
     for k in range(count):
-        open_floor[k] = graph[k, :_AT_LANDMARKS].min() >= 0
+        open_floor[k] = True
+        for d in range(8):
+            open_floor[k] &= graph[k, d] >= 0
     bound = 0
     for p in range(len(part_start) - 1):
         cells = part_cells[part_start[p] : part_start[p + 1]]
@@ -133,22 +135,25 @@ def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
         if not guided and not unbound:
             break  # the parts to come are smaller
         _costs_from(graph, open_floor, going_on, cells[0], cost, came, queue)
-        source = cells[cost[cells].argmax()]
+        source = cells[0]
+        for k in cells:
+            nearest[k] = _FAR
+            if cost[k] > cost[source]:
+                source = k
         if unbound:
             bound = max(bound, cost[source] * 2 // STRAIGHT)
         if not guided:
             continue
-        nearest[cells] = _FAR
         for column in range(_AT_LANDMARKS, _AT_PIXEL):
             _costs_from(graph, open_floor, going_on, source, cost, came, queue)
-            farthest = 0
+            source = cells[0]
             for k in cells:
                 graph[k, column] = cost[k]
-                farthest = max(farthest, cost[k])
                 nearest[k] = min(nearest[k], cost[k])
+                if nearest[k] > nearest[source]:
+                    source = k
             if p == 0 and column == _AT_LANDMARKS:
-                bound = farthest * 2 // STRAIGHT
-            source = cells[nearest[cells].argmax()]
+                bound = nearest[source] * 2 // STRAIGHT
     return bound + 2
 
 

@@ -194,12 +194,11 @@ def path_fields(
     ``neighbours`` and ``fields`` are those of the grid; a field that was computed before is not computed again.
     """
     count, goals = len(grid.cell), len(goal_cell)
-    length_cm = np.full((goals, count), UNREACHABLE_CM, dtype=np.uint16)
-    next_step = np.full((goals, count), NO_STEP, dtype=np.int16)
+    length_cm = np.empty((goals, count), dtype=np.uint16)
+    next_step = np.empty((goals, count), dtype=np.int16)
     fields = fields or grid.path_fields()
     for k, cell in enumerate(goal_cell.tolist()):
-        if cell >= 0:
-            length_cm[k], next_step[k] = fields.to(cell)
+        length_cm[k], next_step[k] = fields.to(cell) if cell >= 0 else (UNREACHABLE_CM, NO_STEP)
     return {"length_cm": np.ascontiguousarray(length_cm.T), "next_step": next_step}
 
 
@@ -218,7 +217,9 @@ def _spawn_cells(grid: DriveGrid, clyde: ClydeCells, part: int, config: Config) 
     else:
         cells = clyde.part_cells
     offset = clyde.position[cells] - grid.home[:2]
-    distance = np.hypot(offset[:, 0], offset[:, 1])
+    distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+    close = np.abs(distance - config.clyde.spawn_distance_m) < 1e-9
+    distance[close] = np.hypot(offset[close, 0], offset[close, 1])  # slower, to the last bit where that decides
     allowed = cells[distance >= config.clyde.spawn_distance_m]
     if len(allowed) == 0:
         raise ConfigError(

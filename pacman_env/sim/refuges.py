@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RefugeConfig
 from ..game.clyde import ClydeCells
-from ..world.grid import DriveGrid, clearance_m
+from ..world.grid import DriveGrid, clearance_m, connected_parts
 from ..world.paths import PathFields
 
 _ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
@@ -67,10 +66,7 @@ def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) 
     distance = clearance_m(away, grid.resolution)
     # Clyde's positions and cell centres can be half a cell's diagonal apart.
     safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(safe.astype(np.uint8), connectivity=4)
-    order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[: config.nooks] + 1
-    chosen = []
-    for label in order:
-        best = int(np.where(labels == label, distance, -1.0).argmax())
-        chosen.append(int(grid.cell_id.flat[best]))
-    return chosen
+    labels, areas = connected_parts(safe)
+    number, patch, distance = grid.cell_id[safe], labels[safe], distance[safe]
+    largest = np.argsort(-areas[1:], kind="stable")[: config.nooks] + 1
+    return [int(number[np.where(patch == k, distance, -1.0).argmax()]) for k in largest]

@@ -152,16 +152,18 @@ def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
     )
 
 
-def _parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """4-connected parts of a mask (diagonal steps need both neighbours) and the area of each."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    stats[0, cv2.CC_STAT_AREA] = 0
-    return labels, stats[:, cv2.CC_STAT_AREA]
+def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Number (H, W) of the 4-connected part (diagonal steps need both neighbours), from 1 on, and the area of each.
+
+    What is not set has number 0 and area 0.
+    """
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
+    return labels, np.bincount(labels[mask], minlength=1)
 
 
 def _home_cell(
     labels: NDArray[np.int32],
-    areas: NDArray[np.int32],
+    areas: NDArray[np.int64],
     clearance: NDArray[np.float32],
     wished: tuple[int, int],
     any_part: bool,
@@ -232,7 +234,7 @@ def build_grid(
     hx, hy, heading = (0.0, 0.0, 0.0) if home is None else home
     column, row = _apply(to_cell, hx, hy)
     wished = (math.floor(column) - c0, math.floor(row) - r0)
-    labels, areas = _parts(drivable)
+    labels, areas = connected_parts(drivable)
     home_cell = _home_cell(labels, areas, clearance, wished, any_part=home is not None)
     if home is not None and home_cell != wished:
         raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
@@ -240,7 +242,7 @@ def build_grid(
 
     top, bottom, left, right = _frame(main, keep)
     window = np.s_[top:bottom, left:right]
-    free, main, clearance = free[window], main[window], clearance[window]
+    free, main, clearance = free[window], main[window], np.ascontiguousarray(clearance[window])
     r0, c0 = r0 + top, c0 + left
     # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
     away, nearest = cv2.distanceTransformWithLabels(

@@ -256,15 +256,20 @@ def _worth_trying(patterns, detours):  # type: ignore[no-untyped-def]
         dc, dr = STEPS16[b]
         c0, r0, c1, r1 = _between(dc, dr)
         needed[b] = _drivable(dc, dr) | _drivable(c0, r0) | _drivable(c1, r1)
+    allowed = np.empty(17, np.int64)
     for k in range(len(patterns)):
         lacking = ~patterns[k]
-        for a in range(17):
+        m = 0
+        for b in range(16):
+            allowed[m] = b
+            m += needed[b] & lacking == 0
+        for row in range(17 * k, 17 * k + 17):
             n = np.uintp(0)
-            for b in range(16):
-                directions[17 * k + a, n] = b
-                allowed = needed[b] & lacking == 0
-                n += np.uintp(allowed and detours[a, b, 0] & lacking != 0 and detours[a, b, 1] & lacking != 0)
-            number[17 * k + a] = n
+            for b in allowed[:m]:
+                directions[row, n] = b
+                detour = detours[row - 17 * k, b]
+                n += np.uintp(min(detour[0] & lacking, detour[1] & lacking) != 0)
+            number[row] = n
     return directions, number
 
 

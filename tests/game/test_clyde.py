@@ -116,6 +116,41 @@ def test_parts_are_what_steps_connect_numbered_by_falling_size() -> None:
         assert (cells.part[steps[steps >= 0]] == part).all()
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from([0.6, 0.85, 0.97, 1.0]))
+def test_landmarks_hold_exact_costs_and_no_path_has_more_cells_than_said(seed: int, share_free: float) -> None:
+    grey = np.where(np.random.default_rng(seed).random((19, 24)) < share_free, 254, 0).astype(np.uint8)
+    grey[9, 9] = 254
+    cells = clyde_cells(OccupancyMap.from_pixels("rooms", grey, 0.5, (0.0, 0.0, 0.0)), CONFIG, 250)  # one cell's room
+    main = cells.part_cells[: cells.part_start[1]]
+    for column in cells.landmark[main].T:
+        source = int(main[column.argmin()])
+        best = {source: 0}
+        queue = [(0, source)]
+        while queue:
+            so_far, u = heapq.heappop(queue)
+            for d, v in enumerate(cells.neighbours[u].tolist()):
+                new = so_far + (DIAGONAL if d % 2 else STRAIGHT)
+                if v >= 0 and new < best.get(v, new + 1):
+                    best[v] = new
+                    heapq.heappush(queue, (new, v))
+        assert column.tolist() == [best[k] for k in main.tolist()]
+    for first, last in itertools.pairwise(cells.part_start.tolist()):
+        start, goal = int(cells.part_cells[first]), int(cells.part_cells[last - 1])
+        assert len(path_between(cells, start, goal)) > 0
+
+
+def test_landmarks_lie_far_apart_and_the_first_far_from_the_first_cell() -> None:
+    _, cells = house()
+    main = cells.part_cells[: cells.part_start[1]]
+    landmarks = [int(main[column.argmin()]) for column in cells.landmark[main].T]
+    cost = np.array([dijkstra(k) for k in (int(main[0]), *landmarks)])[:, main]
+    assert cost[0, main == landmarks[0]] == cost[0].max()
+    for k in range(1, 6):
+        nearest = cost[1 : k + 1].min(axis=0)
+        assert nearest[main == landmarks[k]] == nearest.max()
+
+
 def test_a_map_that_is_too_narrow_for_him_is_refused_by_name() -> None:
     with pytest.raises(ConfigError, match=r"clyde\.clearance_m = 0\.25: the map has no place that wide"):
         clyde_cells(drawn(box(20, 4), square_m=0.1), CONFIG, 250)

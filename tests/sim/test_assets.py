@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from pacman_env.config import Config, make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.sim import assets as module
-from pacman_env.sim.assets import MapAssets, map_assets, path_fields
+from pacman_env.sim.assets import MapAssets, map_assets, path_fields, prepare_map
 from pacman_env.world.occupancy import MapError, OccupancyMap, load_map
 from pacman_env.world.paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 from tests.drawn import box, drawn
@@ -89,6 +90,40 @@ def test_path_fields_come_back_from_disk_as_they_were_computed(
     loaded = map_assets(sealed_rooms(), fine())
     assert loaded is not computed
     same_fields(loaded, computed)
+
+
+def everything(assets: MapAssets) -> dict[str, np.ndarray]:
+    whole = {"assets": assets, "grid": assets.grid, "clyde": assets.clyde}
+    fields = {f"{k}.{name}": value for k, part in whole.items() for name, value in vars(part).items()}
+    return {name: np.asarray(value) for name, value in fields.items() if not hasattr(value, "__dict__")}
+
+
+def test_a_prepared_map_is_the_same_bits_and_is_kept_nowhere(empty_caches: Path) -> None:
+    prepared = prepare_map(sealed_rooms(), fine(), home=(0.5, 0.5, 0.0))
+    assert not empty_caches.exists()
+    assert len(module._assets) == 0
+    kept = map_assets(sealed_rooms(), fine(), home=(0.5, 0.5, 0.0))
+    assert kept is not prepared
+    one, other = everything(prepared), everything(kept)
+    assert one.keys() == other.keys()
+    assert {"assets.length_cm", "grid.cost", "clyde.graph"} <= one.keys()
+    for name, value in one.items():
+        np.testing.assert_array_equal(value, other[name], err_msg=name)
+
+
+def test_threads_prepare_maps_at_the_same_time() -> None:
+    maps = [load_map("house"), load_map("maze")]
+    alone = [everything(prepare_map(m, CONFIG)) for m in maps]
+    with ThreadPoolExecutor(2) as pool:
+        together = [everything(assets) for assets in pool.map(prepare_map, maps * 2, [CONFIG] * 4)]
+    for k, found in enumerate(together):
+        for name, value in alone[k % 2].items():
+            np.testing.assert_array_equal(found[name], value, err_msg=name)
+
+
+def test_a_home_pose_that_is_no_number_is_refused_when_preparing_too() -> None:
+    with pytest.raises(MapError, match=r"the home pose must be x, y, heading"):
+        prepare_map(sealed_rooms(), fine(), home=(np.nan, 0.0, 0.0))
 
 
 def test_a_damaged_file_on_disk_is_computed_again(empty_caches: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -147,14 +147,28 @@ def test_snap_gives_the_nearest_drivable_cell_within_a_cell(seed: int) -> None:
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-1.5, 4.0), st.floats(-2.0, 2.5), st.floats(0.0, 1.0))
 def test_nearest_cell_is_the_nearest_one_inside_the_square(x: float, y: float, within: float) -> None:
-    cx, cy = GRID.to_world(GRID.cell[:, 0], GRID.cell[:, 1])
-    inside = np.maximum(np.abs(cx - x), np.abs(cy - y)) <= within + 0.5 * GRID.resolution
-    found = GRID.nearest_cell(x, y, within)
-    if not inside.any():
-        assert found == -1
-    else:
-        assert inside[found]
-        assert math.hypot(cx[found] - x, cy[found] - y) <= np.hypot(cx - x, cy - y)[inside].min() + 1e-9
+    a = GRID.affine
+    offset = GRID.cell + 0.5 - (a[0] * x + a[1] * y + a[2], a[3] * x + a[4] * y + a[5])  # in cells
+    inside = np.flatnonzero(np.abs(offset).max(axis=1) <= within / GRID.resolution + 0.5)
+    distance = (offset[inside] ** 2).sum(axis=1)
+    expected = inside[distance.argmin()] if len(inside) else -1  # of equally near ones the first
+    assert GRID.nearest_cell(x, y, within) == expected
+
+
+def test_far_outside_no_cell_is_near() -> None:
+    assert [GRID.nearest_cell(x, 0.0, 0.5) for x in (1e9, -1e9, 30.0)] == [-1] * 3
+
+
+def test_empty_rows_and_columns_around_a_map_change_nothing() -> None:
+    m = noise(4)
+    wide = np.full((m.height + 130, m.width + 90), 205, np.uint8)
+    wide[60 : 60 + m.height, 50 : 50 + m.width] = m.grey
+    around = OccupancyMap.from_pixels("wide", wide, 0.05, (-1.0 - 50 * 0.05, -1.5 - 70 * 0.05, 0.0))
+    one, other = grid_of(m), grid_of(around)
+    for name in ("clearance", "clearance_cm", "cost"):
+        a, b = (getattr(g, name)[g.cell[:, 1], g.cell[:, 0]] for g in (one, other))
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_allclose(np.stack(one.to_world(*one.cell.T)), np.stack(other.to_world(*other.cell.T)), atol=1e-9)
 
 
 def segment_distance(points: np.ndarray, walls: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import heapq
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,9 +15,9 @@ from pacman_env.world.paths import (
     STEPS8,
     STEPS16,
     UNREACHABLE_CM,
+    PathFields,
     navfn_weights,
     neighbour_table,
-    path_field,
     step_lengths,
 )
 
@@ -35,11 +36,8 @@ def numbered(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def field(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Lengths (cm), next steps, cells and neighbours for one goal cell."""
     cell_id, cell = numbered(free)
-    neighbours = neighbour_table(cell_id, cell, STEPS16)
-    length_cm, next_step = np.empty(len(cell), np.uint16), np.empty(len(cell), np.int16)
-    weight = navfn_weights(cost, cell)
-    path_field(neighbours, LENGTHS, weight, np.float32(RESOLUTION), goal, length_cm, next_step)
-    return length_cm, next_step, cell, neighbours
+    length_cm, next_step = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION).to(goal)
+    return length_cm, next_step, cell, neighbour_table(cell_id, cell, STEPS16)
 
 
 def random_map(seed: int, share_free: float = 0.75) -> tuple[np.ndarray, np.ndarray]:
@@ -120,6 +118,71 @@ def test_a_way_has_the_length_promised_and_cuts_no_corner(seed: int, share_free:
         assert all(
             may_step(free, c, r, dc, dr) for (c, r), (dc, dr) in zip(way[:-1].tolist(), moves.tolist(), strict=True)
         )
+
+
+def in_buckets(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray]:
+    """Costs and next steps of Dijkstra's algorithm that tries all steps, last in first out in buckets of one cell."""
+    cell_id, cell = numbered(free)
+    neighbours, weight = neighbour_table(cell_id, cell, STEPS16), navfn_weights(cost, cell)
+    best = np.full(len(cell), np.inf, np.float32)
+    next_step = np.full(len(cell), NO_STEP)
+    best[goal], next_step[goal] = 0.0, AT_GOAL
+    buckets = {0: [goal]}
+    settled = set()
+    while buckets:
+        for u in reversed(buckets.pop(min(buckets))):
+            if u in settled:
+                continue
+            settled.add(u)
+            for d in np.flatnonzero(neighbours[u] >= 0):
+                v = int(neighbours[u, d])
+                new = best[u] + np.float32(0.5) * LENGTHS[d] * (weight[u] + weight[v])
+                if new < best[v]:
+                    best[v], next_step[v] = new, u - v
+                    buckets.setdefault(int(new), []).append(v)
+    return best, next_step
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.85, 1.0), st.sampled_from([0.0, 0.02, 0.1, 1.0]))
+def test_leaving_out_detours_changes_no_step(seed: int, share_free: float, share_costly: float) -> None:
+    rng = np.random.default_rng(seed)
+    free = rng.random((21, 26)) < share_free
+    free[10, 10] = True
+    cost = np.where(rng.random(free.shape) < share_costly, rng.integers(0, 253, free.shape), 0).astype(np.uint8)
+    goal = int(numbered(free)[0][10, 10])
+    np.testing.assert_array_equal(field(free, cost, goal)[1], in_buckets(free, cost, goal)[1])
+
+
+def test_beside_walls_with_falling_costs_leaving_out_detours_changes_no_step() -> None:
+    free = np.ones((30, 40), np.bool_)
+    free[[0, -1]], free[:, [0, -1]], free[12:18, 15:22], free[:20, 30] = False, False, False, False
+    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    cost = np.where(distance < 4, 252 * np.exp(-0.5 * distance), 0).astype(np.uint8)
+    for goal in (0, 500, 900):
+        np.testing.assert_array_equal(field(free, cost, goal)[1], in_buckets(free, cost, goal)[1])
+
+
+def test_far_from_the_goal_where_costs_are_coarse_all_steps_are_tried() -> None:
+    free, cost = np.zeros((3, 30000), np.bool_), np.full((3, 30000), 252, np.uint8)
+    free[1] = True
+    cost[:, 20000:] = 0
+    length_cm, next_step, _, _ = field(free, cost, 0)
+    assert (next_step[1:] == -1).all()  # the last ones cost more than 100 000
+    assert length_cm[-1] == UNREACHABLE_CM - 1
+
+
+def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
+    free, cost = random_map(5, 0.9)
+    cell_id, cell = numbered(free)
+    fields = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION)
+    goals = [3, len(cell) - 1, 3, 120]
+    found = [fields.to(goal) for goal in goals]
+    assert found[2][0] is found[0][0]
+    for goal, (length_cm, next_step) in zip(goals, found, strict=True):
+        alone = field(free, cost, goal)
+        np.testing.assert_array_equal(length_cm, alone[0])
+        np.testing.assert_array_equal(next_step, alone[1])
 
 
 @settings(max_examples=25, deadline=None)
