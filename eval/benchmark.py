@@ -2,8 +2,9 @@
 
 Decisions per second of the native vector environment at 64 and 1,024 games and of the unwrapped single environment;
 in the same run, in turns with it, bare Chipmunk stepping of the same bodies among the same walls, as decisions that
-cost nothing but physics; and what a second ``gymnasium.make`` of the same map costs. Everything runs in one thread.
-Machines are noisy: the ratio is the median over rounds of figures measured one after the other.
+cost nothing but physics; what a second ``gymnasium.make`` of the same map costs, and what a generated house for each
+episode costs. Everything runs in one thread. Machines are noisy: the ratio is the median over rounds of figures
+measured one after the other.
 """
 
 from __future__ import annotations
@@ -80,6 +81,26 @@ def make_again_ms(map_source: str, repeats: int) -> float:
     return float(np.median(times))
 
 
+def new_level_ms(episodes: int) -> float:
+    """Milliseconds that an episode on a generated house of its own adds to 64 games: draw, prepare, build, start.
+
+    Slots are used before: memory that the system has to find first is not what a level costs.
+    """
+    batch = make_vector(64, "generated").batch
+    seeds = np.random.default_rng(0).integers(2**63, size=64 + episodes, dtype=np.uint64)
+    times = []
+    for k, seed in enumerate(seeds):
+        began = time.perf_counter()
+        batch.reset(np.array([k % 64]), np.array([seed]))
+        times.append(1000 * (time.perf_counter() - began))
+    return float(np.mean(times[64:]))
+
+
+def generated_rate(rng: np.random.Generator, steps: int) -> float:
+    """Decisions per second of 64 games, each in a generated house of its own, new ones included."""
+    return vector_rate(make_vector(64, "generated"), rng, steps)
+
+
 def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     """All figures; ``seconds`` is roughly what each figure may take.
 
@@ -121,6 +142,8 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
         "bare_ratio_64": float(np.median(ratios)),
         "bare_ratio_64_range": [float(ratios.min()), float(ratios.max())],
         "make_again_ms": make_again_ms(map_source, rounds),
+        "new_level_ms": new_level_ms(max(8, round(50 * seconds))),
+        "generated_decisions_per_s_64": generated_rate(rng, steps),
         "map": env.batch.assets.occupancy.name,
         "map_hash": env.batch.assets.occupancy.hash,
         "wall_segments": len(env.batch.assets.grid.walls),
@@ -153,6 +176,8 @@ def main(argv: list[str] | None = None) -> int:
     print(f"  ratio to bare at 64: {figures['bare_ratio_64']:.3f} ({low:.3f} to {high:.3f})")
     print(f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}")
     print(f"  gymnasium.make of the same map again: {figures['make_again_ms']:.1f} ms")
+    print(f"  generated houses, a new one per episode: {figures['new_level_ms']:.1f} ms each at 64 games,")
+    print(f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once")
     if arguments.json:
         with replaced(arguments.json) as temporary:
             temporary.write_text(json.dumps(figures, indent=2) + "\n")

@@ -54,7 +54,7 @@ def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
     """The same map with drivable cells as its goals (-1: one that cannot be reached); its pellets play no part."""
     goal_cell = np.concatenate([assets.goal_cell[: assets.pellets], cells]).astype(np.int32)
     goal_xy = np.concatenate([assets.goal_xy[: assets.pellets], assets.cell_xy[cells].astype(np.float64)])
-    fields: dict[str, Any] = path_fields(assets.grid, assets.neighbours, goal_cell)
+    fields: dict[str, Any] = path_fields(assets.grid, goal_cell)
     return dataclasses.replace(assets, goal_xy=goal_xy, goal_cell=goal_cell, **fields)
 
 

@@ -106,7 +106,7 @@ def make_source(
         return GeneratedMaps.named(name, config, start_level, num_levels)
     if start_level is not None or num_levels is not None:
         raise ConfigError("start_level and num_levels are for map='generated'")
-    return FixedMap(map_assets(map_source, config, home))
+    return FixedMap(map_assets(map_source, config, home), config)
 
 
 def check_render_mode(render_mode: str | None, known: list[str]) -> None:

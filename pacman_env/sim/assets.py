@@ -13,7 +13,6 @@ import math
 import os
 import threading
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,10 +50,6 @@ class MapAssets:
     cell_xy: NDArray[np.float32]  # (K, 2) m
     length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
     next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> MapAssets:
-        """Nothing in here ever changes: a copied environment shares it."""
-        return self
 
     @property
     def pellets(self) -> int:
@@ -160,13 +155,12 @@ def _build(
     clyde = clyde_cells(occupancy, config.clyde, config.pellets.free_grey)
     clyde_drive = grid.cells_of_pixels(clyde.pixel, occupancy.height)
     part = _connected_part(clyde, clyde_drive, occupancy.name)
-    neighbours = grid.neighbours
     known = grid.path_fields()
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
-    names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, neighbours, goal_cell, known)
+    names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, known)
     fields = compute() if key is None else cached_arrays(key, names, compute)
     return MapAssets(
         occupancy=occupancy,
@@ -179,19 +173,17 @@ def _build(
         dropped_ids=pellets.ids[~keep],
         goal_xy=np.concatenate([pellets.position[keep], refuge_xy]),
         goal_cell=goal_cell,
-        neighbours=neighbours,
+        neighbours=grid.neighbours,
         cell_xy=cell_xy,
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
     )
 
 
-def path_fields(
-    grid: DriveGrid, neighbours: NDArray[np.int32], goal_cell: NDArray[np.int32], fields: PathFields | None = None
-) -> dict[str, NDArray]:
+def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
     """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere.
 
-    ``neighbours`` and ``fields`` are those of the grid; a field that was computed before is not computed again.
+    ``fields`` are those of the grid; a field that was computed before is not computed again.
     """
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.empty((goals, count), dtype=np.uint16)

@@ -41,7 +41,7 @@ class GameBatch:
             ConfigError: ``config.max_pellets`` is below the number of pellets on the map.
             MapError: the source has no map that can be played on.
         """
-        self.source = source = FixedMap(source) if isinstance(source, MapAssets) else source
+        self.source = source = FixedMap(source, config) if isinstance(source, MapAssets) else source
         slots = source.pellet_slots(config) if config.max_pellets is None else config.max_pellets
         first = source.first
         if slots < first.pellets:

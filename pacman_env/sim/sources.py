@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config
-from .assets import MapAssets
+from .assets import MapAssets, map_assets
 
 
 class LevelSource(Protocol):
@@ -40,8 +40,21 @@ class LevelSource(Protocol):
 class FixedMap:
     """One map for every episode."""
 
-    def __init__(self, assets: MapAssets) -> None:
+    def __init__(self, assets: MapAssets, config: Config) -> None:
         self.first = assets
+        self._config = config
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> FixedMap:
+        """Nothing of a map ever changes: a copied environment shares it."""
+        return self
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        """What the map is made from; all else is computed again or lies in the cache."""
+        return self.first.occupancy, self._config, tuple(self.first.grid.home.tolist())
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        occupancy, config, home = state
+        self.__init__(map_assets(occupancy, config, home), config)  # type: ignore[misc]
 
     def slots(self, games: int) -> int:
         """One for all."""

@@ -219,7 +219,7 @@ def test_fields_lead_from_every_cell_to_every_goal() -> None:
 
 def test_a_goal_without_a_cell_is_unreachable_from_everywhere() -> None:
     assets = map_assets(sealed_rooms(), fine())
-    fields = path_fields(assets.grid, assets.neighbours, np.array([-1, 3], dtype=np.int32))
+    fields = path_fields(assets.grid, np.array([-1, 3], dtype=np.int32))
     assert (fields["length_cm"][:, 0] == UNREACHABLE_CM).all()
     assert (fields["next_step"][0] == NO_STEP).all()
     assert (fields["length_cm"][:, 1] < UNREACHABLE_CM).all()
