@@ -39,5 +39,5 @@ def infos(games: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """
     result = {"outcome": OUTCOMES[games["end"]]}
     for name in _COUNTS:
-        result[name] = games["seed" if name == "round_seed" else name].astype(np.int64)  # seeds are below 2**63
+        result[name] = games["episode_seed" if name == "round_seed" else name].astype(np.int64)  # seeds are below 2**63
     return result

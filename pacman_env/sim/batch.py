@@ -20,6 +20,7 @@ from ..world.physics import PhysicsWorld
 from ..world.planner import PATH_POINTS, detour_memory
 from . import ghost_kernels, kernels, records
 from .assets import MapAssets
+from .history import History, RoundSoFar
 from .levels import LevelStack
 from .parameters import batch_parameters, draw_episodes, next_seeds
 from .situation import Situation
@@ -77,12 +78,7 @@ class GameBatch:
         self._idle = bool((self.behaviours == WANDER).all())
         self._told = bool((self.behaviours == POLICY).any())
         self._wander_on = np.full((n, ghosts), self.hold, dtype=np.int64)
-        # What a copy plays again: memory is taken as it is written to.
-        ticks, velocity = int(self._parameters[0]["ticks_max"]) + 1, config.action == "velocity"
-        self._began = np.zeros(n, dtype=records.GAME)
-        self._actions_type = np.float64 if velocity else np.int64
-        self._decisions = np.zeros((n, ticks, 2) if velocity else (n, ticks), np.float64 if velocity else np.int16)
-        self._ghost_choices = np.zeros((n, ticks if self._told else 0, ghosts), np.int16)
+        self._history = History(n, ghosts, self._told, config)
         clyde_steps = int(self._parameters[0]["clyde_steps"])
         period = math.gcd(self.substeps, clyde_steps)
         # Games of a batch differ in phase; ghosts can be due at any multiple of this.
@@ -108,39 +104,37 @@ class GameBatch:
 
     def __getstate__(self) -> dict[str, Any]:
         """How each game's round began and what has been decided in it since."""
+        levels = self.level_numbers()
         started = [i for i in range(self.n) if self._held[i] >= 0]
-        ticks = self.games["tick"]
-        return {
-            "made_from": (self.source, self.config, self.n),
-            "games": started,
-            "seeds": self.games["seed"][started],
-            "levels": self.level_numbers()[started] if started else np.zeros(0, dtype=np.int64),
-            "began": self._began[started],
-            "decisions": [self._decisions[i, : ticks[i]].copy() for i in started],
-            "ghost_choices": [self._ghost_choices[i, : ticks[i]].copy() for i in started],
-        }
+        rounds = [self._history.so_far(i, self.games[i], int(levels[i])) for i in started]
+        return {"made_from": (self.source, self.config, self.n), "rounds": rounds}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
         self.__init__(*state["made_from"])  # type: ignore[misc]
-        self.games["end"] = records.TIMEOUT  # stands still until it begins
-        index = np.array(state["games"], dtype=np.int64)
-        lengths = np.array([len(decisions) for decisions in state["decisions"]], dtype=np.int64)
-        wait = lengths.max(initial=0) - lengths  # all arrive at their present together
-        actions = np.zeros((self.n, *self._decisions.shape[2:]), dtype=self._actions_type)
+        rounds: list[RoundSoFar] = state["rounds"]
+        longest = max((len(r.decisions) for r in rounds), default=0)
+        self.games["end"][[r.game for r in rounds]] = records.TIMEOUT  # they stand still until they begin
+        velocity = self.config.action == "velocity"
+        actions = np.zeros((self.n, 2)) if velocity else np.full(self.n, self.hold, dtype=np.int64)
         choices = self._wander_on.copy()
-        for tick in range(lengths.max(initial=0) + 1):
-            begin = np.flatnonzero(wait == tick)
-            if len(begin) > 0:
+        for tick in range(longest + 1):
+            # All arrive at their present together.
+            begin = [r for r in rounds if longest - len(r.decisions) == tick]
+            if begin:
+                index = np.array([r.game for r in begin])
                 if len(self.levels) > 1:
-                    self._change_maps(index[begin], state["levels"][begin])
-                self._start(index[begin], state["seeds"][begin], state["began"][begin])
-            if tick == lengths.max(initial=0):
+                    self._change_maps(index, np.array([r.level for r in begin]))
+                seeds = np.array([r.seed for r in begin], dtype=np.uint64)
+                self._start(index, seeds, np.array([r.began for r in begin], dtype=records.GAME))
+            if tick == longest:
                 break
-            for k, i in enumerate(state["games"]):
-                if wait[k] <= tick < wait[k] + lengths[k]:
-                    actions[i] = state["decisions"][k][tick - wait[k]]
-                    choices[i] = state["ghost_choices"][k][tick - wait[k]] if self._told else self.hold
+            for r in rounds:
+                k = tick - (longest - len(r.decisions))
+                if k >= 0:
+                    actions[r.game] = r.decisions[k]
+                    if self._told:
+                        choices[r.game] = r.ghost_choices[k]
             self._advance(actions, choices)
 
     def _bind(self) -> None:
@@ -196,7 +190,7 @@ class GameBatch:
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
         """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
-        self._began[index] = fresh
+        self._history.began[index] = fresh
         for k, i in enumerate(index.tolist()):
             if self._held[i] < 0:
                 self._held[i] = 0
@@ -262,6 +256,7 @@ class GameBatch:
         physics, nav, alive, obstacles = self.physics, self._nav, self.alive, self.obstacles
         ghosts, ghost_paths = self.ghosts, self._ghost_paths
         row, state, force = physics.row, physics.state, physics.force
+        self._history.make_room(games)
         due = self._decide(actions)
         if not self._idle:
             self._decide_ghosts(ghost_choices)
@@ -284,12 +279,13 @@ class GameBatch:
 
     def _decide(self, actions: NDArray[Any]) -> int:
         """Hand the actions over; returns what is due."""
+        decisions = self._history.decisions
         if self.config.action == "velocity":
-            due = int(kernels.decide_velocity(self.games, actions, self._decisions, self._parameters))
+            due = int(kernels.decide_velocity(self.games, actions, decisions, self._parameters))
             if due < 0:
                 raise ValueError(f"action {actions[-1 - due].tolist()} of game {-1 - due}: must be two finite numbers")
             return due
-        due = int(kernels.decide(self.games, actions, self._decisions, self.alive, self._waits, self._parameters))
+        due = int(kernels.decide(self.games, actions, decisions, self.alive, self._waits, self._parameters))
         if due < 0:
             bad = -1 - due
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
@@ -310,7 +306,7 @@ class GameBatch:
             self.ghosts,
             self._ghost_paths,
             choices,
-            self._ghost_choices,
+            self._history.ghost_choices,
             self.behaviours,
             self._parameters,
             self._ghost_places,

@@ -100,6 +100,7 @@ def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
         "round": 1,
     }
     fresh = np.zeros(len(seeds), dtype=records.GAME)
+    fresh["episode_seed"] = seeds
     for name, value in values.items():
         fresh[name] = value
     ranges = c.randomize.ranges()

@@ -16,7 +16,8 @@ RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet 
 _FIELDS = [
     *NAVIGATOR_FIELDS,
     *LOCALIZATION_FIELDS,
-    ("seed", np.uint64),
+    ("seed", np.uint64),  # of this round
+    ("episode_seed", np.uint64),  # of the first one
     ("step", np.int32),  # physics steps done in this round
     ("tick", np.int32),  # decisions done in this round
     ("end", np.int32),  # RUNNING or how the game ended
@@ -86,6 +87,7 @@ GAME = np.dtype(sorted(_FIELDS, key=lambda f: _HOT.index(f[0]) if f[0] in _HOT e
 
 #: What an endless game keeps when a round follows another.
 KEPT_FROM_ROUND_TO_ROUND = (
+    "episode_seed",
     "speed_limit",
     "base_clyde_speed",
     "sigma_xy",
