@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..sim.situation import PELLET, Situation
 from .human_window import HumanWindow, Input
-from .rendering import map_view
+from .rendering import game_view
 
 SPEEDS = (1 / 8, 16.0)  # times real time, least and most
 CLICK_M, CLICK_PX = 0.4, 16.0  # a click means a goal within the larger of the two
@@ -137,7 +137,7 @@ class Player:
     def handle(self, event: Input) -> None:
         """Take one input; what means nothing is ignored."""
         if event.kind == "click" and not self.controls.drives:
-            view = map_view(self.batch.assets_of(0), self.batch.config, len(self.picture()))
+            view = game_view(self.batch, 0, len(self.picture()))
             xy = view.metres(np.array(event.at, dtype=float))
             self.controls.click(xy, max(CLICK_M, CLICK_PX / view.scale), self.situation)
         elif event.kind == "release":

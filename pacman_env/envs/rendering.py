@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config
+from ..game.ghosts import GHOST_NAMES
 from ..sim.assets import MapAssets
 from ..sim.batch import GameBatch
 from ..sim.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
@@ -72,15 +73,15 @@ class MapView:
         background: (height, width, 3) RGB, everything that never changes.
     """
 
-    def __init__(self, assets: MapAssets, config: Config, height: int) -> None:
-        """Lay out and draw everything that stands still.
+    def __init__(self, assets: MapAssets, config: Config, height: int, wide: bool = False) -> None:
+        """Lay out and draw everything that stands still; ``wide``: 16:9 whatever the map, so that many are alike.
 
         Raises:
             ValueError: ``height`` is not an even number of at least 120.
         """
         if height < 120 or height % 2:
             raise ValueError(f"height = {height!r}: must be an even number of at least 120")
-        self.assets, self.config, self.height = assets, config, height
+        self.assets, self.config, self.height, self._wide = assets, config, height, wide
         self.unit = height / 720
         self.line = max(1.5 * self.unit, 0.9)  # width, px
         self._crop = _crop(assets)
@@ -128,7 +129,7 @@ class MapView:
         columns, rows = c1 - c0, r1 - r0
         margin = math.ceil(10 * unit)
         widest = int(height * 16 / 9) // 2 * 2
-        narrowest = min(max(round(0.85 * height), 300), widest)
+        narrowest = widest if self._wide else min(max(round(0.85 * height), 300), widest)
         row, self.header = math.ceil(max(24 * unit, 13)), math.ceil(max(70 * unit, 36))
         for count in (1, 2, 3, 4, 0):
             legend = count * row + (margin if count else 0)
@@ -175,7 +176,7 @@ class MapView:
                 1.2 * r,
                 lambda i, at: symbols.believed_pose(i, at - 0.25 * r * aside, 0.85 * r, 0.0, line),
             ),
-            (f"Clyde{times}", r, lambda i, at: symbols.ghost(i, at, r, aside)),
+            *(self._ghost_entry(number, times, r) for number in range(len(self.config.clyde.ghosts))),
             ("catch radius", r, lambda i, at: symbols.catch_circle(i, at, r, line)),
             ("pellet", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, True)),
             ("collected", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, False)),
@@ -187,6 +188,14 @@ class MapView:
             del entries[2]
         gap = max(21 * self.unit, 11)
         return [_Item(half, draw, symbols.text(name, cap, False, INK, PAGE), gap) for name, half, draw in entries]
+
+    def _ghost_entry(self, number: int, times: str, radius: float) -> tuple[str, float, _Draw]:
+        """A ghost in the legend, with what he does unless he wanders."""
+        behaviour = self.config.clyde.ghosts[number]
+        does = "" if behaviour == "wander" else f" ({behaviour})"
+        colour, aside = symbols.GHOSTS[number], np.array([1.0, 0.0])
+        name = f"{GHOST_NAMES[number].capitalize()}{does}{times}"
+        return name, radius, lambda image, at: symbols.ghost(image, at, radius, aside, colour)
 
     def _background(self) -> Image:
         image = np.empty((self.height, self.width, 3), dtype=np.uint8)
@@ -260,16 +269,22 @@ def _draw_map(assets: MapAssets, config: Config, crop: tuple[int, int, int, int]
 
 
 @functools.lru_cache(maxsize=_KEPT_VIEWS)
-def map_view(assets: MapAssets, config: Config, height: int) -> MapView:
+def map_view(assets: MapAssets, config: Config, height: int, wide: bool = False) -> MapView:
     """The view of a map, kept for the next frame."""
-    return MapView(assets, config, height)
+    return MapView(assets, config, height, wide)
+
+
+def game_view(batch: GameBatch, game: int, height: int) -> MapView:
+    """The view of the map that a game is played on; all views of one batch have the same size."""
+    return map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1)
 
 
 def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str | None = None) -> Image:
     """Draw one game of a batch as it is now.
 
     The map lies as its image does: x to the right and y up where the map's origin has no yaw. The robot is where it
-    truly is; its believed pose is an outline. Width and height are even; the width follows the map, up to 16:9.
+    truly is; its believed pose is an outline. Width and height are even; the width follows the map, up to 16:9, which
+    it always is where maps come and go.
 
     Args:
         batch: the games; not changed.
@@ -286,8 +301,8 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
     """
     if not 0 <= game < batch.n:
         raise IndexError(f"game = {game}: the batch has games 0..{batch.n - 1}")
-    assets = batch.assets_of(game)
-    view = map_view(assets, batch.config, height)
+    view = game_view(batch, game, height)
+    assets = view.assets
     g = batch.games[game]
     image = view.layer(batch.alive[game, : assets.pellets]).copy()
     ghosts = batch.ghosts[game]
@@ -385,11 +400,13 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
         at += picture.shape[1] + max(12 * unit, 5)
     seconds = int(g["step"] * batch.config.physics_step_s)
     lost = f" ({g['lost']} lost)" if g["lost"] else ""
+    endless = [("round", str(g["round"])), ("score", str(g["score"]))] if batch.config.endless else []
     at = left
     for label, value in (
         ("time", f"{seconds // 60:02d}:{seconds % 60:02d}"),
         ("pellets", f"{g['collected']}/{g['spawned']}{lost}"),
-        ("Clyde", f"{g['clyde_speed']:.2f} m/s"),
+        ("Clyde" if len(batch.behaviours) == 1 else "ghosts", f"{g['clyde_speed']:.2f} m/s"),
+        *endless,
     ):
         for text, colour, gap in ((label, MUTED, 6), (value, TEXT, 26)):
             picture = symbols.text(text, max(12.5 * unit, 6), colour == TEXT, colour, HEADER)
