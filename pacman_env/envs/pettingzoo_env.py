@@ -12,7 +12,8 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
-from pettingzoo.utils import parallel_to_aec
+from pettingzoo.utils.conversions import parallel_to_aec_wrapper
+from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from ..config import Config, ConfigError
 from ..game.ghosts import GHOST_NAMES
@@ -172,7 +173,7 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         """One decision of every agent.
 
         Raises:
-            ValueError: an agent has no action, or one that is not in its space; nothing has been changed then.
+            ValueError: an agent has no action, or one that :meth:`checked` refuses; nothing has been changed then.
             ResetNeeded: before the first reset.
         """
         if not self._game.started:
@@ -182,8 +183,9 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise ValueError(f"no action of {', '.join(missing)}")
-        told = {seat: self._choice(name, actions[name]) for name, seat in self._seats.items()}
-        reward, terminated, truncated = self._game.step(self._pacman(actions[PACMAN]), told)
+        checked = {agent: self.checked(agent, actions[agent]) for agent in self.agents}
+        told = {seat: checked[name] for name, seat in self._seats.items()}
+        reward, terminated, truncated = self._game.step(np.array([checked[PACMAN]]), told)
         self._cycles += 1
         if self.max_cycles is not None and self._cycles >= self.max_cycles and not terminated[0]:
             truncated[0] = True
@@ -201,8 +203,32 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
             self._infos(),
         )
 
+    def checked(self, agent: str, action: Any) -> Any:
+        """The action as the game takes it.
+
+        Raises:
+            ValueError: it is not in the agent's space; but velocities beyond the limits are cut to them.
+        """
+        space = self.action_spaces[agent]
+        if isinstance(space, spaces.Box):
+            velocities = np.asarray(action)
+            if velocities.shape != (2,) or velocities.dtype.kind not in "fiu" or not np.isfinite(velocities).all():
+                raise ValueError(f"action {action!r} of {agent}: must be two numbers, v in m/s and omega in rad/s")
+            return velocities.astype(np.float64)
+        if not space.contains(action) and not (
+            isinstance(action, np.ndarray) and action.shape == () and space.contains(action[()])
+        ):
+            raise ValueError(f"action {action!r} of {agent} is not in {space}")
+        return np.int64(action)
+
     def state(self) -> NDArray[np.float64]:
-        """The whole game as it truly is; the numbers are named by ``state_names``."""
+        """The whole game as it truly is; the numbers are named by ``state_names``.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        if not self._game.started:
+            raise gym.error.ResetNeeded("call reset() before state()")
         batch = self.batch
         g, ghosts = batch.games[0], batch.ghosts[0]
         heading = math.remainder(g["heading"], 2 * math.pi)
@@ -265,21 +291,15 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
             return [-pacman / count] * count
         return [float(self._game.ghost_reward()[0])] * count
 
-    def _choice(self, name: str, action: Any) -> int:
-        space = self.action_spaces[name]
-        if not space.contains(action) and not (
-            isinstance(action, np.ndarray) and action.shape == () and space.contains(action[()])
-        ):
-            raise ValueError(f"action {action!r} of {name} is not in {space}")
-        return int(action)
 
-    def _pacman(self, action: Any) -> NDArray[Any]:
-        if self.config.action == "velocity":
-            velocities = np.asarray(action)
-            if velocities.shape != (2,) or velocities.dtype.kind not in "fiu":
-                raise ValueError(f"action {action!r} of {PACMAN}: must be two numbers, v in m/s and omega in rad/s")
-            return velocities.astype(np.float64)[None]
-        return np.array([self._choice(PACMAN, action)], dtype=np.int64)
+class _InTurn(parallel_to_aec_wrapper):
+    """PettingZoo's own, but a wrong action is refused when it is made, not when the last agent has made his."""
+
+    def step(self, action: Any) -> None:
+        agent = self.agent_selection
+        if not (self.terminations[agent] or self.truncations[agent]):
+            self.env.checked(agent, action)
+        super().step(action)
 
 
 def parallel_env(**arguments: Any) -> PacManBotParallelEnv:
@@ -289,4 +309,4 @@ def parallel_env(**arguments: Any) -> PacManBotParallelEnv:
 
 def env(**arguments: Any) -> AECEnv[str, Any, Any]:
     """The same game agent by agent: Pac-Man names his goal, then the ghosts; the world moves after the last."""
-    return parallel_to_aec(parallel_env(**arguments))
+    return OrderEnforcingWrapper(_InTurn(parallel_env(**arguments)))

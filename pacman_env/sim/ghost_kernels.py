@@ -36,12 +36,9 @@ def decide_ghosts(  # type: ignore[no-untyped-def]
             if behaviours[k] == rule.POLICY:
                 chosen = choices[i, k]
                 remembered[i, g.tick, k] = chosen
-                ghost.place = -1
                 goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
                 if chosen < on and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
                     target = place[m, goal]
-                if target >= 0:
-                    ghost.place = chosen
             else:
                 bx, by, _ = believed(g, p.use_tf)
                 column, row = cell_of(affine[m], snap.shape[1], snap.shape[2], bx, by)
@@ -52,6 +49,8 @@ def decide_ghosts(  # type: ignore[no-untyped-def]
                     target = corner[m, k]
             here = path[ghost.at]
             ghost.wanders = target < 0 or part[m, here] != part[m, target]
+            if behaviours[k] == rule.POLICY:
+                ghost.place = -1 if ghost.wanders else chosen
             if not ghost.wanders:
                 ways = (graph[m], part[m], part_start[m], part_cells[m])
                 rule.head_for(ghost, path, target, ways, node, queue)
