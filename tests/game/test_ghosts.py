@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.game.clyde import ClydeCells, search_memory
-from pacman_env.game.ghosts import at_target, choose_target, spawn, walk, wander
+from pacman_env.game.clyde import ClydeCells, find_path, search_memory
+from pacman_env.game.ghosts import (
+    arcade_chases,
+    at_target,
+    choose_target,
+    ghost_stream,
+    head_for,
+    spawn,
+    walk,
+    wander,
+)
 from pacman_env.sim.assets import MapAssets, map_assets
 from pacman_env.sim.batch import GameBatch
 from pacman_env.sim.records import GHOST
@@ -74,6 +83,70 @@ def test_his_targets_are_uniform_over_his_part() -> None:
         expected = draws * width / len(inside)
         chi2 = ((counts - expected) ** 2 / expected).sum()
         assert chi2 < bins - 1 + 4 * math.sqrt(2 * (bins - 1))
+
+
+def way_between(cells: ClydeCells, start: int, target: int) -> list[int]:
+    node, queue = search_memory(len(cells.position), cells.longest)
+    path = np.zeros(cells.longest, dtype=np.int32)
+    return path[: find_path(start, target, cells.graph, node, queue, path)].tolist()
+
+
+def sent(beyond: float, start: int, first: int, second: int) -> tuple[np.ndarray, list[int]]:
+    """A ghost sent to a second cell, ``beyond`` m after he has set out for the first one; he and his path."""
+    _, cells = house()
+    memory = search_memory(len(cells.position), cells.longest)
+    path = np.zeros(cells.longest + 1, dtype=np.int32)
+    g = record()
+    spawn(g[0], start, path, cells.position)
+    head_for(g[0], path, first, arrays(cells), *memory)
+    g["beyond"] = beyond
+    head_for(g[0], path, second, arrays(cells), *memory)
+    return g, path[: g["length"][0]].tolist()
+
+
+def test_sent_elsewhere_on_a_cell_he_turns_at_once() -> None:
+    _, cells = house()
+    start, first, second = cells.part_cells[[50, 1500, 900]].tolist()
+    g, path = sent(0.0, start, first, second)
+    assert path == way_between(cells, start, second)
+    assert (g["at"][0], g["beyond"][0]) == (0, 0.0)
+
+
+def test_sent_elsewhere_between_two_cells_he_first_walks_on_to_the_second() -> None:
+    _, cells = house()
+    start, first, second = cells.part_cells[[50, 1500, 900]].tolist()
+    following = way_between(cells, start, first)[1]
+    for target in (second, start, following):
+        g, path = sent(0.03, start, first, target)
+        assert path == [start, *way_between(cells, following, target)]
+        assert (g["at"][0], g["beyond"][0]) == (0, 0.03)  # he is where he was
+
+
+def test_sent_where_he_is_going_he_goes_on_and_sent_where_no_way_leads_too() -> None:
+    _, cells = house()
+    start, first = cells.part_cells[[50, 1500]].tolist()
+    assert sent(0.03, start, first, first)[1] == way_between(cells, start, first)
+    pockets = pocket_cells()
+    inside, outside = int(pockets.part_cells[0]), int(pockets.part_cells[pockets.part_start[1]])
+    memory = search_memory(len(pockets.position), pockets.longest)
+    path = np.zeros(pockets.longest + 1, dtype=np.int32)
+    g = record()
+    spawn(g[0], inside, path, pockets.position)
+    before = g.copy(), path.copy()
+    head_for(g[0], path, outside, arrays(pockets), *memory)
+    np.testing.assert_array_equal(g, before[0])
+    np.testing.assert_array_equal(path, before[1])
+
+
+def test_the_arcade_clyde_chases_beyond_his_distance_only() -> None:
+    assert arcade_chases(3.0, -4.0, 4.99)
+    assert not arcade_chases(3.0, -4.0, 5.0)
+    assert not arcade_chases(0.0, 0.0, 2.0)
+
+
+def test_every_ghost_of_every_game_has_a_stream_of_its_own() -> None:
+    streams = {int(ghost_stream(np.uint64(seed), number)) for seed in range(500) for number in range(4)}
+    assert len(streams) == 2000
 
 
 # In a game

@@ -1,0 +1,98 @@
+"""Policies that play ghosts in the environments: what they see, when they have to forget, and that they are obeyed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pacman_env
+from pacman_env.envs.pettingzoo_env import PACMAN
+from pacman_env.sim.situation import Situation
+from tests.envs.helpers import QUICK, make, make_vector, same
+
+FAST_GHOSTS = {**QUICK, "clyde.speed_mps": 0.8}
+
+
+class Sentinel:
+    """Sends its ghost to one place after the other, and writes down what it sees and when it has to forget."""
+
+    name = "sentinel"
+
+    def __init__(self) -> None:
+        self.seen: list[Situation] = []
+        self.resets: list[list[bool]] = []
+
+    def reset(self, games: np.ndarray) -> None:
+        self.resets.append(games.tolist())
+
+    def select(self, situation: Situation) -> np.ndarray:
+        self.seen.append(situation)
+        return np.full(len(situation), len(self.seen) // 5 % situation.mask.shape[1])
+
+
+def test_a_policy_sees_the_game_from_its_ghosts_seat() -> None:
+    policy = Sentinel()
+    env = make(ghosts=["wander", policy], settings=QUICK)  # type: ignore[list-item]
+    env.reset(seed=0)
+    told = [-1]
+    for _ in range(30):
+        env.step(0)
+        seen = policy.seen[-1]
+        np.testing.assert_array_equal(seen.clyde, seen.ghosts[:, 1, :2])
+        assert seen.current[0] == told[-1]
+        assert seen.mask[0, -1]
+        told.append(int(len(policy.seen) // 5 % seen.mask.shape[1]))
+        if env.batch.games["end"][0] or told[-1] == seen.mask.shape[1] - 1:
+            break
+    assert len(told) > 10
+
+
+def test_a_policy_is_told_of_every_new_episode() -> None:
+    policy = Sentinel()
+    env = make(ghosts=["wander", policy], settings={"time_limit_s": 2.0})  # type: ignore[list-item]
+    for episode in range(3):
+        env.reset(seed=episode)
+        assert policy.resets == [[True]] * (episode + 1)
+        for _ in range(4):
+            env.step(0)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_in_a_vector_too_each_game_for_itself(mode: str) -> None:
+    policy = Sentinel()
+    env = make_vector(5, ghosts=["wander", policy], settings=FAST_GHOSTS, autoreset_mode=mode)
+    env.reset(seed=0)
+    assert policy.resets == [[True] * 5]
+    episodes = np.ones(5, dtype=int)
+    ended_before = np.zeros(5, dtype=bool)
+    for k in range(80):
+        _, _, terminated, truncated, _ = env.step(np.full(5, k % 4))
+        ended = terminated | truncated
+        episodes += ended if mode == "SameStep" else ended_before
+        ended_before = ended
+        np.testing.assert_array_equal(policy.seen[-1].clyde, policy.seen[-1].ghosts[:, 1, :2])
+    assert len(policy.seen) == 80
+    assert episodes.min() > 1
+    assert len(set(episodes)) > 1
+    np.testing.assert_array_equal(np.sum(policy.resets, axis=0), episodes)
+
+
+def test_a_ghost_told_by_a_policy_and_one_told_from_outside_walk_alike() -> None:
+    inside = make(ghosts=[Sentinel(), "chase"], settings=QUICK)  # type: ignore[list-item]
+    outside = pacman_env.parallel_env(ghosts=("policy", "chase"), settings=QUICK)
+    assert same(inside.reset(seed=5)[0], outside.reset(seed=5)[0][PACMAN])
+    for k in range(1, 40):
+        results = outside.step({PACMAN: k % 3, "clyde": k // 5 % inside.batch.candidates})
+        assert same(inside.step(k % 3), tuple(result[PACMAN] for result in results))
+        if not outside.agents:
+            break
+    assert k > 10
+
+
+def test_a_policy_may_play_one_ghost_and_an_agent_another() -> None:
+    policy = Sentinel()
+    env = pacman_env.parallel_env(ghosts=[policy, "policy"])
+    assert env.possible_agents == [PACMAN, "blinky"]
+    env.reset(seed=0)
+    env.step({PACMAN: 0, "blinky": 0})
+    assert len(policy.seen) == 1
