@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -65,8 +66,8 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
     the round or the time is over (`config.ghost_reward`).
 
     ## State
-    `state()`: float64, see `state_names`: true and believed pose of the robot, its velocities, place and velocity of
-    each ghost, which pellets are left, time, round, score.
+    `state()`: float64, see `state_names`: true and believed pose of the robot, its velocities, for each ghost where he
+    is, his velocity, speed and the place he was sent to, which pellets are left, the robot's goal, time, round, score.
 
     ## Episode End
     For all agents at once, as in the Gymnasium environment.
@@ -237,7 +238,8 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         each = []
         for ghost in ghosts:
             each += [ghost["x"], ghost["y"], *np.clip([ghost["vx"], ghost["vy"]], -FAST_MPS, FAST_MPS)]
-        game = [g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
+            each += [min(ghost["speed"], FAST_MPS), ghost["place"]]
+        game = [g["pursued"], g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
         return np.concatenate([robot, velocity, each, batch.alive[0], game]).astype(np.float64)
 
     @property
@@ -245,9 +247,9 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
         """What each number of ``state()`` is."""
         names = ["x", "y", "heading", "believed_x", "believed_y", "believed_heading", "v", "omega"]
         for ghost in GHOST_NAMES[: self.batch.ghosts.shape[1]]:
-            names += [f"{ghost}_{part}" for part in ("x", "y", "vx", "vy")]
+            names += [f"{ghost}_{part}" for part in ("x", "y", "vx", "vy", "speed", "place")]
         names += [f"pellet_{k}" for k in range(self.batch.pellet_slots)]
-        return [*names, "time", "round", "score"]
+        return [*names, "goal", "time", "round", "score"]
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
@@ -302,11 +304,15 @@ class _InTurn(parallel_to_aec_wrapper):
         super().step(action)
 
 
-def parallel_env(**arguments: Any) -> PacManBotParallelEnv:
-    """The parallel environment; the arguments are those of :class:`PacManBotParallelEnv`."""
-    return PacManBotParallelEnv(**arguments)
+parallel_env = PacManBotParallelEnv
 
 
-def env(**arguments: Any) -> AECEnv[str, Any, Any]:
-    """The same game agent by agent: Pac-Man names his goal, then the ghosts; the world moves after the last."""
-    return OrderEnforcingWrapper(_InTurn(parallel_env(**arguments)))
+def env(*arguments: Any, **named: Any) -> AECEnv[str, Any, Any]:
+    """The same game agent by agent: Pac-Man names his goal, then the ghosts; the world moves after the last.
+
+    The arguments are those of :class:`PacManBotParallelEnv`.
+    """
+    return OrderEnforcingWrapper(_InTurn(PacManBotParallelEnv(*arguments, **named)))
+
+
+env.__signature__ = inspect.signature(PacManBotParallelEnv)  # type: ignore[attr-defined]

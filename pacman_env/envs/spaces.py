@@ -92,8 +92,9 @@ def state_space(batch: GameBatch) -> spaces.Box:
     wheels = 2 * robot.wheel_speed_mps
     limits = [x, y, turn, x, y, turn, (-wheels, wheels), (-wheels / robot.wheel_base_m, wheels / robot.wheel_base_m)]
     fast = (-FAST_MPS, FAST_MPS)
-    limits += [x, y, fast, fast] * batch.ghosts.shape[1] + [(0.0, 1.0)] * batch.pellet_slots
-    low, high = np.array([*limits, bounds["time"], (1.0, _MANY), (0.0, _MANY)]).T
+    place = (-1.0, float(batch.hold))
+    limits += [x, y, fast, fast, (0.0, FAST_MPS), place] * batch.ghosts.shape[1] + [(0.0, 1.0)] * batch.pellet_slots
+    low, high = np.array([*limits, place, bounds["time"], (1.0, _MANY), (0.0, _MANY)]).T
     return spaces.Box(low, high, dtype=np.float64)
 
 

@@ -151,7 +151,8 @@ class GameBatch:
         self._ghost_arrays = tuple(a[f"ghost_{k}"] for k in ("graph", "part", "part_start", "part_cells"))
         self._ghost_places = tuple(a[k] for k in ("affine", "ghost_snap", "ghost_place", "ghost_corner"))
         self._starts = tuple(a[k] for k in ("home", "spawn_cells", "spawn_count", "ghost_xy"))
-        self._seen = tuple(a[k] for k in ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place"))
+        seen = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
+        self._seen = tuple(a[k] for k in seen)
         cells, longest = a["ghost_xy"].shape[1], self.levels.longest_ghost_way
         self._ghost_search = search_memory(cells, longest)
         self._detour_search = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)

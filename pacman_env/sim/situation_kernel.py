@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..jit import kernel
@@ -27,13 +29,13 @@ def fill_situation(  # type: ignore[no-untyped-def]
 
     Args:
         seat: -1: the robot's policy looks; k: that of ghost k, whose candidates are the places of the robot's.
-        maps: (goal_xy, affine, snap, length_cm, ghost_drive, ghost_place), stacked.
+        maps: (goal_xy, affine, snap, length_cm, ghost_drive, ghost_place, ghost_part), stacked.
     """
     (
         time_s, robot, robot_velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, seed, tick, pellets_left, everyone,
     ) = out  # fmt: skip
-    goal_xys, affines, snaps, lengths, drives, places = maps
+    goal_xys, affines, snaps, lengths, drives, places, parts = maps
     p = parameters[0]
     slots, hold = p.pellet_slots, p.pellet_slots + p.refuge_slots
     _, rows, columns = snaps.shape
@@ -58,13 +60,19 @@ def fill_situation(  # type: ignore[no-untyped-def]
         time_s[i] = g.tick * p.tick_s
         pose_age[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
         closing[i] = g.closing
+        if seat >= 0:  # his own: the rate at which the straight distance shrinks
+            dx, dy = bx - clyde[i, 0], by - clyde[i, 1]
+            v = robot_velocity[i, 0]
+            ux, uy = clyde_velocity[i, 0] - v * math.cos(bh), clyde_velocity[i, 1] - v * math.sin(bh)
+            closing[i] = (dx * ux + dy * uy) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
         current[i] = g.pursued if seat < 0 else ghosts[i, lead].place
         seed[i] = g.seed
         tick[i] = g.tick
         pellets_left[i] = g.spawned - g.collected - g.lost
         column, row = cell_of(affines[g.level], rows, columns, bx, by)
         here = snaps[g.level, row, column]
-        there = drive[ghost_paths[i, lead, ghosts[i, lead].at]]
+        ghost_cell = ghost_paths[i, lead, ghosts[i, lead].at]
+        there = drive[ghost_cell]
         for c in range(hold + 1):
             goal = -1
             if c < slots:
@@ -79,10 +87,13 @@ def fill_situation(  # type: ignore[no-untyped-def]
                     goal = g.pellets + c - slots
             else:
                 kind[i, c] = HOLD
-            mask[i, c] = allowed(g, i, c, alive, waits, p) if seat < 0 else (c == hold or place[goal] >= 0)
+            if seat < 0:
+                mask[i, c] = allowed(g, i, c, alive, waits, p)
+            else:
+                mask[i, c] = c == hold
+                if goal >= 0 and place[goal] >= 0:  # there, and he can get there
+                    mask[i, c] = parts[g.level, place[goal]] == parts[g.level, ghost_cell]
             if goal < 0:
-                if seat >= 0:
-                    mask[i, c] = c == hold
                 position[i, c, 0], position[i, c, 1] = bx, by
                 path_robot[i, c] = 0.0 if c == hold else np.inf
                 path_clyde[i, c] = np.inf
