@@ -29,7 +29,8 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
     wanders there. At every decision (0.5 s) the agent names the goal that the robot's navigator drives to; physics
     (pymunk, 20 Hz), navigation (a stand-in for Nav2) and localization (AMCL's belief) do the rest. Naming the goal
-    already pursued means "go on".
+    already pursued means "go on". There can be up to four ghosts, other kinds of observation and action, rounds
+    without end, and a new house for every episode: see the arguments. `docs/environments/pacmanbot.md` has examples.
 
     ## Action Space
     `Discrete(C)`: the index of a candidate goal. Candidates are, in this order,
@@ -43,8 +44,12 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
     A candidate that the mask forbids (a pellet collected, a goal that waits after Nav2 aborted it, padding) makes
     the robot hold. The mask is `observation["action_mask"]`, `action_masks()` gives it as bool.
 
+    With `action="velocity"` it is `Box(2,)` of float32 instead: v from 0 to 0.306 m/s (`robot.wheel_speed_mps`) and
+    omega from -1.9 to 1.9 rad/s, counter-clockwise, held until the next decision; Nav2 has no part in it. Velocities
+    beyond the limits are cut to them, and v to what the wheels have left: turning keeps its share. There is no mask.
+
     ## Observation Space
-    `Dict` of float32 arrays (and the int8 mask). Poses are those the robot believes, not the true ones.
+    `Dict` of float32 arrays (the mask is int8, the grid uint8). Poses are those the robot believes, not the true ones.
 
     | Key | Shape | Columns |
     |---|---|---|
@@ -52,9 +57,17 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
     | `clyde` | (7,) | forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), closing speed (m/s), his speed in this round (m/s) |
     | `candidates` | (C, 10) | is pellet, is refuge, is hold, is current, forward, left (m, robot frame), straight distance (m), path length from the robot (m), straight distance from Clyde (m), path length from Clyde (m) |
     | `round` | (2,) | time (s), pellets left |
-    | `action_mask` | (C,) | 1: may be chosen |
+    | `ghosts` | (G, 6) | with several ghosts, of each: forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), his speed in this round (m/s) |
+    | `action_mask` | (C,) | 1: may be chosen; not with velocities |
+    | `scan` | (R,) | with `observation="scan"`: the lidar's ranges (m), ray 0 ahead, the others counter-clockwise |
+    | `grid` | (S, S, 4) | with `observation="grid"`: 0 or 255 in the channels walls, pellets, ghosts, robot |
 
-    Lengths are capped at 100 m; rows of forbidden candidates are zero but for their kind.
+    Lengths are capped at 100 m; rows of forbidden candidates are zero but for their kind. With several ghosts `clyde`
+    is the nearest of them, and the path length from Clyde is the shortest of all their ways.
+
+    The scan is taken where the robot truly is: `R = 360` rays of 0.15 to 12.0 m with 1 % noise. Ghosts are virtual,
+    no ray ends at them. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
+    its heading up.
 
     ## Rewards
     Per decision, all configurable (`config.reward`): +1 for each pellet collected, -0.002 for the time, -10 when
@@ -62,28 +75,49 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
 
     ## Starting State
     The robot stands at the home pose; Clyde stands on a cell drawn uniformly from his cells, at least 1.5 m away
-    (`clyde.spawn_distance_m`), by default in the part of the map that connects to the robot's (`clyde.spawn`).
+    (`clyde.spawn_distance_m`), by default in the part of the map that connects to the robot's (`clyde.spawn`). So does
+    every other ghost. All that is drawn follows from the episode's seed, `info["round_seed"]`.
 
     ## Episode End
-    - Termination: the believed pose is within 0.25 m of Clyde (`caught`); every pellet is collected (`complete`);
-      no pellet is left but some were lost (`cleared`, only with `execution="as_built"`).
+    - Termination: the believed pose is within 0.25 m of Clyde or another ghost (`caught`); every pellet is collected
+      (`complete`); no pellet is left but some were lost (`cleared`, only with `execution="as_built"`).
     - Truncation: 600 s (`time_limit_s`).
+
+    With `endless=True` a completed round gives its reward and is followed by the next: from the home pose, with all
+    pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode is terminated when the robot is caught,
+    and truncated by the time limit of a round.
 
     ## Information
     `outcome` (`running`, `caught`, `complete`, `cleared`, `timeout`), `collected`, `lost`, `spawned`, `aborts`
     (goals that Nav2 aborted), `round_seed` (drawn from the environment's generator; it names the round in results).
+    On generated maps `level`. In endless games `round` (from 1) and `score` (pellets of all rounds). What
+    `randomize` has drawn, by the field's name (`speed_mps`).
 
     ## Arguments
     ```python
     gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot", execution="robust",
                    settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
     ```
-    - `map`: a shipped map's name, a map_server YAML file, or an `OccupancyMap`.
+    - `map`: a shipped map's name, a map_server YAML file, or an `OccupancyMap`; `"generated"` or `"generated:test"`:
+      a new house for each episode, its level drawn uniformly from the episode's seed.
     - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays) or `ideal` (perfect localization).
     - `execution`: `robust`, or `as_built` as the original executor was.
-    - `settings`: single fields of the configuration by dotted name; or `config`: a whole `Config`.
+    - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
+      (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
+    - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`.
+    - `action`: `"goal"` (the default) or `"velocity"`.
+    - `endless`: round follows round.
+    - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to
+      999,999 to train, 1,000,000 to 1,000,999 to test.
+    - `settings`: single fields of the configuration by dotted name; or `config`: a whole `Config`. With
+      `{"randomize.speed_mps": (0.2, 0.3)}` and its like a value is drawn uniformly for each episode.
     - `home`: x, y, heading of the home pose; by default (0, 0, 0) where the robot can stand there, else the roomiest
       place of the largest part.
+    - `render_mode`: `"rgb_array"`, or `"human"` for a window.
+
+    ## Copies
+    `copy.deepcopy` and `pickle` give an environment that goes on exactly as this one: the round is played again from
+    its seed and its decisions, which takes up to some ten ms.
 
     ## Version History
     - v0: first version.

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 import re
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from pacman_env.config import Config, RewardConfig, make_config
+from pacman_env.config import Config, ObservationConfig, RewardConfig, make_config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.sim import observation as columns
+from pacman_env.sim import raster
+from pacman_env.sim.generated import TEST_LEVEL, TEST_LEVELS
 from tests.envs.helpers import make
+
+EVERYTHING: dict[str, Any] = {"ghosts": 3, "observation": ("features", "scan", "grid")}
 
 
 def table(section: str) -> list[list[str]]:
@@ -27,16 +33,19 @@ def words(phrase: str) -> set[str]:
 
 def test_the_docstring_names_the_columns_in_their_order() -> None:
     rows = {cells[0].strip("`"): cells[1:] for cells in table("Observation Space")}
-    env = make()
-    candidates = int(env.action_space.n)
-    assert list(rows) == ["robot", "clyde", "candidates", "round", "action_mask"]
+    env = make(**EVERYTHING)
     assert set(rows) == set(env.observation_space)
+    assert set(make().observation_space) == {"robot", "clyde", "candidates", "round", "action_mask"}
+    letters = {"C": int(env.action_space.n), "G": 3, "R": 360, "S": 64}
     elliptic = {"cos_heading": "cos", "velocity_left": "left"}
     for key, (shape, text) in rows.items():
-        assert shape.replace("C", str(candidates)) == str(env.observation_space[key].shape), key
-        if key == "action_mask":
+        for letter, number in letters.items():
+            shape = shape.replace(letter, str(number))
+        assert shape == str(env.observation_space[key].shape), key
+        if key in ("action_mask", "scan", "grid"):
             continue
         named = getattr(columns, f"{key.upper().removesuffix('S')}_COLUMNS")
+        text = text.removeprefix("with several ghosts, of each: ")
         pieces = re.split(r", | and ", re.sub(r" \([^)]*\)", "", text))
         assert len(pieces) == len(named) == env.observation_space[key].shape[-1]
         for piece, (name, *_) in zip(pieces, named, strict=True):
@@ -61,7 +70,7 @@ def test_the_docstring_numbers_the_candidates_as_they_are() -> None:
 
 def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
     text = re.sub(r"\s+", " ", PacManBotEnv.__doc__ or "")
-    c, r = Config(), RewardConfig()
+    c, r, o = Config(), RewardConfig(), ObservationConfig()
     for sentence in (
         f"At every decision ({c.execution.tick_s} s)",
         f"(pymunk, {round(1 / c.physics_step_s)} Hz)",
@@ -70,13 +79,50 @@ def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
         f"{r.completion:+.0f} when the round is complete, {r.timeout:.0f} at the time limit",
         f"at least {c.clyde.spawn_distance_m} m away",
         f"within {c.execution.death_radius_m} m of Clyde",
+        f"v from 0 to {c.robot.wheel_speed_mps} m/s",
+        f"omega from -{c.robot.omega_radps} to {c.robot.omega_radps} rad/s",
+        f"`R = {o.scan_rays}` rays of {o.scan_minimum_m} to {o.scan_maximum_m} m with {o.scan_noise:.0%} noise".replace(
+            "%", " %"
+        ),
+        f"`S = {o.grid_pixels}` pixels of {o.grid_pixel_m} m",
+        f"Clyde {c.clyde.speed_step_mps} m/s faster",
+        f"to his corner within {c.clyde.arcade_distance_m} m",
+        f"0 to {TEST_LEVEL - 1:,} to train, {TEST_LEVEL:,} to {TEST_LEVEL + TEST_LEVELS - 1:,} to test",
         f"Truncation: {c.time_limit_s:.0f} s (`time_limit_s`)",
         "`outcome` (" + ", ".join(f"`{outcome}`" for outcome in OUTCOMES) + ")",
     ):
         assert sentence in text
-    _, info = make().reset(seed=0)
-    documented = re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", text.split("## Information")[1].split("##")[0]))
+
+
+def test_the_docstring_names_the_infos_in_their_order() -> None:
+    text = (PacManBotEnv.__doc__ or "").split("## Information")[1].split("##")[0]
+    documented = re.findall(r"`(\w+)`", re.sub(r"\((`speed_mps`)\)", r"\1", text))
+    documented = [name for name in documented if name not in {*OUTCOMES, "randomize"}]
+    plain, always = make().reset(seed=0)[1], 6
+    assert documented[:always] == list(plain)
+    settings = {"randomize.speed_mps": (0.2, 0.3)}
+    _, info = make(map="generated", num_levels=1, endless=True, settings=settings).reset(seed=0)
     assert documented == list(info)
+
+
+def test_the_docstring_names_every_argument() -> None:
+    text = (PacManBotEnv.__doc__ or "").split("## Arguments")[1].split("## ")[0]
+    documented = {
+        name for line in re.findall(r"^    - (.*?):", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)
+    }
+    arguments = set(inspect.signature(PacManBotEnv.__init__).parameters) - {"self", "config"}
+    assert documented == arguments
+    assert "or `config`: a whole `Config`" in text
+
+
+def test_the_docstrings_velocity_space_and_channels_are_those_of_the_environment() -> None:
+    env = make(action="velocity", observation="grid")
+    assert env.action_space.shape == (2,)
+    assert env.action_space.dtype == np.float32
+    assert "action_mask" not in env.observation_space
+    order = [raster.WALLS, raster.PELLETS, raster.GHOSTS, raster.ROBOT]
+    assert order == list(range(env.observation_space["grid"].shape[-1]))
+    assert "channels walls, pellets, ghosts, robot" in (PacManBotEnv.__doc__ or "")
 
 
 def test_the_docstrings_call_runs() -> None:
