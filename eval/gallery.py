@@ -28,7 +28,7 @@ from pacman_env.sim.generated import TEST_LEVEL, prepare_level
 from pacman_env.world.occupancy import shipped_maps
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
-#: Mean difference in grey levels that another release of OpenCV makes, which draws letters in its own way.
+#: Mean difference in grey levels that is no other picture: letters of another OpenCV, a robot a little farther on.
 TOLERANCE = 3.0
 
 _GAP = 10  # px between pictures

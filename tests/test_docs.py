@@ -1,7 +1,8 @@
-"""The documentation tells the truth: its Python runs, its commands exist, its links lead somewhere."""
+"""The documentation tells the truth: its Python and its commands run, its links lead somewhere."""
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import subprocess
@@ -10,21 +11,63 @@ from pathlib import Path
 
 import pytest
 
+from pacman_env.cli import main
+
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+EXAMPLES = [
+    pytest.param(example, id=f"{page.stem}-{number}")
+    for page in PAGES
+    for number, example in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
+]
+#: Commands of the package, in blocks and in lines.
+COMMANDS = sorted(
+    {m for page in PAGES for m in re.findall(r"^pacman-env .*|(?<=`)pacman-env [^`]*", page.read_text(), re.M)}
+)
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=range(len(EXAMPLES)))
-def test_readme_examples_run(example: str) -> None:
-    exec(compile(example, "README.md", "exec"), {})
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "example", "exec"), {})
 
 
-def test_links_lead_to_files() -> None:
+def anchors(page: Path) -> set[str]:
+    """Of the headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_links_lead_to_files_and_headings() -> None:
     for page in PAGES:
-        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+        for target in re.findall(r"\]\(([^)]+)\)", page.read_text()):
             if not target.startswith("http"):
-                assert (page.parent / target).exists(), f"{page.name}: {target}"
+                path, _, anchor = target.partition("#")
+                there = page.parent / path if path else page
+                assert there.exists(), f"{page.name}: {target}"
+                assert not anchor or anchor in anchors(there), f"{page.name}: {target}"
+
+
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    found, waiting = set(), [ROOT / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page not in found:
+            found.add(page)
+            links = re.findall(r"\]\(([^)#:]+\.md)", page.read_text())
+            waiting += [(page.parent / link).resolve() for link in links]
+    assert set(PAGES) <= found
+
+
+def test_pictures_are_all_shown_and_few_bytes() -> None:
+    pictures = set((ROOT / "docs" / "images").iterdir())
+    shown = {
+        (page.parent / target).resolve()
+        for page in PAGES
+        for target in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text())
+    }
+    assert pictures == shown
+    assert sum(picture.stat().st_size for picture in pictures) < 1_500_000
 
 
 def test_commands_of_the_pages_take_their_arguments() -> None:
@@ -41,6 +84,32 @@ def test_commands_of_the_pages_take_their_arguments() -> None:
                 arguments = shlex.split(rest.split("`")[0].split("#")[0], posix=False)
                 for option in (word for word in arguments if word.startswith("--")):
                     assert option in help_text, f"{module} {option}"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_packages_commands_run(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "maps").symlink_to(ROOT / "maps")
+    arguments = shlex.split(command, comments=True)[1:]
+    if (arguments[0] == "map" and len(arguments) > 2) or arguments == ["map", "list"]:
+        assert main(arguments) == 0
+        assert capsys.readouterr().out
+        return
+    names = [word for word in arguments if not word.startswith("-")][: 2 if arguments[0] == "map" else 1]
+    with pytest.raises(SystemExit, match="0"):
+        main([*names, "--help"])
+    help_text = capsys.readouterr().out
+    for option in (word for word in arguments if word.startswith("--")):
+        assert option in help_text, command
+
+
+def test_scripts_that_the_pages_name_can_be_run() -> None:
+    named = {name for page in PAGES for name in re.findall(r"\bscripts/(\w+)", page.read_text())}
+    assert {"compare", "test", "gallery", "reference"} <= named
+    for name in named:
+        assert os.access(ROOT / "scripts" / name, os.X_OK), name
 
 
 def test_no_page_has_a_gap_to_be_filled_in() -> None:

@@ -117,7 +117,7 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
 
     ## Copies
     `copy.deepcopy` and `pickle` give an environment that goes on exactly as this one: the round is played again from
-    its seed and its decisions, which takes up to some ten ms.
+    its seed and its decisions, which takes up to some tens of ms.
 
     ## Version History
     - v0: first version.
