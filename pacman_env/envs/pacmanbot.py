@@ -89,7 +89,7 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
 
     ## Information
     `outcome` (`running`, `caught`, `complete`, `cleared`, `timeout`), `collected`, `lost`, `spawned`, `aborts`
-    (goals that Nav2 aborted), `round_seed` (drawn from the environment's generator; it names the round in results).
+    (goals that Nav2 aborted), `round_seed` (drawn from the environment's generator; it names the episode in results).
     On generated maps `level`. In endless games `round` (from 1) and `score` (pellets of all rounds). What
     `randomize` has drawn, by the field's name (`speed_mps`).
 
