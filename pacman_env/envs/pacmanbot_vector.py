@@ -25,7 +25,9 @@ Observation = dict[str, NDArray[Any]]
 
 
 class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
-    """Many games of :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` at once, on one map.
+    """Many games of :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` at once.
+
+    They share one map, or with ``map="generated"`` each is in a house of its own.
 
     ```python
     gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
