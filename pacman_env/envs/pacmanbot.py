@@ -14,7 +14,7 @@ from ..config import Config
 from ..sim.assets import MapSource
 from ..sim.situation import Situation
 from .game import Game
-from .rendering import render_frame
+from .screen import Screen
 from .setup import RENDER_FPS, Ghosts, check_render_mode
 from .spaces import action_space, observation_space
 
@@ -23,7 +23,7 @@ Observation = dict[str, NDArray[Any]]
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotEnv(gym.Env[dict[str, Any], Any]):
+class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
@@ -166,7 +166,6 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
         self.render_mode = render_mode
         self.observation_space = observation_space(self.batch)
         self.action_space = action_space(self.batch)
-        self._window: Any = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -219,31 +218,6 @@ class PacManBotEnv(gym.Env[dict[str, Any], Any]):
         if not self._game.started:
             raise gym.error.ResetNeeded("call reset() first")
         return self._game.situation
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
-        if self.render_mode is None:
-            gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human' to make()")
-            return None
-        frame = render_frame(self.batch, 0)
-        if self.render_mode == "rgb_array":
-            return frame
-        if self._window is None:
-            from .human_window import HumanWindow
-
-            self._window = HumanWindow()
-        self._window.show(frame, RENDER_FPS)
-        return None
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything but the window: a copy opens its own."""
-        return {**self.__dict__, "_window": None}
 
     def _action(self, action: Any) -> NDArray[Any]:
         if isinstance(self.action_space, spaces.Box):

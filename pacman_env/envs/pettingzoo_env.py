@@ -21,7 +21,7 @@ from ..game.ghosts import GHOST_NAMES
 from ..sim.assets import MapSource
 from ..sim.observation import FAST_MPS, observe
 from .game import Game
-from .rendering import render_frame
+from .screen import Screen
 from .setup import RENDER_FPS, Ghosts, check_render_mode
 from .spaces import action_space, ghost_action_space, ghost_observation_space, observation_space, state_space
 
@@ -32,7 +32,7 @@ Observations = dict[str, dict[str, Any]]
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
+class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
     """
     ## Description
     The game of `pacman_env/PacManBot-v0` for two players and more: `pacman` names the robot's next goal, `clyde` the
@@ -144,7 +144,6 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
             self.action_spaces[name] = ghost_action_space(self.batch)
         self.state_space = state_space(self.batch)
         self._generator: np.random.Generator | None = None
-        self._window: Any = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Of one agent; the same object each time."""
@@ -250,31 +249,6 @@ class PacManBotParallelEnv(ParallelEnv[str, dict[str, Any], Any]):
             names += [f"{ghost}_{part}" for part in ("x", "y", "vx", "vy", "speed", "place")]
         names += [f"pellet_{k}" for k in range(self.batch.pellet_slots)]
         return [*names, "goal", "time", "round", "score"]
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
-        if self.render_mode is None:
-            gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")
-            return None
-        frame = render_frame(self.batch, 0)
-        if self.render_mode == "rgb_array":
-            return frame
-        if self._window is None:
-            from .human_window import HumanWindow
-
-            self._window = HumanWindow()
-        self._window.show(frame, RENDER_FPS)
-        return None
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything but the window: a copy opens its own."""
-        return {**self.__dict__, "_window": None}
 
     def _observations(self) -> Observations:
         result = {PACMAN: {key: array[0] for key, array in self._game.observe().items()}}
