@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from ..config import Config, ConfigError, make_config
 from ..game.ghosts import BEHAVIOURS, GHOST_NAMES
@@ -36,6 +38,10 @@ def make_settings(
     Raises:
         ConfigError: ``config`` together with what it replaces, an unknown name, or a value out of range.
     """
+    if config is not None and not isinstance(config, Config):
+        raise ConfigError(f"config = {config!r}: must be a Config")
+    if settings is not None and not (isinstance(settings, Mapping) and all(isinstance(key, str) for key in settings)):
+        raise ConfigError(f"settings = {settings!r}: must be values by the dotted names of fields")
     behaviours, policies = _behaviours(ghosts)
     changes: dict[str, Any] = {}
     if behaviours is not None:
@@ -59,10 +65,10 @@ def make_settings(
 def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int, Policy]]:
     if ghosts is None:
         return None, {}
-    if isinstance(ghosts, int) and not isinstance(ghosts, bool):
+    if isinstance(ghosts, (int, np.integer)) and not isinstance(ghosts, bool):
         if not 1 <= ghosts <= len(GHOST_NAMES):
             raise ConfigError(f"ghosts = {ghosts}: must be 1 to {len(GHOST_NAMES)}")
-        return ("wander",) * ghosts, {}
+        return ("wander",) * int(ghosts), {}
     each: Any = [ghosts] if isinstance(ghosts, str) or hasattr(ghosts, "select") else ghosts
     if not isinstance(each, Sequence):
         raise ConfigError(f"ghosts = {ghosts!r}: must be a number, a behaviour, a policy, or a sequence of these")
@@ -79,7 +85,8 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
 
 
 def _kinds(observation: str | Sequence[str]) -> dict[str, bool]:
-    chosen = [observation] if isinstance(observation, str) else list(observation)
+    several = isinstance(observation, Iterable) and not isinstance(observation, str)
+    chosen = list(observation) if several else [observation]
     unknown = [name for name in chosen if name not in KINDS]
     if unknown or not chosen:
         raise ConfigError(f"observation = {observation!r}: choose one or several of {KINDS}")

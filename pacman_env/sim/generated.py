@@ -7,6 +7,7 @@ Procgen: ``generated`` draws from the levels below ``TEST_LEVEL``, ``generated:t
 from __future__ import annotations
 
 import functools
+import numbers
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,9 @@ class GeneratedMaps:
         Raises:
             ConfigError: an unknown split, or levels that are not in it.
         """
+        for field_name, number in (("start_level", start_level), ("num_levels", num_levels)):
+            if number is not None and (not isinstance(number, numbers.Integral) or isinstance(number, bool)):
+                raise ConfigError(f"{field_name} = {number!r}: must be a whole number")
         splits = {
             "generated": (0, TEST_LEVEL),
             "generated:train": (0, TEST_LEVEL),
@@ -67,7 +71,7 @@ class GeneratedMaps:
         room = first + count - start
         if num_levels is not None and not 0 <= num_levels <= room:
             raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
-        return cls(config, start, num_levels or room)
+        return cls(config, int(start), int(num_levels or room))
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the first map, which is prepared again when it is asked for."""

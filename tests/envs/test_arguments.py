@@ -1,0 +1,65 @@
+"""The typed arguments of the environments: what says the same, and what is refused with its name."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from tests.envs.helpers import QUICK, make
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"observation": "pictures"}, r"observation = 'pictures'.*features.*scan.*grid"),
+    ({"observation": ()}, r"observation = \(\)"),
+    ({"observation": ("scan", 3)}, r"observation = \('scan', 3\)"),
+    ({"observation": 5}, "observation = 5"),
+    ({"action": "fly"}, r"action = 'fly'.*goal.*velocity"),
+    ({"ghosts": 0}, "ghosts = 0.*1 to 4"),
+    ({"ghosts": 5}, "ghosts = 5.*1 to 4"),
+    ({"ghosts": True}, "ghosts = True"),
+    ({"ghosts": "wonder"}, r"ghosts = \('wonder',\).*wander"),
+    ({"ghosts": ("wander", 3)}, r"ghosts\[1\] = 3"),
+    ({"ghosts": ()}, r"ghosts = \(\).*one to four"),
+    ({"ghosts": "policy"}, r"ghosts\[0\] = 'policy'"),
+    ({"endless": "yes"}, "endless = 'yes'"),
+    ({"num_levels": 3}, "num_levels are for map='generated'"),
+    ({"map": "generated", "home": (0.0, 0.0, 0.0)}, "home: generated"),
+    ({"map": "generated", "num_levels": 2.5}, r"num_levels = 2\.5"),
+    ({"map": "generated", "start_level": "a"}, "start_level = 'a'"),
+    ({"config": Config(), "settings": QUICK}, "config or the arguments"),
+    ({"config": Config(), "observation": "scan"}, "config or the arguments"),
+    ({"config": {"time_limit_s": 3.0}}, "config = .*must be a Config"),
+    ({"settings": [1]}, r"settings = \[1\]"),
+    ({"action": "goal", "settings": {"action": "velocity"}}, "action is given twice"),
+    ({"settings": {"randomize.speed_mps": (0.3, 0.2)}}, r"speed_mps = \(0\.3, 0\.2\).*\(low, high\)"),
+    ({"settings": {"randomize.speed_mps": (0.2, 5.0)}}, r"randomize\.speed_mps = .*wheel_speed_mps"),
+    ({"settings": {"randomize.abort_rate": (0.0, 2.0)}}, r"abort_rate = .*\[0, 1\]"),
+    ({"settings": {"randomize.speed": (0.1, 0.2)}}, r"randomize\.speed"),
+    ({"settings": {"observation.scan_rays": 0}}, "scan_rays = 0"),
+]
+
+
+@pytest.mark.parametrize("build", [PacManBotEnv, lambda **chosen: PacManBotVectorEnv(2, **chosen)])
+@pytest.mark.parametrize(("chosen", "message"), REFUSED)
+def test_what_cannot_be_played_is_one_error_that_names_the_field(
+    chosen: dict[str, Any], message: str, build: Callable[..., Any]
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        build(**chosen)
+
+
+def test_arguments_and_settings_say_the_same() -> None:
+    by_arguments = make(observation=("scan", "features"), action="velocity", ghosts=2, endless=True)
+    settings = {"observation.scan": True, "action": "velocity", "clyde.ghosts": ["wander", "wander"], "endless": True}
+    assert make(settings=settings).config == by_arguments.config == make_config("robot", "robust", **settings)
+    assert make(ghosts=np.int64(2)).config.clyde.ghosts == ("wander", "wander")
+    for first, second in itertools.pairwise(
+        [make(observation=kinds) for kinds in ("scan", ["scan"], ("scan", "scan"))]
+    ):
+        assert first.config == second.config
