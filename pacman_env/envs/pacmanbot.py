@@ -16,7 +16,7 @@ from ..sim.situation import Situation
 from .game import Game
 from .screen import Screen
 from .setup import RENDER_FPS, Ghosts, check_render_mode
-from .spaces import action_space, observation_space
+from .spaces import action_space, checked_action, observation_space
 
 Observation = dict[str, NDArray[Any]]
 
@@ -187,7 +187,7 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
         """
         if not self._game.started:
             raise gym.error.ResetNeeded("call reset() before step()")
-        reward, terminated, truncated = self._game.step(self._action(action))
+        reward, terminated, truncated = self._game.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()
         return (
@@ -218,18 +218,6 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
         if not self._game.started:
             raise gym.error.ResetNeeded("call reset() first")
         return self._game.situation
-
-    def _action(self, action: Any) -> NDArray[Any]:
-        if isinstance(self.action_space, spaces.Box):
-            velocities = np.asarray(action)
-            if velocities.shape != (2,) or velocities.dtype.kind not in "fiu":
-                raise ValueError(f"action {action!r}: must be two numbers, v in m/s and omega in rad/s")
-            return velocities.astype(np.float64)[None]
-        if not self.action_space.contains(action) and not (
-            isinstance(action, np.ndarray) and action.shape == () and self.action_space.contains(action[()])
-        ):
-            raise ValueError(f"action {action!r} is not in {self.action_space}")
-        return np.array([action], dtype=np.int64)
 
     def _observation(self) -> Observation:
         return {key: array[0] for key, array in self._game.observe().items()}

@@ -23,7 +23,14 @@ from ..sim.observation import FAST_MPS, observe
 from .game import Game
 from .screen import Screen
 from .setup import RENDER_FPS, Ghosts, check_render_mode
-from .spaces import action_space, ghost_action_space, ghost_observation_space, observation_space, state_space
+from .spaces import (
+    action_space,
+    checked_action,
+    ghost_action_space,
+    ghost_observation_space,
+    observation_space,
+    state_space,
+)
 
 PACMAN = "pacman"
 Rewards = Literal["zero_sum", "separate"]
@@ -209,17 +216,7 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
         Raises:
             ValueError: it is not in the agent's space; but velocities beyond the limits are cut to them.
         """
-        space = self.action_spaces[agent]
-        if isinstance(space, spaces.Box):
-            velocities = np.asarray(action)
-            if velocities.shape != (2,) or velocities.dtype.kind not in "fiu" or not np.isfinite(velocities).all():
-                raise ValueError(f"action {action!r} of {agent}: must be two numbers, v in m/s and omega in rad/s")
-            return velocities.astype(np.float64)
-        if not space.contains(action) and not (
-            isinstance(action, np.ndarray) and action.shape == () and space.contains(action[()])
-        ):
-            raise ValueError(f"action {action!r} of {agent} is not in {space}")
-        return np.int64(action)
+        return checked_action(self.action_spaces[agent], action, f" of {agent}")
 
     def state(self) -> NDArray[np.float64]:
         """The whole game as it truly is; the numbers are named by ``state_names``.

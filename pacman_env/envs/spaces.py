@@ -98,6 +98,24 @@ def state_space(batch: GameBatch) -> spaces.Box:
     return spaces.Box(low, high, dtype=np.float64)
 
 
+def checked_action(space: spaces.Space[Any], action: Any, who: str = "") -> Any:
+    """An action as the game takes it: an int64, or two float64 (v, omega).
+
+    Raises:
+        ValueError: it is not in the space; but velocities beyond the limits are cut to them by the game.
+    """
+    if isinstance(space, spaces.Box):
+        velocities = np.asarray(action)
+        if velocities.shape != (2,) or velocities.dtype.kind not in "fiu" or not np.isfinite(velocities).all():
+            raise ValueError(f"action {action!r}{who}: must be two finite numbers, v in m/s and omega in rad/s")
+        return velocities.astype(np.float64)
+    if not space.contains(action) and not (
+        isinstance(action, np.ndarray) and action.shape == () and space.contains(action[()])
+    ):
+        raise ValueError(f"action {action!r}{who} is not in {space}")
+    return np.int64(action)
+
+
 def ghost_action_space(batch: GameBatch) -> spaces.Discrete:
     """Of one ghost: the candidate to whose place he goes, or to wander on."""
     return spaces.Discrete(batch.candidates)
