@@ -109,11 +109,6 @@ class LevelStack:
         """Whether the level lies in a slot."""
         return bool((self.numbers == level).any())
 
-    def put(self, slot: int, level: int, assets: MapAssets, users: int) -> None:
-        """Fill a slot as it was in another stack."""
-        self._load(slot, assets)
-        self.numbers[slot], self._users[slot] = level, users
-
     def take(self, level: int, prepare: Callable[[int], MapAssets]) -> int:
         """A slot with that level, held until it is given back; ``prepare`` is called if no slot has it."""
         self._clock += 1

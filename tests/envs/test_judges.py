@@ -21,7 +21,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_match import check_environments_match
 from gymnasium.vector import SyncVectorEnv
 
-from pacman_env.envs import pacmanbot
+from pacman_env.envs import screen
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
@@ -45,7 +45,7 @@ judged = pytest.mark.parametrize("combination", PAIRWISE, ids=name)
 @pytest.fixture(autouse=True)
 def _quick_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr(pacmanbot, "RENDER_FPS", 10_000)  # nobody watches
+    monkeypatch.setattr(screen, "RENDER_FPS", 10_000)  # nobody watches
 
 
 def test_the_combinations_are_those_promised() -> None:
