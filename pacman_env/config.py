@@ -15,6 +15,7 @@ import typing
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+MAX_SPEED_MPS = 5.0  # of a ghost, however many rounds an endless game has
 MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
 
 
@@ -199,6 +200,9 @@ class ClydeConfig(_Section):
         super().__post_init__()
         _require(1 <= len(self.ghosts) <= 4, "ClydeConfig.ghosts", self.ghosts, "must name one to four behaviours")
         _positive(self, "arcade_distance_m")
+        _require(
+            self.speed_mps <= MAX_SPEED_MPS, "ClydeConfig.speed_mps", self.speed_mps, f"must be at most {MAX_SPEED_MPS}"
+        )
         _not_negative(self, "speed_mps", "speed_step_mps", "clearance_m", "spawn_distance_m")
         _positive(self, "update_period_s")
 
@@ -300,6 +304,8 @@ class ObservationConfig(_Section):
         kinds = (self.features, self.scan, self.grid)
         _require(any(kinds), "ObservationConfig", kinds, "at least one of features, scan and grid must be True")
         _positive(self, "scan_rays", "scan_minimum_m", "grid_pixels", "grid_pixel_m")
+        _require(self.scan_rays <= 10_000, "ObservationConfig.scan_rays", self.scan_rays, "must be at most 10000")
+        _require(self.grid_pixels <= 1024, "ObservationConfig.grid_pixels", self.grid_pixels, "must be at most 1024")
         _not_negative(self, "scan_noise")
         _require(
             self.scan_maximum_m > self.scan_minimum_m,
@@ -307,6 +313,10 @@ class ObservationConfig(_Section):
             self.scan_maximum_m,
             f"must be above scan_minimum_m = {self.scan_minimum_m}",
         )
+
+
+def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields}
 
 
 @dataclass(frozen=True)
@@ -399,8 +409,8 @@ class Config(_Section):
         return dataclasses.replace(self, **top)
 
     def as_dict(self) -> dict[str, Any]:
-        """All fields as nested plain data, for results and logs."""
-        return dataclasses.asdict(self)
+        """All fields as nested plain data, as JSON has it, for results and logs."""
+        return dataclasses.asdict(self, dict_factory=_as_json)
 
 
 AS_BUILT: dict[str, Any] = {
@@ -433,8 +443,8 @@ def make_config(preset: str = "robot", execution: str = "robust", **changes: Any
     Raises:
         ConfigError: an unknown preset, execution or field, or a value out of range.
     """
-    if preset not in PRESETS:
+    if not isinstance(preset, str) or preset not in PRESETS:
         raise ConfigError(f"unknown preset {preset!r}: choose one of {sorted(PRESETS)}")
-    if execution not in EXECUTIONS:
+    if not isinstance(execution, str) or execution not in EXECUTIONS:
         raise ConfigError(f"unknown execution {execution!r}: choose one of {sorted(EXECUTIONS)}")
     return Config().with_fields(**{**PRESETS[preset], **EXECUTIONS[execution], **changes})

@@ -14,6 +14,7 @@ from ..policies.base import Policy
 from ..sim.assets import MapSource, map_assets
 from ..sim.generated import GeneratedMaps
 from ..sim.sources import FixedMap, LevelSource
+from ..world.occupancy import OccupancyMap
 
 RENDER_FPS = 2  # one frame per decision, in real time
 KINDS = ("features", "scan", "grid")
@@ -106,6 +107,8 @@ def make_source(
         ConfigError: levels of a map that has none, or levels out of range.
         MapError: the map cannot be read or played on.
     """
+    if not isinstance(map_source, (str, os.PathLike, OccupancyMap)):
+        raise ConfigError(f"map = {map_source!r}: must be a name, a YAML file or an OccupancyMap")
     name = os.fspath(map_source) if isinstance(map_source, (str, os.PathLike)) else ""
     if name.partition(":")[0] == "generated":
         if home is not None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import Config, ConfigError
+from ..config import MAX_SPEED_MPS, Config, ConfigError
 from ..game.clyde import search_memory
 from ..game.ghosts import BEHAVIOURS, POLICY, WANDER
 from ..game.round import clyde_speed_mps
@@ -228,7 +228,8 @@ class GameBatch:
         fresh["round"] += 1
         fresh["tick_rounds"] = 1
         faster = self.config.clyde.speed_step_mps
-        fresh["clyde_speed"] = [clyde_speed_mps(g["base_clyde_speed"], faster, g["round"]) for g in fresh]
+        speeds = [clyde_speed_mps(g["base_clyde_speed"], faster, g["round"]) for g in fresh]
+        fresh["clyde_speed"] = np.minimum(speeds, MAX_SPEED_MPS)
         self._start(index, next_seeds(before["seed"]), fresh)
 
     def step(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64] | None = None) -> None:

@@ -42,6 +42,11 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"settings": {"randomize.abort_rate": (0.0, 2.0)}}, r"abort_rate = .*\[0, 1\]"),
     ({"settings": {"randomize.speed": (0.1, 0.2)}}, r"randomize\.speed"),
     ({"settings": {"observation.scan_rays": 0}}, "scan_rays = 0"),
+    ({"settings": {"observation.grid_pixels": 100_000}}, "grid_pixels = 100000.*at most 1024"),
+    ({"settings": {"clyde.speed_mps": 6.0}}, r"speed_mps = 6\.0.*at most 5"),
+    ({"map": 3}, "map = 3: must be a name"),
+    ({"preset": ["robot"]}, r"unknown preset \['robot'\]"),
+    ({"execution": {}}, r"unknown execution {}"),
 ]
 
 

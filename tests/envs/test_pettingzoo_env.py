@@ -233,7 +233,10 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("goal", {}, "no action of pacman, clyde"),
     *(("goal", {PACMAN: bad, "clyde": 0}, "pacman is not in Discrete") for bad in (-1, 24, 1.0, None, np.array([1]))),
     *(("goal", {PACMAN: 0, "clyde": bad}, "clyde is not in Discrete") for bad in (-1, 24, "1", None, 2**40)),
-    *(("velocity", {PACMAN: bad, "clyde": 0}, "pacman: must be two finite numbers") for bad in ([np.nan, 0.0], 1, None, "go")),
+    *(
+        ("velocity", {PACMAN: bad, "clyde": 0}, "pacman: must be two finite numbers")
+        for bad in ([np.nan, 0.0], 1, None, "go")
+    ),
     ("velocity", {PACMAN: [0.1, 0.1], "clyde": 24}, "clyde is not in Discrete"),
 ]
 

@@ -1,6 +1,6 @@
 """Gymnasium's wrappers work on the single and the native vector environment as on any other.
 
-Those that are quick to check on one round (statistics, flattening, time limit) are in test_pacmanbot_judges.py.
+Those that are quick to check on one round (statistics, flattening, time limit) are in test_pacmanbot_wrappers.py.
 """
 
 from __future__ import annotations

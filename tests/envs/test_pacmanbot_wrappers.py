@@ -1,4 +1,4 @@
-"""Gymnasium's wrappers work on one round of the single environment; its judges are in test_judges.py."""
+"""Gymnasium's wrappers work on one round of the single environment."""
 
 from __future__ import annotations
 
