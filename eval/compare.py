@@ -113,6 +113,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     names = {source: assets.occupancy.name for source, assets in maps}
     rows = _rows(blocks, played, names)
     what = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
+    what = ", ".join([what, *arguments.set])
     print(f"{what}\n\n{render(rows)}")
     if json_path is not None:
         _write_json(json_path, rows, maps, configs[0], arguments)
@@ -139,9 +140,18 @@ def _configs(arguments: argparse.Namespace) -> list[Config]:
                 raise ConfigError(f"{name}: given twice")
             changes[name] = value
     speeds = dict.fromkeys(arguments.clyde_speed)
-    return [
+    configs = [
         make_config(arguments.preset, arguments.execution, **changes, **{"clyde.speed_mps": speed}) for speed in speeds
     ]
+    config = configs[0]
+    for name, value, wrong in (
+        ("action", config.action, config.action != "goal"),
+        ("endless", config.endless, config.endless),
+        ("clyde.ghosts", config.clyde.ghosts, "policy" in config.clyde.ghosts),
+    ):
+        if wrong:
+            raise ConfigError(f"{name} = {value!r}: policies that name goals are compared over single rounds")
+    return configs
 
 
 def _maps(sources: Sequence[str], config: Config) -> list[tuple[str, MapAssets]]:

@@ -48,7 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _finite(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
     return value
@@ -83,8 +86,24 @@ def _map_check(arguments: argparse.Namespace) -> int:
     pellets = generate_pellets(occupancy, config)
     x, y = arguments.home
     report = check_map(occupancy, pellets.position, pellets.ids, home=(x, y), free_grey=config.free_grey)
-    print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
-    return 0
+    refusal = _refusal(occupancy, arguments.spacing)
+    if arguments.json:
+        print(json.dumps({**report.as_dict(), "refusal": refusal}, indent=2))
+    else:
+        print(report.render(), *([f"cannot be played: {refusal}"] if refusal else []), sep="\n")
+    return 1 if refusal else 0
+
+
+def _refusal(occupancy: Any, spacing_m: float) -> str | None:
+    """Why an environment would refuse the map, None if it would not."""
+    from pacman_env.config import make_config
+    from pacman_env.sim.assets import map_assets
+
+    try:
+        map_assets(occupancy, make_config().with_fields(**{"pellets.spacing_m": spacing_m}))
+    except ValueError as error:
+        return str(error)
+    return None
 
 
 def _map_list(arguments: argparse.Namespace) -> int:
@@ -96,9 +115,15 @@ def _map_list(arguments: argparse.Namespace) -> int:
 
 def _map_generate(arguments: argparse.Namespace) -> int:
     from pacman_env.config import make_config
-    from pacman_env.sim.generated import level_map
+    from pacman_env.sim.generated import TEST_LEVEL, TEST_LEVELS, level_map
 
     config = make_config()
+    last = arguments.level + arguments.count - 1
+    if arguments.count < 1 or last >= TEST_LEVEL + TEST_LEVELS or arguments.level < TEST_LEVEL <= last:
+        raise ValueError(
+            f"levels {arguments.level} to {last}: training has 0 to {TEST_LEVEL - 1}, "
+            f"testing {TEST_LEVEL} to {TEST_LEVEL + TEST_LEVELS - 1}"
+        )
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for level in range(arguments.level, arguments.level + arguments.count):
         print(level_map(level, config).save(arguments.folder / f"generated-{level}.yaml"))
@@ -126,9 +151,12 @@ def _add_play(commands: Any) -> None:
 
 
 def _not_negative(text: str) -> int:
-    value = int(text)
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
     if value < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is negative")
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least 0")
     return value
 
 

@@ -8,6 +8,7 @@ Frozen dataclasses compose into :class:`Config`; two presets, ``robot`` and ``id
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 import numbers
 import types
@@ -28,6 +29,27 @@ def _require(condition: bool, field_name: str, value: object, rule: str) -> None
         raise ConfigError(f"{field_name} = {value!r}: {rule}")
 
 
+#: The name of each group of fields in a Config.
+_GROUPS = {
+    "RobotConfig": "robot",
+    "LocalizationConfig": "localization",
+    "Nav2Config": "nav2",
+    "PelletConfig": "pellets",
+    "ClydeConfig": "clyde",
+    "ExecutionConfig": "execution",
+    "RewardConfig": "reward",
+    "RefugeConfig": "refuges",
+    "RandomizeConfig": "randomize",
+    "ObservationConfig": "observation",
+}
+
+
+def _path(owner: object, field_name: str) -> str:
+    """The dotted name of a field, as settings give it."""
+    group = _GROUPS.get(type(owner).__name__)
+    return f"{group}.{field_name}" if group else field_name
+
+
 class _Section:
     """A group of fields; every value has the type its annotation says, and numbers are finite."""
 
@@ -37,7 +59,7 @@ class _Section:
             if isinstance(value, list):  # as settings from a file come
                 value = tuple(value)
                 object.__setattr__(self, name, value)
-            _require(_is_a(value, kind), f"{type(self).__name__}.{name}", value, f"must be {_words(kind)}")
+            _require(_is_a(value, kind), _path(self, name), value, f"must be {_words(kind)}")
             if isinstance(value, numbers.Real) and not isinstance(value, (bool, int, float)):  # NumPy's numbers
                 object.__setattr__(self, name, int(value) if isinstance(value, numbers.Integral) else float(value))
 
@@ -79,13 +101,13 @@ def _words(kind: Any) -> str:
 def _positive(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
-        _require(value > 0, f"{type(owner).__name__}.{name}", value, "must be a finite number above 0")
+        _require(value > 0, _path(owner, name), value, "must be a finite number above 0")
 
 
 def _not_negative(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
-        _require(value >= 0, f"{type(owner).__name__}.{name}", value, "must be a finite number of at least 0")
+        _require(value >= 0, _path(owner, name), value, "must be a finite number of at least 0")
 
 
 @dataclass(frozen=True)
@@ -106,13 +128,13 @@ class RobotConfig(_Section):
         _positive(self, *(f.name for f in dataclasses.fields(self)))
         _require(
             self.inscribed_radius_m >= self.radius_m,
-            "RobotConfig.inscribed_radius_m",
+            "robot.inscribed_radius_m",
             self.inscribed_radius_m,
             f"must be at least radius_m = {self.radius_m}",
         )
         _require(
             self.speed_mps <= self.wheel_speed_mps,
-            "RobotConfig.speed_mps",
+            "robot.speed_mps",
             self.speed_mps,
             f"must be at most wheel_speed_mps = {self.wheel_speed_mps}",
         )
@@ -158,7 +180,7 @@ class Nav2Config(_Section):
         names = (f.name for f in dataclasses.fields(self) if f.name not in ("accept_delay_s", "abort_rate"))
         _positive(self, *names)
         _not_negative(self, "accept_delay_s")
-        _require(0 <= self.abort_rate <= 1, "Nav2Config.abort_rate", self.abort_rate, "must be in [0, 1]")
+        _require(0 <= self.abort_rate <= 1, "nav2.abort_rate", self.abort_rate, "must be in [0, 1]")
 
 
 @dataclass(frozen=True)
@@ -174,7 +196,7 @@ class PelletConfig(_Section):
         super().__post_init__()
         _positive(self, "spacing_m")
         _not_negative(self, "wall_clearance_m")
-        _require(0 <= self.free_grey <= 254, "PelletConfig.free_grey", self.free_grey, "must be in 0..254")
+        _require(0 <= self.free_grey <= 254, "pellets.free_grey", self.free_grey, "must be in 0..254")
 
 
 #: How a ghost picks where he goes: ``wander`` is Algorithm 2; ``arcade`` goes for the robot from far away and to his
@@ -198,11 +220,9 @@ class ClydeConfig(_Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(1 <= len(self.ghosts) <= 4, "ClydeConfig.ghosts", self.ghosts, "must name one to four behaviours")
+        _require(1 <= len(self.ghosts) <= 4, "clyde.ghosts", self.ghosts, "must name one to four behaviours")
         _positive(self, "arcade_distance_m")
-        _require(
-            self.speed_mps <= MAX_SPEED_MPS, "ClydeConfig.speed_mps", self.speed_mps, f"must be at most {MAX_SPEED_MPS}"
-        )
+        _require(self.speed_mps <= MAX_SPEED_MPS, "clyde.speed_mps", self.speed_mps, f"must be at most {MAX_SPEED_MPS}")
         _not_negative(self, "speed_mps", "speed_step_mps", "clearance_m", "spawn_distance_m")
         _positive(self, "update_period_s")
 
@@ -274,7 +294,7 @@ class RandomizeConfig(_Section):
         super().__post_init__()
         above_zero = ("speed_mps", "update_distance_m", "update_angle_rad", "pickup_radius_m")
         for name, low, high in self.ranges():
-            field_name, value = f"RandomizeConfig.{name}", (low, high)
+            field_name, value = f"randomize.{name}", (low, high)
             _require(low <= high, field_name, value, "must be (low, high)")
             _require(low > 0 if name in above_zero else low >= 0, field_name, value, "low is out of range")
             _require(name != "abort_rate" or high <= 1, field_name, value, "must be within [0, 1]")
@@ -302,17 +322,28 @@ class ObservationConfig(_Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         kinds = (self.features, self.scan, self.grid)
-        _require(any(kinds), "ObservationConfig", kinds, "at least one of features, scan and grid must be True")
+        _require(any(kinds), "observation", kinds, "at least one of features, scan and grid must be True")
         _positive(self, "scan_rays", "scan_minimum_m", "grid_pixels", "grid_pixel_m")
-        _require(self.scan_rays <= 10_000, "ObservationConfig.scan_rays", self.scan_rays, "must be at most 10000")
-        _require(self.grid_pixels <= 1024, "ObservationConfig.grid_pixels", self.grid_pixels, "must be at most 1024")
+        _require(self.scan_rays <= 10_000, "observation.scan_rays", self.scan_rays, "must be at most 10000")
+        _require(self.grid_pixels <= 1024, "observation.grid_pixels", self.grid_pixels, "must be at most 1024")
         _not_negative(self, "scan_noise")
         _require(
             self.scan_maximum_m > self.scan_minimum_m,
-            "ObservationConfig.scan_maximum_m",
+            "observation.scan_maximum_m",
             self.scan_maximum_m,
             f"must be above scan_minimum_m = {self.scan_minimum_m}",
         )
+
+
+def _meant(name: str, known: dict[str, Any]) -> str:
+    """What a mistyped field may have been."""
+    fields = []
+    for group, value in known.items():
+        inner = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
+        fields += [f"{group}.{f.name}" for f in inner] or [group]
+    close = difflib.get_close_matches(name, fields, n=2, cutoff=0.7)
+    close = close or [field for field in fields if field.rpartition(".")[2] == name]
+    return f": did you mean {' or '.join(close)}?" if close else ""
 
 
 def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -356,32 +387,32 @@ class Config(_Section):
             steps = period / self.physics_step_s
             _require(
                 steps > 0.5 and abs(steps - round(steps)) < 1e-6,
-                f"Config.{name}",
+                f"{name}",
                 period,
                 f"must be a whole number of physics steps of {self.physics_step_s} s",
             )
         fastest = max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
         _require(
             fastest <= self.robot.wheel_speed_mps,
-            "Config.randomize.speed_mps",
+            "randomize.speed_mps",
             self.randomize.speed_mps,
             f"must be at most robot.wheel_speed_mps = {self.robot.wheel_speed_mps}",
         )
         _require(
             fastest * self.nav2.planner_period_s <= MAX_BLIND_M,
-            "Config.nav2.planner_period_s",
+            "nav2.planner_period_s",
             self.nav2.planner_period_s,
             f"the robot would drive more than {MAX_BLIND_M} m on one plan, which is written out for a little more",
         )
         checks = self.execution.tick_s / self.execution.check_period_s
         _require(
             checks > 0.5 and abs(checks - round(checks)) < 1e-6,
-            "Config.execution.check_period_s",
+            "execution.check_period_s",
             self.execution.check_period_s,
             f"must divide execution.tick_s = {self.execution.tick_s} s",
         )
         if self.max_pellets is not None:
-            _require(self.max_pellets >= 1, "Config.max_pellets", self.max_pellets, "must be at least 1")
+            _require(self.max_pellets >= 1, "max_pellets", self.max_pellets, "must be at least 1")
 
     def with_fields(self, **changes: Any) -> Config:
         """A copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
@@ -401,7 +432,7 @@ class Config(_Section):
             elif name in known:
                 top[group] = value
             else:
-                raise ConfigError(f"unknown configuration field {name!r}")
+                raise ConfigError(f"unknown configuration field {name!r}{_meant(name, known)}")
         for group, fields in groups.items():
             owner = top.get(group, known[group])
             if dataclasses.is_dataclass(owner) and not isinstance(owner, type):  # else Config says what is wrong

@@ -41,7 +41,7 @@ def test_check_prints_json(room: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_warnings_leave_the_status_0(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["map", "check", str(room), "--home", "50", "50"]) == 0
+    assert main(["map", "check", str(room), "--home", "50", "50", "--spacing", "1.0"]) == 0
     assert "warning: home (50, 50) is not free" in capsys.readouterr().out
 
 
@@ -49,7 +49,7 @@ def test_warnings_leave_the_status_0(room: Path, capsys: pytest.CaptureFixture[s
     ("arguments", "words"),
     [
         (["nowhere"], "nowhere: neither a YAML file"),
-        (["ROOM", "--spacing", "0"], "PelletConfig.spacing_m"),
+        (["ROOM", "--spacing", "0"], "pellets.spacing_m"),
         (["ROOM", "--spacing", "0.001"], "below the map's resolution"),
         (["BROKEN"], "key 'image' is missing"),
     ],
@@ -99,7 +99,7 @@ def test_bad_arguments_are_one_line_and_status_2(capsys: pytest.CaptureFixture[s
         (["--map", "nowhere"], "nowhere: neither a YAML file"),
         (["--preset", "fast"], "unknown preset 'fast'"),
         (["--execution", "slow"], "unknown execution 'slow'"),
-        (["--clyde-speed", "-1"], "ClydeConfig.speed_mps"),
+        (["--clyde-speed", "-1"], "clyde.speed_mps"),
         (["--time-limit", "0"], "time_limit_s"),
         (["--speed", "0"], "speed = 0.0"),
         (["--fps", "0"], "fps = 0.0"),
@@ -167,3 +167,22 @@ def test_generate_writes_the_houses_of_levels(tmp_path: Path, capsys: pytest.Cap
     ]
     assert capsys.readouterr().out.split() == [str(tmp_path / "houses" / f"generated-{k}.yaml") for k in (7, 8)]
     assert occupancy.load_map(tmp_path / "houses" / "generated-7.yaml").name == "generated-7"
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_map_that_cannot_be_played_is_status_1(room: Path, capsys: pytest.CaptureFixture[str], as_json: bool) -> None:
+    assert main(["map", "check", str(room), "--spacing", "9", *(["--json"] if as_json else [])]) == 1
+    out = capsys.readouterr().out
+    refusal = json.loads(out)["refusal"] if as_json else out.partition("cannot be played: ")[2]
+    assert "no pellet that the robot can reach at a spacing of 9.0 m" in refusal
+
+
+@pytest.mark.parametrize(
+    "levels", [["--count", "0"], ["--level", "1000999", "--count", "2"], ["--level", "999999", "--count", "2"]]
+)
+def test_levels_of_no_split_and_of_both_are_not_generated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], levels: list[str]
+) -> None:
+    assert main(["map", "generate", str(tmp_path / "houses"), *levels]) == 2
+    assert "training has 0 to 999999, testing 1000000 to 1000999" in capsys.readouterr().err
+    assert not (tmp_path / "houses").exists()

@@ -43,6 +43,15 @@ def test_with_fields_leaves_the_original_and_other_fields_alone() -> None:
     assert dataclasses.replace(after, clyde=before.clyde, max_pellets=None) == before
 
 
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("clyde.spead_mps", r"clyde\.speed_mps"), ("speed_step_mps", r"clyde\.speed_step_mps"), ("endles", "endless")],
+)
+def test_what_a_mistyped_field_may_have_been_is_said(name: str, meant: str) -> None:
+    with pytest.raises(ConfigError, match=f"unknown configuration field '{name}': did you mean {meant}"):
+        make_config(**{name: 1.0})
+
+
 @pytest.mark.parametrize("name", ["speed", "clyde.spead_mps", "ghost.speed_mps", "max_pellets.x"])
 def test_an_unknown_field_is_named(name: str) -> None:
     with pytest.raises(ConfigError, match=f"unknown configuration field '{name}'"):
@@ -124,6 +133,8 @@ def test_a_physics_step_that_divides_no_period_is_refused() -> None:
 def _leaves(value: object) -> list[object]:
     if isinstance(value, dict):
         return [leaf for v in value.values() for leaf in _leaves(v)]
+    if isinstance(value, list):
+        return [leaf for v in value for leaf in _leaves(v)]
     return [value]
 
 
@@ -131,7 +142,7 @@ def test_as_dict_is_plain_data_with_every_field() -> None:
     config = make_config("ideal", "as_built", max_pellets=12)
     data = config.as_dict()
     assert json.loads(json.dumps(data)) == data
-    assert {type(leaf) for leaf in _leaves(data)} <= {int, float, str, bool}
+    assert {type(leaf) for leaf in _leaves(data)} <= {int, float, str, bool, type(None)}
     fields = [f for f in dataclasses.fields(config) if dataclasses.is_dataclass(getattr(config, f.name))]
     rebuilt: dict[str, Any] = dict(data)
     for f in fields:

@@ -122,7 +122,13 @@ class Game:
             return None
         choices = np.full(self.batch.ghosts.shape, self.batch.hold, dtype=np.int64)
         for number, policy in self._policies.items():
-            choices[:, number] = policy.select(self.batch.situation(number))
+            chosen = np.asarray(policy.select(self.batch.situation(number)))
+            if chosen.shape != (self.batch.n,) or chosen.dtype.kind not in "iu":
+                raise ValueError(
+                    f"ghosts[{number}]: select must return {self.batch.n} integers, got {chosen.dtype} of shape"
+                    f" {chosen.shape}"
+                )
+            choices[:, number] = chosen
         for number, choice in told.items():
             choices[:, number] = choice
         return choices

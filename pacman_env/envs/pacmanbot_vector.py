@@ -66,8 +66,9 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
     ) -> None:
         """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
         check_render_mode(render_mode, self.metadata["render_modes"])
-        if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs}: must be at least 1")
+        if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
+        num_envs = int(num_envs)
         self._game = Game(
             num_envs,
             map,

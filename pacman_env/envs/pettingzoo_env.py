@@ -114,8 +114,8 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
         check_render_mode(render_mode, self.metadata["render_modes"])
         if rewards not in ("zero_sum", "separate"):
             raise ConfigError(f"rewards = {rewards!r}: choose zero_sum or separate")
-        if max_cycles is not None and max_cycles < 1:
-            raise ConfigError(f"max_cycles = {max_cycles}: must be at least 1")
+        if max_cycles is not None and (not isinstance(max_cycles, int) or max_cycles < 1):
+            raise ConfigError(f"max_cycles = {max_cycles!r}: must be a whole number of at least 1")
         if ghosts is None and config is None and "clyde.ghosts" not in (settings or {}):
             ghosts = ("policy",)
         self._game = Game(
@@ -137,7 +137,7 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
         self.batch, self.config = self._game.batch, self._game.config
         self._seats = {GHOST_NAMES[k]: k for k in self._game.seats}
         if not self._seats:
-            raise ConfigError("ghosts: at least one must have the behaviour 'policy', which makes him an agent")
+            raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
         self.rewards = rewards
         self.max_cycles = max_cycles
         self._cycles = 0

@@ -77,16 +77,18 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
     for number, one in enumerate(each):
         if isinstance(one, str):
             names.append(one)
-        elif hasattr(one, "select"):
+        elif hasattr(one, "select") and hasattr(one, "reset") and not isinstance(one, type):
             names.append("policy")
             policies[number] = one
         else:
-            raise ConfigError(f"ghosts[{number}] = {one!r}: must be one of {BEHAVIOURS} or a policy")
+            raise ConfigError(
+                f"ghosts[{number}] = {one!r}: must be one of {BEHAVIOURS[:-1]} or an object with reset and select"
+            )
     return tuple(names), policies
 
 
 def _kinds(observation: str | Sequence[str]) -> dict[str, bool]:
-    several = isinstance(observation, Iterable) and not isinstance(observation, str)
+    several = isinstance(observation, Iterable) and not isinstance(observation, (str, Mapping))
     chosen = list(observation) if several else [observation]
     unknown = [name for name in chosen if name not in KINDS]
     if unknown or not chosen:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import PelletConfig
+from pacman_env.config import ConfigError, PelletConfig
 
 
 class FreeSpace(Protocol):
@@ -58,12 +58,12 @@ def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     ``config.reachable_only`` is left to the simulator: ids must not depend on where a robot starts.
 
     Raises:
-        ValueError: the spacing is less than half a pixel.
+        ConfigError: the spacing is less than half a pixel.
     """
     step = round(config.spacing_m / map.resolution)
     clearance = round(config.wall_clearance_m / map.resolution)
     if step < 1:
-        raise ValueError(f"pellet spacing {config.spacing_m} m is below the map's resolution {map.resolution} m")
+        raise ConfigError(f"pellets.spacing_m = {config.spacing_m}: below the map's resolution, {map.resolution} m")
     free = map.game_free(config.free_grey)
     height, width = free.shape
     blocked = cv2.integral((~free).astype(np.uint8))  # summed-area table

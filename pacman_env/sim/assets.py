@@ -127,8 +127,8 @@ def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, fl
         x, y, heading = (float(value) for value in home)
     except (TypeError, ValueError):
         x = y = heading = math.nan
-    if not all(map(math.isfinite, (x, y, heading))):
-        raise MapError(f"{name}: the home pose must be x, y, heading (m, m, rad), not {home!r}")
+    if not all(map(math.isfinite, (x, y, heading))) or abs(heading) > 2 * math.pi:
+        raise MapError(f"{name}: the home pose must be x, y, heading (m, m, rad within 2 pi), not {home!r}")
     return x, y, heading
 
 

@@ -116,7 +116,7 @@ def check_map(
     padded = np.pad(free, 1).astype(np.uint8)
     clearance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1] * map.resolution
     fits = clearance > inscribed_radius_m
-    warnings = _image_warnings(map, free, nav2_free)
+    warnings = _image_warnings(map, free, nav2_free, free_grey)
 
     start = None if home is None else _cell(map, *home)
     if start is None or not fits[start]:
@@ -163,13 +163,16 @@ def _cell(map: OccupancyMap, x: float, y: float) -> tuple[int, int] | None:
     return (r, c) if 0 <= r < map.height and 0 <= c < map.width else None
 
 
-def _image_warnings(map: OccupancyMap, free: NDArray[np.bool_], nav2_free: NDArray[np.bool_]) -> list[str]:
+def _image_warnings(
+    map: OccupancyMap, free: NDArray[np.bool_], nav2_free: NDArray[np.bool_], free_grey: int
+) -> list[str]:
     warnings = []
     unsure = nav2_free & ~free & (map.grey > 0)
     if unsure.mean() > SUSPICIOUS_SHARE:
         warnings.append(
-            f"unknown loads as free: {unsure.sum() * map.resolution**2:.1f} m2 are free to Nav2, but not "
-            f"to the game (free_thresh {map.free_thresh:g})"
+            f"unknown loads as free: {unsure.sum() * map.resolution**2:.1f} m2, mostly of grey "
+            f"{int(np.median(map.grey[unsure]))}, are free to Nav2 (free_thresh {map.free_thresh:g}, mode {map.mode}), "
+            f"but not to the game, which wants brighter than {free_grey}"
         )
     blocked = free & ~nav2_free
     if blocked.mean() > SUSPICIOUS_SHARE:

@@ -211,6 +211,8 @@ def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
             return _load(path, path.resolve().parent.name if path.stem == "map" else path.stem)
     except (OSError, RuntimeError) as error:  # no permission, no such user's home
         raise MapError(f"{source}: cannot be read: {error}") from error
+    if str(source).startswith("generated"):
+        raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
     names = ", ".join(shipped) or "none found"
     raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map ({names})")
 

@@ -102,7 +102,7 @@ def test_a_config_with_anything_that_it_replaces_is_refused(also: dict[str, Any]
     [
         ({"settings": {"clyde.spede_mps": 0.3}}, r"clyde\.spede_mps"),
         ({"settings": {"ghost.speed_mps": 0.3}}, r"ghost\.speed_mps"),
-        ({"settings": {"clyde.speed_mps": -1.0}}, r"ClydeConfig\.speed_mps = -1\.0"),
+        ({"settings": {"clyde.speed_mps": -1.0}}, r"clyde\.speed_mps = -1\.0"),
         ({"settings": {"max_pellets": 2}}, "max_pellets = 2: the map has 13"),
         ({"preset": "real"}, "unknown preset 'real'.*ideal.*robot"),
         ({"execution": "fast"}, "unknown execution 'fast'.*as_built.*robust"),

@@ -212,7 +212,7 @@ def test_max_cycles_truncate_a_game_that_still_runs() -> None:
     ("arguments", "message"),
     [
         ({"rewards": "shared"}, "rewards = 'shared': choose zero_sum or separate"),
-        ({"max_cycles": 0}, "max_cycles = 0: must be at least 1"),
+        ({"max_cycles": 0}, "max_cycles = 0: must be a whole number of at least 1"),
         ({"ghosts": ("wander", "chase")}, "at least one must have the behaviour 'policy'"),
         ({"ghosts": 2}, "at least one must have the behaviour 'policy'"),
         ({"config": Config()}, "at least one must have the behaviour 'policy'"),
