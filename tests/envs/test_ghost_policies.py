@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import pacman_env
+from pacman_env.config import ConfigError
 from pacman_env.envs.pettingzoo_env import PACMAN
+from pacman_env.policies.base import BasePolicy
 from pacman_env.sim.situation import Situation
 from tests.envs.helpers import QUICK, make, make_vector, same
 
@@ -96,3 +100,31 @@ def test_a_policy_may_play_one_ghost_and_an_agent_another() -> None:
     env.reset(seed=0)
     env.step({PACMAN: 0, "blinky": 0})
     assert len(policy.seen) == 1
+
+
+class Returns(BasePolicy):
+    """Selects whatever it was given."""
+
+    name = "returns"
+
+    def __init__(self, value: Any) -> None:
+        self._value = value
+
+    def select(self, situation: Situation) -> Any:
+        return self._value
+
+
+@pytest.mark.parametrize("value", [3, None, np.array([2.7]), np.array([1, 2]), [[1]]])
+def test_what_is_no_choice_for_each_game_is_refused_with_the_ghosts_number(value: Any) -> None:
+    env = make(ghosts=["wander", Returns(value)])
+    env.reset(seed=0)
+    before = env.batch.games.copy()
+    with pytest.raises(ValueError, match=r"ghosts\[1\]: select must return 1 integers"):
+        env.step(0)
+    np.testing.assert_array_equal(env.batch.games, before)
+
+
+@pytest.mark.parametrize("ghost", [Returns, object(), 3.5])
+def test_what_is_no_policy_object_is_refused(ghost: Any) -> None:
+    with pytest.raises(ConfigError, match=r"ghosts\[0\] = .*an object with reset and select"):
+        make(ghosts=(ghost,))

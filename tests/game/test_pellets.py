@@ -124,5 +124,5 @@ def test_an_empty_set_has_the_shapes_of_a_full_one() -> None:
 
 
 def test_a_spacing_below_the_resolution_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"spacing 0\.01 m"):
+    with pytest.raises(ValueError, match=r"spacing_m = 0\.01"):
         generate_pellets(GreyMap(np.full((5, 5), 254, np.uint8)), PelletConfig(spacing_m=0.01))
