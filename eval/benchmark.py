@@ -110,6 +110,7 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     if rounds < 1:
         raise ValueError(f"rounds = {rounds}: must be at least 1")
     rng = np.random.default_rng(0)
+    level_ms = new_level_ms(max(8, round(50 * seconds)))
     env = make_vector(64, map_source)
     robot = env.config.robot
     bare = PhysicsWorld(
@@ -142,7 +143,7 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
         "bare_ratio_64": float(np.median(ratios)),
         "bare_ratio_64_range": [float(ratios.min()), float(ratios.max())],
         "make_again_ms": make_again_ms(map_source, rounds),
-        "new_level_ms": new_level_ms(max(8, round(50 * seconds))),
+        "new_level_ms": level_ms,
         "generated_decisions_per_s_64": generated_rate(rng, steps),
         "map": env.batch.assets.occupancy.name,
         "map_hash": env.batch.assets.occupancy.hash,

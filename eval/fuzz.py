@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import argparse
 import copy
-import os
 import sys
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -226,7 +226,8 @@ def _report(arguments: argparse.Namespace) -> int:
                 print(f"{source}, seed {seed}: {fault}\nrepeat: {repeat}")
                 return FAULT_STATUS
             seed += 1
-        print(tally.line(os.path.basename(source)))
+        path = Path(source)
+        print(tally.line(path.parent.name if path.stem == "map" else path.stem))
         total.episodes += tally.episodes
         total.decisions += tally.decisions
         total.refused_actions += tally.refused_actions

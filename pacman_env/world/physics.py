@@ -8,6 +8,7 @@ and a velocity written over the solver's result would push a body into the wall 
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 import numpy as np
@@ -105,8 +106,7 @@ class PhysicsWorld:
         for i, body in enumerate(body for space in self._spaces for body in space.bodies):
             body.velocity = pymunk.Vec2d(speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
         for space in self._spaces:
-            for shape in space.space.shapes:
-                shape.elasticity = 1.0
+            space.bounce()
         for _ in range(count):
             for space in self._spaces:
                 space.space.step(self.step_s)
@@ -125,6 +125,22 @@ def _batched(function: str, fields: pymunk.batch.BodyFields, buffer: pymunk.batc
     return ffi.addressof(lib, function), data, array
 
 
+def _add_walls(space: pymunk.Space, walls: NDArray[np.float64]) -> list[Any]:
+    """Static segments as pymunk makes them, without an object of Python's for each: they are never asked for."""
+    body, handle = space.static_body._body, space._space
+    shapes = [lib.cpSegmentShapeNew(body, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]
+    for shape in shapes:
+        lib.cpSpaceAddShape(handle, shape)
+    return shapes
+
+
+def _remove_walls(space: pymunk.Space, shapes: list[Any]) -> None:
+    """Give the segments' memory back, before their space goes."""
+    for shape in shapes:
+        lib.cpSpaceRemoveShape(space._space, shape)
+        lib.cpShapeFree(shape)
+
+
 class _Space:
     """One pymunk space with up to ``GAMES_PER_SPACE`` robots; reads and writes its rows of the world's arrays."""
 
@@ -140,9 +156,8 @@ class _Space:
         self.walls = walls
         space = pymunk.Space()
         space.collision_slop = _COLLISION_SLOP_M
-        segments = [pymunk.Segment(space.static_body, w[:2], w[2:], 0.0) for w in walls.tolist()]
-        if segments:
-            space.add(*segments)
+        self._walls = _add_walls(space, walls)
+        weakref.finalize(self, _remove_walls, space, self._walls)
         self.bodies = []
         only_walls = pymunk.ShapeFilter(group=1)
         for _ in range(count):
@@ -170,6 +185,13 @@ class _Space:
             each(handle, get_state, data_out)
 
         self.step = step
+
+    def bounce(self) -> None:
+        """Make robots and walls elastic."""
+        for shape in self.space.shapes:
+            shape.elasticity = 1.0
+        for wall in self._walls:
+            lib.cpShapeSetElasticity(wall, 1.0)
 
     def deepest_contact(self) -> float:
         data = pymunk.batch.Buffer()
