@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from pacman_env.heuristics.clyde_aware import ClydeAware
+from pacman_env.heuristics.lookahead import Lookahead
 from pacman_env.heuristics.simple import Nearest, Random
 from pacman_env.policies.base import Policy
 
@@ -45,5 +46,6 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
 
 register("clyde_aware", ClydeAware)
 register("clyde_aware:documented", partial(ClydeAware, form="documented"))
+register("lookahead", Lookahead)
 register("nearest", Nearest)
 register("random", Random)

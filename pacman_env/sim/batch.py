@@ -333,7 +333,7 @@ class GameBatch:
 
     def situation(self, seat: int = -1) -> Situation:
         """What a policy sees now, the robot's or (``seat`` k) that of ghost k; new arrays at each call."""
-        situation = Situation.empty(self.n, self.candidates, len(self.behaviours))
+        situation = Situation.empty(self.n, self.candidates, len(self.behaviours), self.levels)
         fill_situation(
             self.games,
             self.ghosts,

@@ -20,7 +20,7 @@ from .assets import MapAssets
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
 _PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
 _VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
-_FIXED = ("affine", "shape", "home", "spawn_count", "ghost_corner")
+_FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
 
 
 def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
@@ -40,6 +40,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "next_step": assets.next_step,
         "clearance_cm": grid.clearance_cm,
         "goal_xy": assets.goal_xy,
+        "goal_count": np.array(len(assets.goal_xy), dtype=np.int32),
         "plan_end": np.where(moved[:, None], nearest, assets.goal_xy),
         "home": grid.home,
         "spawn_cells": assets.spawn_cells,

@@ -97,7 +97,7 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, _, _, pellets_left, everyone,
+        path_robot, path_clyde, current, _, _, pellets_left, everyone, _, _,
     ) = arrays  # fmt: skip
     count = mask.shape[1]
     for i in range(len(time_s)):

@@ -11,9 +11,13 @@ can be sent to, and the last one is to wander on.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .levels import LevelStack
 
 PELLET, REFUGE, HOLD = 0, 1, 2
 
@@ -40,20 +44,23 @@ class Situation:
     tick: NDArray[np.int64]  # (N,) decisions taken in this round before this one
     pellets_left: NDArray[np.int64]  # (N,) still on the map, those that may not be chosen now included
     ghosts: NDArray[np.float64]  # (N, G, 5) x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
+    goal: NDArray[np.int32]  # (N, C) number of the candidate among the map's goals, -1: none
+    level: NDArray[np.int32]  # (N,) slot of the map in ``maps``
+    maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None: not known
 
     def __len__(self) -> int:
         return len(self.time_s)
 
     def arrays(self) -> tuple[NDArray, ...]:
         """The arrays in the order of the fields."""
-        return tuple(self.__dict__.values())
+        return tuple(self.__dict__.values())[:-1]
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
         """The situations at ``index`` as a smaller batch."""
-        return Situation(*(array[index] for array in self.arrays()))
+        return Situation(*(array[index] for array in self.arrays()), maps=self.maps)
 
     @classmethod
-    def empty(cls, n: int, candidates: int, ghosts: int = 1) -> Situation:
+    def empty(cls, n: int, candidates: int, ghosts: int = 1, maps: LevelStack | None = None) -> Situation:
         """Arrays for n situations, not yet filled."""
         c = candidates
         situation = cls.__new__(cls)  # a frozen dataclass sets its fields one by one, slowly
@@ -76,5 +83,8 @@ class Situation:
             tick=np.empty(n, dtype=np.int64),
             pellets_left=np.empty(n, dtype=np.int64),
             ghosts=np.empty((n, ghosts, 5)),
+            goal=np.empty((n, c), dtype=np.int32),
+            level=np.empty(n, dtype=np.int32),
+            maps=maps,
         )
         return situation

@@ -33,7 +33,7 @@ def fill_situation(  # type: ignore[no-untyped-def]
     """
     (
         time_s, robot, robot_velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, seed, tick, pellets_left, everyone,
+        path_robot, path_clyde, current, seed, tick, pellets_left, everyone, goals, level,
     ) = out  # fmt: skip
     goal_xys, affines, snaps, lengths, drives, places, parts = maps
     p = parameters[0]
@@ -68,6 +68,7 @@ def fill_situation(  # type: ignore[no-untyped-def]
         current[i] = g.pursued if seat < 0 else ghosts[i, lead].place
         seed[i] = g.seed
         tick[i] = g.tick
+        level[i] = g.level
         pellets_left[i] = g.spawned - g.collected - g.lost
         column, row = cell_of(affines[g.level], rows, columns, bx, by)
         here = snaps[g.level, row, column]
@@ -93,6 +94,7 @@ def fill_situation(  # type: ignore[no-untyped-def]
                 mask[i, c] = c == hold
                 if goal >= 0 and place[goal] >= 0:  # there, and he can get there
                     mask[i, c] = parts[g.level, place[goal]] == parts[g.level, ghost_cell]
+            goals[i, c] = goal
             if goal < 0:
                 position[i, c, 0], position[i, c, 1] = bx, by
                 path_robot[i, c] = 0.0 if c == hold else np.inf
