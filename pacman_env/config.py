@@ -312,6 +312,7 @@ class ObservationConfig(_Section):
     features: bool = True  # robot, Clyde, candidates and round as numbers
     scan: bool = False  # the lidar
     grid: bool = False  # picture around the robot
+    planner: bool = False  # what the learned planner reads (sim/features.py)
     scan_rays: int = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: float = 0.15  # RPLIDAR A1
     scan_maximum_m: float = 12.0  # RPLIDAR A1
@@ -322,7 +323,7 @@ class ObservationConfig(_Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         kinds = (self.features, self.scan, self.grid)
-        _require(any(kinds), "observation", kinds, "at least one of features, scan and grid must be True")
+        _require(any(kinds), "observation", kinds, "at least one of features, scan, grid and planner must be True")
         _positive(self, "scan_rays", "scan_minimum_m", "grid_pixels", "grid_pixel_m")
         _require(self.scan_rays <= 10_000, "observation.scan_rays", self.scan_rays, "must be at most 10000")
         _require(self.grid_pixels <= 1024, "observation.grid_pixels", self.grid_pixels, "must be at most 1024")

@@ -17,7 +17,7 @@ from ..sim.sources import FixedMap, LevelSource
 from ..world.occupancy import OccupancyMap
 
 RENDER_FPS = 2  # one frame per decision, in real time
-KINDS = ("features", "scan", "grid")
+KINDS = ("features", "scan", "grid", "planner")
 
 #: How many wander, or for each a behaviour or a policy of his own.
 Ghosts = int | str | Policy | Sequence[str | Policy]

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from ..sim.batch import GameBatch
+from ..sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from ..sim.observation import (
     CANDIDATE_COLUMNS,
     CLYDE_COLUMNS,
@@ -62,6 +63,10 @@ def observation_space(batch: GameBatch) -> spaces.Dict:
     """Of one game."""
     kinds = batch.config.observation
     parts = _features(batch) if kinds.features else {}
+    if kinds.planner:
+        shape = (batch.candidates, len(CANDIDATE_FEATURES))
+        parts["planner_candidates"] = spaces.Box(-10.0, 10.0, shape, np.float32)
+        parts["planner_globals"] = spaces.Box(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32)
     if batch.config.action == "goal":
         parts["action_mask"] = spaces.MultiBinary(batch.candidates)
     if kinds.scan:

@@ -29,7 +29,7 @@ NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
 
 
 @kernel
-def _walk(cell, goal, x, y, speed, delay, affine_unused, cell_xy, next_step, goals, out):  # type: ignore[no-untyped-def]
+def _walk(cell, goal, x, y, speed, delay, cell_xy, next_step, goals, out):  # type: ignore[no-untyped-def]
     """Positions (STEPS, 2) from (x, y) along the static way to ``goal``, then, with ``goals`` > 0, on to others."""
     px, py = x, y
     left = speed * (STEP_S - delay)
@@ -63,7 +63,7 @@ def _walk(cell, goal, x, y, speed, delay, affine_unused, cell_xy, next_step, goa
 
 
 @kernel
-def _encounters(arrays, maps, robot_speed, ways, weights, mine, out):  # type: ignore[no-untyped-def]
+def _encounters(arrays, maps, robot_speed, ways_x, ways_y, best, weights, mine, out):  # type: ignore[no-untyped-def]
     robot, clyde, clyde_velocity, clyde_speed, mask, path_clyde, goal, level = arrays
     affines, snaps, cell_xys, next_steps, counts = maps
     soon = int(SOON_S / STEP_S)
@@ -84,8 +84,10 @@ def _encounters(arrays, maps, robot_speed, ways, weights, mine, out):  # type: i
         for k in range(goals):
             if next_step[k, there] == NO_STEP:
                 continue
-            way = ways[used]
-            _walk(there, k, cx, cy, speed, 0.0, 0, cell_xy, next_step, goals, way)
+            way = mine
+            _walk(there, k, cx, cy, speed, 0.0, cell_xy, next_step, goals, way)
+            for j in range(STEPS):
+                ways_x[j, used], ways_y[j, used] = way[j, 0], way[j, 1]
             weight = 1.0
             if v > 1e-6 and speed > 1e-6:
                 j = min(max(int(_FIRST_M / (speed * STEP_S)), 0), STEPS - 1)
@@ -117,23 +119,33 @@ def _encounters(arrays, maps, robot_speed, ways, weights, mine, out):  # type: i
                     off = math.atan2(dy, dx) - heading
                     off = abs(off - 2.0 * math.pi * math.floor((off + math.pi) / (2.0 * math.pi)))
                     turn = max(off - 0.7, 0.0) / _TURN_RADPS
-                _walk(here, g, x, y, robot_speed, turn, 0, cell_xy, next_step, 0, mine)
+                _walk(here, g, x, y, robot_speed, turn, cell_xy, next_step, 0, mine)
+                away = math.sqrt(dx * dx + dy * dy)
+                if away > 0.05:
+                    out[i, c, 5] = (dx * math.cos(heading) + dy * math.sin(heading)) / away
+                    to_clyde = math.sqrt((cx - x) ** 2 + (cy - y) ** 2)
+                    out[i, c, 6] = (dx * (cx - x) + dy * (cy - y)) / (away * max(to_clyde, 1e-6))
+            standing = 1e9
+            for j in range(STEPS):
+                standing = min(standing, (mine[j, 0] - cx) ** 2 + (mine[j, 1] - cy) ** 2)
+            out[i, c, 7] = math.sqrt(standing)
             near_soon, near, wide, mean, least = 0.0, 0.0, 0.0, 0.0, 1e9
-            for k in range(used):
-                best, early = 1e9, 1e9
-                way = ways[k]
-                for j in range(STEPS):
-                    dx, dy = mine[j, 0] - way[j, 0], mine[j, 1] - way[j, 1]
+            best[:used] = np.float32(1e9)
+            for j in range(STEPS):
+                mx, my = np.float32(mine[j, 0]), np.float32(mine[j, 1])
+                for k in range(used):
+                    dx, dy = mx - ways_x[j, k], my - ways_y[j, k]
                     d2 = dx * dx + dy * dy
-                    best = min(best, d2)
-                    if j < soon:
-                        early = min(early, d2)
-                w = weights[k] / total
-                near_soon += w * (early < NEAR_M * NEAR_M)
-                near += w * (best < NEAR_M * NEAR_M)
-                wide += w * (best < WIDE_M * WIDE_M)
-                mean += w * math.sqrt(best)
-                least = min(least, best)
+                    best[k] = d2 if d2 < best[k] else best[k]
+                if j == soon - 1:
+                    for k in range(used):
+                        near_soon += weights[k] * (best[k] < NEAR_M * NEAR_M)
+            for k in range(used):
+                near += weights[k] * (best[k] < NEAR_M * NEAR_M)
+                wide += weights[k] * (best[k] < WIDE_M * WIDE_M)
+                mean += weights[k] * math.sqrt(best[k])
+                least = min(least, best[k])
+            near_soon, near, wide, mean = near_soon / total, near / total, wide / total, mean / total
             if used == 0:
                 mean, least = 10.0, 100.0
             out[i, c, 0], out[i, c, 1], out[i, c, 2] = near_soon, near, wide
@@ -141,10 +153,11 @@ def _encounters(arrays, maps, robot_speed, ways, weights, mine, out):  # type: i
 
 
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float64]:
-    """How near Clyde may come on the way to each candidate within 12 s, (N, C, 5).
+    """How near Clyde may come on the way to each candidate within 12 s, (N, C, 8).
 
     Columns: probability of less than 0.45 m within 5 s, within 12 s; of less than 0.8 m within 12 s; mean over his
-    futures of the smallest distance, and the smallest of all, m. Rows of masked candidates are 0.
+    futures of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
+    heading, and with the direction to Clyde; smallest distance if he stood still, m. Rows of masked candidates are 0.
 
     Raises:
         ValueError: the situation has no maps.
@@ -154,7 +167,7 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     a = situation.maps.arrays
     n, c = situation.mask.shape
     goals = a["next_step"].shape[1]
-    out = np.empty((n, c, 5))
+    out = np.empty((n, c, 8))
     _encounters(
         (
             situation.robot, situation.clyde, situation.clyde_velocity, situation.clyde_speed, situation.mask,
@@ -162,7 +175,9 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
         ),  # fmt: skip
         (a["affine"], a["snap"], a["cell_xy"], a["next_step"], a["goal_count"]),
         robot_speed_mps,
-        np.empty((goals, STEPS, 2)),
+        np.empty((STEPS, goals), dtype=np.float32),
+        np.empty((STEPS, goals), dtype=np.float32),
+        np.empty(goals, dtype=np.float32),
         np.empty(goals),
         np.empty((STEPS, 2)),
         out,

@@ -40,6 +40,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "next_step": assets.next_step,
         "clearance_cm": grid.clearance_cm,
         "goal_xy": assets.goal_xy,
+        "goal_cell": assets.goal_cell,
         "goal_count": np.array(len(assets.goal_xy), dtype=np.int32),
         "plan_end": np.where(moved[:, None], nearest, assets.goal_xy),
         "home": grid.home,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..world.lidar import scan_all
 from .batch import GameBatch
+from .features import planner_features
 from .observation import Observation, observe
 from .raster import raster_all
 from .situation import Situation
@@ -37,6 +38,9 @@ class Observer:
                 del observation["action_mask"]
         else:
             observation = {"action_mask": situation.mask.astype(np.int8)} if self._masked else {}
+        if kinds.planner:
+            speed = self._batch.config.robot.speed_mps
+            observation["planner_candidates"], observation["planner_globals"] = planner_features(situation, speed)
         if kinds.scan:
             observation["scan"] = self._scan()
         if kinds.grid:
