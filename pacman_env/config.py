@@ -322,7 +322,7 @@ class ObservationConfig(_Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kinds = (self.features, self.scan, self.grid)
+        kinds = (self.features, self.scan, self.grid, self.planner)
         _require(any(kinds), "observation", kinds, "at least one of features, scan, grid and planner must be True")
         _positive(self, "scan_rays", "scan_minimum_m", "grid_pixels", "grid_pixel_m")
         _require(self.scan_rays <= 10_000, "observation.scan_rays", self.scan_rays, "must be at most 10000")

@@ -54,9 +54,7 @@ GLOBAL_FEATURES = (
 )
 
 
-def planner_features(
-    situation: Situation, robot_speed_mps: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Candidates (N, C, 20) and globals (N, 8), float32.
 
     Raises:
@@ -69,18 +67,11 @@ def planner_features(
     candidates = np.zeros((n, c, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.zeros((n, len(GLOBAL_FEATURES)), dtype=np.float32)
     s = situation
-    _fill(
-        (
-            s.robot, s.robot_velocity, s.clyde, s.clyde_speed, s.closing_speed, s.kind, s.position, s.mask,
-            s.path_robot, s.path_clyde, s.current, s.pellets_left, s.goal, s.level,
-        ),  # fmt: skip
-        arrays["length_cm"],
-        arrays["goal_cell"],
-        meetings,
-        robot_speed_mps,
-        candidates,
-        whole,
+    seen = (
+        *(s.robot, s.robot_velocity, s.clyde, s.clyde_speed, s.closing_speed, s.kind, s.position, s.mask),
+        *(s.path_robot, s.path_clyde, s.current, s.pellets_left, s.goal, s.level),
     )
+    _fill(seen, arrays["length_cm"], arrays["goal_cell"], meetings, robot_speed_mps, candidates, whole)
     return candidates, whole
 
 

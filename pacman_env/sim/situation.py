@@ -57,7 +57,8 @@ class Situation:
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
         """The situations at ``index`` as a smaller batch."""
-        return Situation(*(array[index] for array in self.arrays()), maps=self.maps)
+        arrays = {name: array[index] for name, array in self.__dict__.items() if name != "maps"}
+        return Situation(**arrays, maps=self.maps)
 
     @classmethod
     def empty(cls, n: int, candidates: int, ghosts: int = 1, maps: LevelStack | None = None) -> Situation:

@@ -1,0 +1,88 @@
+"""The rule keeps what every policy promises, waits when it must, and wins more rounds than the scorer."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eval.episodes import episode_seeds, play
+from pacman_env.config import make_config
+from pacman_env.heuristics.lookahead import Lookahead
+from pacman_env.policies.base import Policy
+from pacman_env.sim.assets import map_assets
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.records import COMPLETE
+from pacman_env.sim.situation import PELLET
+from tests.policies.contract import PolicyContract
+
+
+class TestLookahead(PolicyContract):
+    def make(self) -> Policy:
+        return Lookahead()
+
+
+def started(n: int = 20) -> GameBatch:
+    config = make_config()
+    batch = GameBatch(map_assets("loop", config), config, n)
+    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
+    return batch
+
+
+def test_far_from_clyde_it_goes_for_the_nearest_pellet() -> None:
+    situation = started().situation()
+    calm = replace(situation, clyde_speed=np.zeros(20), clyde=np.full((20, 2), 1e3))
+    nearest = np.where(situation.kind == PELLET, situation.path_robot, np.inf).argmin(axis=1)
+    np.testing.assert_array_equal(Lookahead().select(calm), nearest)
+
+
+def test_where_every_pellet_means_death_it_waits() -> None:
+    batch = started(1)
+    x, y = batch.games["x"][0], batch.games["y"][0]
+    batch.place_ghost(0, 0, x + 0.5, y)
+    situation = batch.situation()
+    pellets = situation.kind == PELLET
+    brave, shy = (
+        Lookahead(caught_soon_s=0.0, caught_s=0.0, approached_s=0.0),
+        Lookahead(caught_soon_s=1e4, caught_s=1e4),
+    )
+    assert pellets[0, brave.select(situation)[0]]
+    guarded = replace(situation, path_robot=np.where(pellets, 1e4, situation.path_robot))
+    assert not pellets[0, shy.select(guarded)[0]]
+
+
+def test_the_goal_pursued_is_kept_until_another_is_clearly_better() -> None:
+    situation = started().situation()
+    scores = Lookahead(keep_s=0.0).scores(situation)
+    second = np.argsort(scores, axis=1)[:, -2]
+    gap = np.sort(scores, axis=1)[:, -1] - np.sort(scores, axis=1)[:, -2]
+    chosen = Lookahead(keep_s=2.0).select(replace(situation, current=second))
+    np.testing.assert_array_equal((chosen == second)[np.abs(gap - 2.0) > 1e-6], (gap < 2.0)[np.abs(gap - 2.0) > 1e-6])
+
+
+def test_on_the_same_rounds_it_completes_more_than_the_scorer() -> None:
+    config = make_config(time_limit_s=400.0)
+    assets, seeds = map_assets("loop", config), episode_seeds(1, 48)
+    wins = [
+        (play(assets, config, policy, seeds)[0]["end"] == COMPLETE).sum() for policy in ("lookahead", "clyde_aware")
+    ]
+    assert wins[0] >= wins[1] + 5
+
+
+def test_a_decision_takes_less_than_five_milliseconds() -> None:
+    situation, policy = started(1).situation(), Lookahead()
+    policy.select(situation)
+    times = []
+    for _ in range(50):
+        began = time.perf_counter()
+        policy.select(situation)
+        times.append(time.perf_counter() - began)
+    assert np.median(times) < 5e-3
+
+
+@pytest.mark.parametrize("parameters", [{"robot_speed_mps": 0.0}, {"wait_s": -1.0}, {"keep_s": float("nan")}])
+def test_parameters_out_of_range_are_named(parameters: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(parameters))):
+        Lookahead(**parameters)
