@@ -104,7 +104,8 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
     - `execution`: `robust`, or `as_built` as the original executor was.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
-    - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`.
+    - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
+      (the numbers of `sim/features.py`).
     - `action`: `"goal"` (the default) or `"velocity"`.
     - `endless`: round follows round.
     - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to

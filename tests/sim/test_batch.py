@@ -73,7 +73,9 @@ class Players:
             f"ghosts.{name}": self.batch.ghosts[name][game].tobytes() for name in self.batch.ghosts.dtype.names or ()
         }
         situation = self.batch.situation().rows(np.array([game]))
-        return fields | {f"situation.{name}": value.tobytes() for name, value in vars(situation).items()}
+        return fields | {
+            f"situation.{name}": value.tobytes() for name, value in vars(situation).items() if name != "maps"
+        }
 
 
 def compare_with_lone_games(config: Config, decisions: int, compared: list[int], n: int = 64) -> None:
