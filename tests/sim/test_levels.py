@@ -155,7 +155,8 @@ class Players:
         games = self.batch.games[i : i + 1].copy()
         games["level"] = self.batch.level_numbers()[i]
         situation = self.batch.situation().rows(np.array([i]))
-        arrays = {name: games[name] for name in games.dtype.names or ()} | vars(situation)
+        seen = {name: value for name, value in vars(situation).items() if name not in ("maps", "level")}
+        arrays = {name: games[name] for name in games.dtype.names or ()} | seen
         ghosts = self.batch.ghosts[i]
         arrays |= {f"ghosts.{name}": ghosts[name] for name in ghosts.dtype.names or ()}
         return {name: np.ascontiguousarray(array).tobytes() for name, array in arrays.items()}
