@@ -20,7 +20,7 @@ from gymnasium import spaces
 from eval.arguments import at_least
 from pacman_env.cli import ERROR_STATUS, Parser
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.world.occupancy import MapError, shipped_maps
+from pacman_env.world.occupancy import MapError, map_name, shipped_maps
 
 FAULT_STATUS = 1
 MOST_DECISIONS = 300  # endless games end only by death or time
@@ -226,8 +226,7 @@ def _report(arguments: argparse.Namespace) -> int:
                 print(f"{source}, seed {seed}: {fault}\nrepeat: {repeat}")
                 return FAULT_STATUS
             seed += 1
-        path = Path(source)
-        print(tally.line(path.parent.name if path.stem == "map" else path.stem))
+        print(tally.line(map_name(Path(source))))
         total.episodes += tally.episodes
         total.decisions += tally.decisions
         total.refused_actions += tally.refused_actions

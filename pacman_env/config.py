@@ -307,7 +307,7 @@ class RandomizeConfig(_Section):
 
 @dataclass(frozen=True)
 class ObservationConfig(_Section):
-    """What an observation holds; any combination of the three."""
+    """What an observation holds; any combination of the kinds."""
 
     features: bool = True  # robot, Clyde, candidates and round as numbers
     scan: bool = False  # the lidar
@@ -388,11 +388,11 @@ class Config(_Section):
             steps = period / self.physics_step_s
             _require(
                 steps > 0.5 and abs(steps - round(steps)) < 1e-6,
-                f"{name}",
+                name,
                 period,
                 f"must be a whole number of physics steps of {self.physics_step_s} s",
             )
-        fastest = max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
+        fastest = self.fastest_mps
         _require(
             fastest <= self.robot.wheel_speed_mps,
             "randomize.speed_mps",
@@ -414,6 +414,15 @@ class Config(_Section):
         )
         if self.max_pellets is not None:
             _require(self.max_pellets >= 1, "max_pellets", self.max_pellets, "must be at least 1")
+
+    @property
+    def fastest_mps(self) -> float:
+        """The highest speed that the robot can have in an episode."""
+        return (
+            self.robot.speed_mps
+            if self.randomize.speed_mps is None
+            else max(self.robot.speed_mps, self.randomize.speed_mps[1])
+        )
 
     def with_fields(self, **changes: Any) -> Config:
         """A copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.

@@ -33,11 +33,10 @@ class GeneratedMaps:
     """The levels from ``start_level`` on, ``num_levels`` of them."""
 
     def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
-        """Prepare the first level.
+        """Prepare nothing yet.
 
         Raises:
             ConfigError: numbers out of range.
-            MapError: no house of the first level can be played under this configuration.
         """
         if start_level < 0:
             raise ConfigError(f"start_level = {start_level}: must be at least 0")
@@ -79,8 +78,12 @@ class GeneratedMaps:
 
     @functools.cached_property
     def first(self) -> MapAssets:
-        """The map of the first level."""
-        return self.prepare(self.start_level)
+        """The map of the first level, kept.
+
+        Raises:
+            MapError: no house of the level can be played under the configuration.
+        """
+        return prepare_level(self.start_level, self._config)
 
     def slots(self, games: int) -> int:
         """A map of its own for each game, or all levels if they are few; two at least mark changing maps."""
@@ -100,7 +103,7 @@ class GeneratedMaps:
 
     def prepare(self, level: int) -> MapAssets:
         """The level's house, ready to be played on."""
-        return prepare_level(level, self._config)
+        return self.first if level == self.start_level else prepare_level(level, self._config)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Of the largest house there can be."""

@@ -25,7 +25,6 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
     def steps(seconds: float) -> int:
         return round(seconds / dt)
 
-    fastest = max(robot.speed_mps, (config.randomize.speed_mps or (0.0, 0.0))[1])
     values = {
         "dt": dt,
         "tick_s": execution.tick_s,
@@ -45,7 +44,7 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
         "clyde_keepout": nav2.clyde_keepout_m,
         "inscribed_cm": math.floor(100 * robot.inscribed_radius_m),
         "comfort_cm": math.floor(100 * (robot.inscribed_radius_m + _CLEAR_OF_WALLS_M)),
-        "open_cm": math.ceil(100 * (robot.inscribed_radius_m + fastest * HORIZON_S + 2 * resolution)),
+        "open_cm": math.ceil(100 * (robot.inscribed_radius_m + config.fastest_mps * HORIZON_S + 2 * resolution)),
         "progress_distance": nav2.progress_distance_m,
         "progress_steps": steps(nav2.progress_time_s),
         "no_path_steps": steps(nav2.no_path_abort_s),

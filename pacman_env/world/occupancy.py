@@ -207,14 +207,18 @@ def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
                 raise MapError(f"{path}: a map's folder holds exactly one .yaml file, this one {len(found)}")
             return _load(found[0], path.resolve().name)
         if path.is_file():
-            # A file named just "map.yaml" takes its folder's name, which tells more.
-            return _load(path, path.resolve().parent.name if path.stem == "map" else path.stem)
+            return _load(path, map_name(path))
     except (OSError, RuntimeError) as error:  # no permission, no such user's home
         raise MapError(f"{source}: cannot be read: {error}") from error
     if str(source).startswith("generated"):
         raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
     names = ", ".join(shipped) or "none found"
     raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map ({names})")
+
+
+def map_name(path: Path) -> str:
+    """The name of a map file: a file named just "map.yaml" takes its folder's name, which tells more."""
+    return path.resolve().parent.name if path.stem == "map" else path.stem
 
 
 def shipped_maps() -> list[str]:
