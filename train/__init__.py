@@ -1,0 +1,1 @@
+"""Training of planners. Run from the checkout: ``python -m train.ppo``."""
