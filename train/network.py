@@ -51,6 +51,7 @@ class EntityNetwork(nn.Module):
         self.candidate_features, self.width = candidate_features, width
         shown = torch.ones(candidate_features)
         shown[list(dropped_features)] = 0.0
+        self.shown: torch.Tensor
         self.register_buffer("shown", shown)
         self.dropped_kinds = tuple(dropped_kinds)
 
