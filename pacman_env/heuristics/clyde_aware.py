@@ -1,87 +1,31 @@
 """The handcrafted scorer J of Milestone 3, Algorithm 3, in its deployed and its documented form.
 
-J is a cost in m and rates pellets only; refuges never win, HOLD only where no pellet may be chosen. Terms,
-threat flag and replan rule exist once, as kernels over one situation, which the policy runs for each game.
+J is a cost in m (``game/goal_cost.py``) and rates pellets only; refuges never win, HOLD only where no pellet may be
+chosen. The replan rule exists once, as a kernel over one situation, which the policy runs for each game.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.game.goal_cost import (
+    DIRECTION,
+    DISTANCE,
+    RISK,
+    SAFE,
+    SKIPPED,
+    TOTAL,
+    Parameters,
+    is_threatening,
+    score_situation,
+)
 from pacman_env.jit import kernel
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
 from pacman_env.sim.situation import HOLD, PELLET, Situation
-
-#: Columns of the terms of a candidate; the last two are 0 or 1.
-DISTANCE, RISK, DIRECTION, TOTAL, SAFE, SKIPPED = range(6)
-
-
-class Parameters(NamedTuple):
-    """Numbers of the scorer; the defaults are the deployed robot's."""
-
-    risk_radius_m: float = 2.0  # r_g
-    risk_weight: float = 3.0  # w_g, per m
-    direction_weight: float = 5.0  # w_d, m
-    emergency_radius_m: float = 2.0  # Clyde threatens within this distance ...
-    warning_radius_m: float = 3.0  # ... or within this one while he closes in
-    approach_speed_mps: float = 0.03  # closing in means at least this fast
-    death_radius_m: float = 0.25  # no threat any more, and pellets this near Clyde are skipped
-    replan_margin_m: float = 0.3  # a new goal must cost less by more than this
-    threat_exit_margin_m: float = 0.0  # both radii grow by this much while Clyde threatens
-
-
-@kernel
-def is_threatening(distance_m: float, closing_mps: float, was: bool, p: Parameters) -> bool:
-    """Whether Clyde threatens the robot, given that he did (``was``) at the decision before."""
-    if distance_m <= p.death_radius_m:
-        return False
-    margin = p.threat_exit_margin_m if was else 0.0
-    if distance_m <= p.emergency_radius_m + margin:
-        return True
-    return distance_m <= p.warning_radius_m + margin and closing_mps >= p.approach_speed_mps
-
-
-@kernel
-def score_situation(
-    robot: NDArray[np.float64],
-    clyde: NDArray[np.float64],
-    position: NDArray[np.float64],
-    threatened: bool,
-    documented: bool,
-    p: Parameters,
-    terms: NDArray[np.float64],
-) -> None:
-    """Fill ``terms`` (C, 6) for the candidates at ``position`` (C, 2) of one situation.
-
-    Where Clyde's position is NaN (not heard of yet) there is no risk and every direction is safe.
-    """
-    to_clyde_x, to_clyde_y = clyde[0] - robot[0], clyde[1] - robot[1]
-    robot_clyde = math.hypot(to_clyde_x, to_clyde_y)
-    for c in range(position.shape[0]):
-        dx, dy = position[c, 0] - robot[0], position[c, 1] - robot[1]
-        distance = math.hypot(dx, dy)
-        clyde_distance = math.hypot(position[c, 0] - clyde[0], position[c, 1] - clyde[1])
-        alignment = to_clyde_x * dx + to_clyde_y * dy
-        if not documented:  # cosine of the angle at the robot; none where a side has no length
-            sides = robot_clyde > 1e-9 and distance > 1e-9
-            alignment = alignment / robot_clyde / distance if sides else 0.0
-        safe = not (clyde_distance <= robot_clyde and alignment > 0.0)
-
-        risk = (p.risk_radius_m - clyde_distance) * p.risk_weight if clyde_distance < p.risk_radius_m else 0.0
-        direction = 0.0
-        if threatened and alignment > 0.0 and (documented or not safe):
-            direction = p.direction_weight * (1.0 + alignment)
-        terms[c, DISTANCE] = distance
-        terms[c, RISK] = risk
-        terms[c, DIRECTION] = direction
-        terms[c, TOTAL] = distance + risk + direction
-        terms[c, SAFE] = safe
-        terms[c, SKIPPED] = not documented and clyde_distance <= p.death_radius_m
-
 
 @kernel
 def choose(

@@ -25,6 +25,7 @@ from ..world.cache import cached_arrays
 from ..world.grid import DriveGrid, build_grid
 from ..world.occupancy import MapError, OccupancyMap, load_map
 from ..world.paths import NO_STEP, UNREACHABLE_CM, PathFields
+from ..world.waypoints import Waypoints, find_waypoints
 from .haunts import Haunts, find_haunts
 from .refuges import choose_refuges
 
@@ -50,6 +51,8 @@ class MapAssets:
     cell_xy: NDArray[np.float32]  # (K, 2) m
     length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
     next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
+    waypoints: Waypoints  # the same ways in strides
+    goal_apart_m: NDArray[np.float32]  # (G,) how near Clyde's centre can come to each goal
 
     @property
     def pellets(self) -> int:
@@ -162,6 +165,7 @@ def _build(
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
     names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, known)
     fields = compute() if key is None else cached_arrays(key, names, compute)
+    goal_xy = np.concatenate([pellets.position[keep], refuge_xy])
     return MapAssets(
         occupancy=occupancy,
         grid=grid,
@@ -171,13 +175,22 @@ def _build(
         clyde_drive=clyde_drive,
         pellet_ids=pellets.ids[keep],
         dropped_ids=pellets.ids[~keep],
-        goal_xy=np.concatenate([pellets.position[keep], refuge_xy]),
+        goal_xy=goal_xy,
         goal_cell=goal_cell,
         neighbours=grid.neighbours,
         cell_xy=cell_xy,
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
+        waypoints=find_waypoints(grid.cell, cell_xy, grid.resolution, fields["length_cm"], fields["next_step"]),
+        goal_apart_m=_apart(goal_xy, clyde.position[clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]]),
     )
+
+
+def _apart(goal_xy: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(G,) m from each goal to the nearest place."""
+    x, y = places.T.astype(np.float32)
+    nearest = [((x - np.float32(gx)) ** 2 + (y - np.float32(gy)) ** 2).min() for gx, gy in goal_xy]
+    return np.sqrt(np.array(nearest, dtype=np.float32))
 
 
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:

@@ -12,13 +12,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..game.goal_cost import TOTAL, Parameters, is_threatening, score_situation
 from ..jit import kernel
 from ..world.paths import UNREACHABLE_CM
 from . import futures
 from .situation import HOLD, PELLET, REFUGE, Situation
 
-VERSION = 1
+VERSION = 2
 FAR_M = 20.0
+_AROUND_M = 2.5  # pellets within this way are around a place
+_SCORER = Parameters()  # the handcrafted one, as deployed
 
 CANDIDATE_FEATURES = (
     "is_pellet",
@@ -41,6 +44,9 @@ CANDIDATE_FEATURES = (
     "standing_clearance",
     "nearest_pellet",
     "mean_pellet",
+    "pellets_around",
+    "clyde_apart",
+    "handcrafted_cost",
 )
 GLOBAL_FEATURES = (
     "clyde_distance",
@@ -51,11 +57,13 @@ GLOBAL_FEATURES = (
     "omega",
     "pellets_left",
     "last_pellet",
+    "clyde_towards",
+    "pose_age",
 )
 
 
 def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Candidates (N, C, 20) and globals (N, 8), float32.
+    """Candidates (N, C, 23) and globals (N, 10), float32.
 
     Raises:
         ValueError: the situation has no maps.
@@ -70,17 +78,20 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     seen = (
         *(s.robot, s.robot_velocity, s.clyde, s.clyde_speed, s.closing_speed, s.kind, s.position, s.mask),
         *(s.path_robot, s.path_clyde, s.current, s.pellets_left, s.goal, s.level),
+        *(s.clyde_velocity, s.pose_age_s),
     )
-    _fill(seen, arrays["length_cm"], arrays["goal_cell"], meetings, robot_speed_mps, candidates, whole)
+    maps = arrays["length_cm"], arrays["goal_cell"], arrays["goal_apart_m"]
+    _fill(seen, maps, meetings, robot_speed_mps, np.empty((c, 6)), candidates, whole)
     return candidates, whole
 
 
 @kernel
-def _fill(situation, lengths, goal_cells, meetings, speed, candidates, whole):  # type: ignore[no-untyped-def]
+def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: ignore[no-untyped-def]
     (
         robot, velocity, clyde, clyde_speed, closing, kind, position, mask, path_robot, path_clyde, current,
-        pellets_left, goal, level,
+        pellets_left, goal, level, clyde_velocity, pose_age,
     ) = situation  # fmt: skip
+    lengths, goal_cells, aparts = maps
     for i in range(len(robot)):
         length_cm, goal_cell = lengths[level[i]], goal_cells[level[i]]
         x, y = robot[i, 0], robot[i, 1]
@@ -94,6 +105,12 @@ def _fill(situation, lengths, goal_cells, meetings, speed, candidates, whole):  
         whole[i, 5] = velocity[i, 1] / 2.0
         whole[i, 6] = min(pellets_left[i], 32) / 8.0
         whole[i, 7] = pellets_left[i] == 1
+        vx, vy = clyde_velocity[i, 0], clyde_velocity[i, 1]
+        v = math.sqrt(vx * vx + vy * vy)
+        whole[i, 8] = (vx * (x - cx) + vy * (y - cy)) / (v * d) if v * d > 1e-6 else 0.0
+        whole[i, 9] = min(pose_age[i], 10.0) / 5.0
+        threatened = is_threatening(d, closing[i], False, _SCORER)
+        score_situation(robot[i], clyde[i], position[i], threatened, False, _SCORER, terms)
         count = mask.shape[1]
         for c in range(count):
             if not mask[i, c]:
@@ -119,7 +136,7 @@ def _fill(situation, lengths, goal_cells, meetings, speed, candidates, whole):  
             if g < 0 or goal_cell[g] < 0:
                 continue
             here = goal_cell[g]
-            nearest, total, others = FAR_M, 0.0, 0
+            nearest, total, others, around = FAR_M, 0.0, 0, 0
             for other in range(count):
                 if kind[i, other] != PELLET or not mask[i, other] or other == c or goal[i, other] < 0:
                     continue
@@ -128,5 +145,9 @@ def _fill(situation, lengths, goal_cells, meetings, speed, candidates, whole):  
                 nearest = min(nearest, metres)
                 total += metres
                 others += 1
+                around += metres <= _AROUND_M
             f[18] = nearest / 5.0 if others > 0 else 0.0
             f[19] = total / others / 5.0 if others > 0 else 0.0
+            f[20] = around / 4.0
+            f[21] = min(aparts[level[i], g], 1.0)
+            f[22] = min(terms[c, TOTAL], FAR_M) / 5.0 if is_pellet else 0.0

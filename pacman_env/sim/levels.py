@@ -19,7 +19,7 @@ from .assets import MapAssets
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
 _PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
-_VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
+_VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1, "waypoint_xy": 1}
 _FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
 
 
@@ -38,9 +38,13 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,
+        "waypoint": assets.waypoints.of_cell,
+        "waypoint_xy": assets.waypoints.xy,
+        "onward": assets.waypoints.onward,
         "clearance_cm": grid.clearance_cm,
         "goal_xy": assets.goal_xy,
         "goal_cell": assets.goal_cell,
+        "goal_apart_m": assets.goal_apart_m,
         "goal_count": np.array(len(assets.goal_xy), dtype=np.int32),
         "plan_end": np.where(moved[:, None], nearest, assets.goal_xy),
         "home": grid.home,
