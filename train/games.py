@@ -1,0 +1,92 @@
+"""The games that a planner is trained on: generated houses behind Stable-Baselines3's interface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+
+from pacman_env.config import Config, make_config
+from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
+from pacman_env.sim.features import CANDIDATE_FEATURES
+from train.arguments import Arguments, Hyperparameters
+
+VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them
+#: Ranges of --randomize, around what the real trials had.
+_DOMAIN: dict[str, Any] = {
+    "randomize.sigma_xy_m": (0.0, 0.07),
+    "randomize.sigma_yaw_rad": (0.0, 0.06),
+    "randomize.accept_delay_s": (0.0, 0.4),
+    "randomize.abort_rate": (0.0, 0.02),
+}
+_PATHS = ("path_robot", "nearness_robot", "path_clyde", "nearness_clyde", "time_margin", "nearest_pellet")
+_PATHS += ("mean_pellet", "pellets_around")
+_FUTURES = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
+
+
+def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Config:
+    """The game that is trained on; ``fastest_mps`` caps Clyde's speed."""
+    hyper = arguments.hyper
+    low, high = hyper.clyde_speed
+    high = high if fastest_mps is None else max(low, min(high, fastest_mps))
+    changes: dict[str, Any] = {
+        "randomize.clyde_speed_mps": (low, high),
+        "randomize.speed_mps": hyper.robot_speed,
+        "observation.features": False,
+        "observation.planner": True,
+    }
+    return make_config(arguments.preset, arguments.execution, **changes, **(_DOMAIN if arguments.randomize else {}))
+
+
+def clyde_limit(arguments: Arguments, segment: int) -> float | None:
+    """Clyde's highest speed in a segment, m/s, under a curriculum."""
+    if not arguments.curriculum:
+        return None
+    low, high = arguments.hyper.clyde_speed
+    share = min(1.0, (segment + 1) / max(arguments.hyper.segments / 2, 1))
+    return low + (high - low) * (0.3 + 0.7 * share)
+
+
+def dropped(arguments: Arguments) -> dict[str, tuple[int, ...]]:
+    """Columns that the network of an ablation is not shown, and of the kinds it may not choose."""
+    names = (_PATHS if "paths" in arguments.without else ()) + (_FUTURES if "futures" in arguments.without else ())
+    kinds = [kind for kind, part in (("is_refuge", "refuges"), ("is_hold", "hold")) if part in arguments.without]
+    return {
+        "dropped_features": tuple(CANDIDATE_FEATURES.index(name) for name in names),
+        "dropped_kinds": tuple(CANDIDATE_FEATURES.index(name) for name in kinds),
+    }
+
+
+class TrainingGames(VecEnvWrapper):
+    """Rewards scaled; the time limit is an ending like any other: hiding until then is a way to lose."""
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self._scale = np.float32(scale)
+
+    def reset(self) -> Observation:  # type: ignore[override]
+        """The first observations."""
+        return self.venv.reset()  # type: ignore[return-value]
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """One decision of all games."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        for i in np.flatnonzero(dones):
+            infos[i]["TimeLimit.truncated"] = False
+        return observations, rewards * self._scale, dones, infos
+
+
+def make_games(arguments: Arguments, segment: int) -> TrainingGames:
+    """The games of a segment, in houses of its own."""
+    hyper: Hyperparameters = arguments.hyper
+    levels = VALIDATION_LEVEL // hyper.levels
+    env = PacManBotVecEnv(
+        hyper.games,
+        map="generated",
+        start_level=segment % levels * hyper.levels,
+        num_levels=hyper.levels,
+        config=game_config(arguments, clyde_limit(arguments, segment)),
+    )
+    return TrainingGames(env, hyper.reward_scale)
