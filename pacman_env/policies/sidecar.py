@@ -148,7 +148,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _typed(value: Any, kind: Any, field: str, path: Path) -> Any:
     """The value as ``kind``: a dataclass, tuple, dict of numbers, float, int or str."""
     origin, kinds = typing.get_origin(kind), typing.get_args(kind)
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         if not isinstance(value, dict):
             _refuse(path, field or "content", value, "an object")
         hints, inner = typing.get_type_hints(kind), f"{field}." if field else ""
