@@ -33,6 +33,8 @@ ONLY_IN = {
     "stable_baselines3": {"envs.sb3_vec_env"},
     "sb3_contrib": set(),
     "ray": set(),
+    "onnxruntime": {"policies.learned"},
+    "onnx": set(),
 }
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
@@ -120,6 +122,15 @@ def test_relative_absolute_and_late_imports_are_seen_and_those_for_types_are_not
         *("pymunk.batch", "pacman_env.envs.setup", "json"),
     }
     assert imports("from . import a\nfrom .b import c", "game", True) == {"pacman_env.game.a", "pacman_env.game.b.c"}
+
+
+def test_onnxruntime_is_imported_by_the_first_planner_and_not_before() -> None:
+    code = (
+        "import sys, pacman_env\nfrom pacman_env.policies.registry import policy_names\n"
+        "print('ppo' in policy_names(), 'onnxruntime' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "False"]
 
 
 def test_importing_the_package_is_light_and_registers_the_environment() -> None:

@@ -1,4 +1,4 @@
-"""Policies by name. What is registered here needs nothing but the base install."""
+"""Policies by name or by file. What is registered here needs nothing but the base install."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pacman_env.heuristics.clyde_aware import ClydeAware
 from pacman_env.heuristics.lookahead import Lookahead
 from pacman_env.heuristics.simple import Nearest, Random
 from pacman_env.policies.base import Policy
+from pacman_env.policies.learned import LearnedPlanner
 
 _FACTORIES: dict[str, Callable[..., Policy]] = {}
 
@@ -31,21 +32,23 @@ def policy_names() -> list[str]:
 
 
 def make_policy(spec: str, **parameters: Any) -> Policy:
-    """A new policy by name, ``make_policy("clyde_aware:documented", replan_margin_m=0.5)``.
+    """A new policy by name, ``make_policy("clyde_aware:documented", replan_margin_m=0.5)``, or from ``runs/mine.onnx``.
 
     Raises:
-        ValueError: an unknown name, or a parameter out of range.
+        ValueError: an unknown name, a parameter out of range, or a file that is no planner for this version.
         TypeError: a parameter the policy does not have.
+        ModuleNotFoundError: a learned planner without onnxruntime.
     """
-    try:
-        factory = _FACTORIES[spec]
-    except KeyError:
-        raise ValueError(f"unknown policy {spec!r}: choose one of {', '.join(policy_names())}") from None
-    return factory(**parameters)
+    if spec in _FACTORIES:
+        return _FACTORIES[spec](**parameters)
+    if spec.endswith(".onnx"):
+        return LearnedPlanner(spec, **parameters)
+    raise ValueError(f"unknown policy {spec!r}: choose one of {', '.join(policy_names())}, or an .onnx file")
 
 
 register("clyde_aware", ClydeAware)
 register("clyde_aware:documented", partial(ClydeAware, form="documented"))
 register("lookahead", Lookahead)
 register("nearest", Nearest)
+register("ppo", LearnedPlanner)
 register("random", Random)

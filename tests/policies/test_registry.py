@@ -2,19 +2,33 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from pacman_env.policies import learned
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, register
 from tests.policies.contract import PolicyContract
 
 
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A learned planner's file, ``ppo.onnx``."""
+    pytest.importorskip("torch")
+    pytest.importorskip("onnx")
+    from tests.train.planners import random_planner
+
+    return random_planner(tmp_path_factory.mktemp("planner"), "ppo")
+
+
 @pytest.mark.parametrize("name", policy_names())
 class TestEveryPolicyByName(PolicyContract):
     @pytest.fixture(autouse=True)
-    def _name(self, name: str) -> None:
+    def _name(self, name: str, planner: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.policy_name = name
+        if name == "ppo" and not learned.PRETRAINED.exists():
+            monkeypatch.setattr(learned, "PRETRAINED", planner)
 
     def make(self) -> Policy:
         return make_policy(self.policy_name)
@@ -25,6 +39,12 @@ class TestEveryPolicyByName(PolicyContract):
 
 def test_the_handcrafted_policies_are_there() -> None:
     assert {"clyde_aware", "clyde_aware:documented", "nearest", "random"} <= set(policy_names())
+
+
+def test_a_file_is_a_policy(planner: Path) -> None:
+    assert make_policy(str(planner), threads=1).name == "ppo"
+    with pytest.raises(ValueError, match=r"other\.onnx: cannot be read"):
+        make_policy(str(planner.with_name("other.onnx")))
 
 
 def test_parameters_reach_the_policy() -> None:

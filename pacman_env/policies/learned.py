@@ -1,0 +1,170 @@
+"""The learned planner as a policy: an ONNX file run by onnxruntime alone, on the features of ``sim/features.py``.
+
+What belongs to such a file is read and checked in :mod:`pacman_env.policies.sidecar`; training and export are not
+part of the package. onnxruntime is imported when the first planner is made.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.policies.base import BasePolicy, Explanation
+from pacman_env.policies.sidecar import read_planner
+from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.sim.situation import Situation
+
+#: The planner that comes with the package.
+PRETRAINED = Path(__file__).parent / "pretrained" / "ppo.onnx"
+_FORBIDDEN = -1e7  # a network's logit below this means: may not be chosen
+#: Features that an explanation shows, in the units of ``sim/features.py``.
+_SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
+_INPUTS: dict[str, tuple[str, tuple[int | None, ...]]] = {  # type, sizes; None: any
+    "candidates": ("tensor(float)", (None, None, len(CANDIDATE_FEATURES))),
+    "globals": ("tensor(float)", (None, len(GLOBAL_FEATURES))),
+    "mask": ("tensor(bool)", (None, None)),
+}
+_OUTPUTS: dict[str, tuple[str, tuple[int | None, ...]]] = {
+    "logits": ("tensor(float)", (None, None)),
+    "values": ("tensor(float)", (None,)),
+}
+
+
+class LearnedPlanner(BasePolicy):
+    """The candidate with the highest logit of a trained network.
+
+    A copy, by ``copy`` or ``pickle``, reads the file again.
+
+    Args:
+        path: an ONNX file with its sidecar beside it, as ``train.export`` writes them; None: the package's own.
+        threads: of onnxruntime.
+
+    Raises:
+        ValueError: no pretrained planner in the package, or files that are not a planner for this version.
+        ModuleNotFoundError: onnxruntime is missing.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None = None, threads: int = 1) -> None:
+        if threads < 1:
+            raise ValueError(f"threads = {threads}: must be at least 1")
+        if path is None and not PRETRAINED.is_file():
+            raise ValueError(f"policy 'ppo': {PRETRAINED} is missing, name an ONNX file of your own instead")
+        self.path = PRETRAINED if path is None else Path(path).absolute()
+        self.name = self.path.stem
+        self._arguments = (None if path is None else self.path, threads)
+        self.sidecar, model = read_planner(self.path)
+        self._session = _session(model, self.path, threads)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._arguments
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """(N, C) logits, -inf for what may not be chosen.
+
+        Raises:
+            ValueError: the situation has no maps.
+        """
+        return self._judge(situation)[0]
+
+    def explain(self, situation: Situation) -> Explanation:
+        """Logit, probability, the value of the situation, and what was seen of each candidate that may be chosen."""
+        logits, values, candidates = self._judge(situation)
+        best = logits.max(axis=1, keepdims=True, initial=-1e30)  # finite where nothing may be chosen
+        odds = np.exp(logits - best)
+        probability = odds / np.maximum(odds.sum(axis=1, keepdims=True), 1.0)
+        columns = {name: CANDIDATE_FEATURES.index(name) for name in _SHOWN if name in CANDIDATE_FEATURES}
+        reasons = super().explain(situation)
+        for i, c in np.argwhere(situation.mask).tolist():
+            reasons[i][c]["probability"] = float(probability[i, c])
+            reasons[i][c]["value"] = float(values[i])
+            reasons[i][c].update({name: float(candidates[i, c, column]) for name, column in columns.items()})
+        return reasons
+
+    def run(
+        self, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The network itself: logits (B, C), -1e8 for what may not be chosen, and values (B,).
+
+        Args:
+            candidates: (B, C, F) as ``planner_features`` gives them.
+            whole: (B, H) likewise.
+            mask: (B, C) may be chosen.
+        """
+        return _run(self._session, candidates, whole, mask)
+
+    def _judge(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
+        """Logits (N, C), values (N,) and the candidates' features (N, C, F).
+
+        Each game is run alone, with the candidates that may be chosen: sums over other shapes round otherwise, and a
+        game must not depend on the batch it is in.
+        """
+        if situation.maps is None:
+            raise ValueError(f"policy {self.name!r}: the situation has no maps to look ahead on")
+        candidates, whole = planner_features(situation, self.sidecar.robot_speed_mps)
+        logits = np.full(situation.mask.shape, -np.inf)
+        values = np.full(len(logits), np.nan)
+        for i, mask in enumerate(situation.mask):
+            allowed = mask.nonzero()[0]
+            if len(allowed) > 0:
+                found, value = self.run(candidates[None, i, allowed], whole[None, i], mask[None, allowed])
+                logits[i, allowed] = np.where(found[0] > _FORBIDDEN, found[0], -np.inf)
+                values[i] = value[0]
+        return logits, values, candidates
+
+
+def _run(
+    session: Any, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    logits, values = session.run(list(_OUTPUTS), {"candidates": candidates, "globals": whole, "mask": mask})
+    return logits, values
+
+
+def _session(model: bytes, path: Path, threads: int) -> Any:
+    """An onnxruntime session of a planner's model, tried once.
+
+    Raises:
+        ValueError: no such model.
+        ModuleNotFoundError: onnxruntime is missing.
+    """
+    try:
+        import onnxruntime
+    except ModuleNotFoundError:
+        message = f"{path}: a learned planner needs onnxruntime: pip install onnxruntime"
+        raise ModuleNotFoundError(message, name="onnxruntime") from None
+    if b"location" in model:  # the key under which external data has its file's name, in every encoding
+        raise ValueError(f"{path}: weights: found external data (a key 'location'), expected all in one file")
+    onnxruntime.disable_telemetry_events()
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.enable_cpu_mem_arena = False  # a decision needs kilobytes
+    options.log_severity_level = 4  # what goes wrong is raised
+    try:
+        session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's errors have no base class of their own
+        raise ValueError(f"{path}: no model that onnxruntime can load: {error}") from None
+    for what, nodes, expected in (
+        ("inputs", session.get_inputs(), _INPUTS),
+        ("outputs", session.get_outputs(), _OUTPUTS),
+    ):
+        found = {n.name: (n.type, tuple(s if isinstance(s, int) else None for s in n.shape)) for n in nodes}
+        if found != expected:
+            raise ValueError(f"{path}: {what}: found {found}, expected {expected}")
+    count = 3
+    try:
+        outputs = _run(
+            session,
+            np.zeros((1, count, len(CANDIDATE_FEATURES)), np.float32),
+            np.zeros((1, len(GLOBAL_FEATURES)), np.float32),
+            np.ones((1, count), np.bool_),
+        )
+    except Exception as error:
+        raise ValueError(f"{path}: the model does not run: {error}") from None
+    shapes = [output.shape for output in outputs]
+    if shapes != [(1, count), (1,)] or not all(np.isfinite(output).all() for output in outputs):
+        raise ValueError(f"{path}: outputs: found {shapes}, expected {[(1, count), (1,)]} and finite")
+    return session
