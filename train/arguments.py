@@ -1,4 +1,4 @@
-"""Arguments of a training run: hyperparameters from YAML per environment, each of which the command line may replace."""
+"""Arguments of a training run: hyperparameters come from YAML per environment, the command line may replace each."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def load_network(path: Path, trust: bool) -> EntityNetwork:
         model = MaskablePPO.load(path, device="cpu", custom_objects={"policy_class": EntityPolicy})
     except Exception as error:  # anything may go wrong while it unpickles
         raise ValueError(f"{path}: no MaskablePPO that can be loaded: {error}") from error
-    network = getattr(model.policy.mlp_extractor, "network", None)
+    network = getattr(model.policy, "network", None)
     if not isinstance(network, EntityNetwork):
         raise ValueError(f"{path}: holds {type(network).__name__}, not an EntityNetwork")
     check_sizes(network, path)

@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from pacman_env.policies.base import BasePolicy
-from pacman_env.sim.features import planner_features
-from pacman_env.sim.situation import Situation
-from train.network import EntityNetwork
+from eval.episodes import allowed
+from pacman_env.config import Config
+from pacman_env.policies.base import Policy
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.records import COMPLETE, RUNNING
+from pacman_env.sim.sources import LevelSource
 
 
-class NetworkPolicy(BasePolicy):
-    """A network in training as a policy."""
-
-    name = "ppo"
-
-    def __init__(self, network: EntityNetwork, robot_speed_mps: float = 0.256) -> None:
-        self._network = network
-        self._speed = robot_speed_mps
-
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) logits, -inf for what may not be chosen."""
-        candidates, whole = planner_features(situation, self._speed)
-        arrays = (candidates, whole, situation.mask)
-        with torch.no_grad():
-            logits, _ = self._network.packed(*(torch.from_numpy(array) for array in arrays))
-        return np.where(situation.mask, logits.numpy().astype(np.float64), -np.inf)
+def completed(policy: Policy, source: LevelSource, config: Config, seeds: NDArray[np.uint64]) -> NDArray[np.bool_]:
+    n = min(128, len(seeds))
+    batch = GameBatch(source, config, n)
+    result = np.zeros(len(seeds), dtype=np.bool_)
+    episode = np.arange(n)
+    batch.reset(np.arange(n), seeds[:n])
+    policy.reset(np.ones(n, dtype=np.bool_))
+    started = n
+    while (episode >= 0).any():
+        situation = batch.situation()
+        batch.step(allowed(situation, policy.select(situation), batch.hold))
+        ended = np.flatnonzero((batch.games["end"] != RUNNING) & (episode >= 0))
+        if len(ended) == 0:
+            continue
+        result[episode[ended]] = batch.games["end"][ended] == COMPLETE
+        episode[ended] = -1
+        again = ended[: len(seeds) - started]
+        if len(again) > 0:
+            episode[again] = np.arange(started, started + len(again))
+            batch.reset(again, seeds[episode[again]])
+            policy.reset(np.isin(np.arange(n), again))
+            started += len(again)
+    return result

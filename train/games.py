@@ -21,8 +21,15 @@ _DOMAIN: dict[str, Any] = {
     "randomize.accept_delay_s": (0.0, 0.4),
     "randomize.abort_rate": (0.0, 0.02),
 }
-_PATHS = ("path_robot", "nearness_robot", "path_clyde", "nearness_clyde", "time_margin", "nearest_pellet")
-_PATHS += ("mean_pellet", "pellets_around")
+_PATHS: tuple[str, ...] = (
+    "path_robot",
+    "nearness_robot",
+    "path_clyde",
+    "nearness_clyde",
+    "time_margin",
+    "nearest_pellet",
+)
+_PATHS = (*_PATHS, "mean_pellet", "pellets_around")
 _FUTURES = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
 
 
@@ -66,7 +73,7 @@ class TrainingGames(VecEnvWrapper):
         super().__init__(venv)
         self._scale = np.float32(scale)
 
-    def reset(self) -> Observation:  # type: ignore[override]
+    def reset(self) -> Observation:
         """The first observations."""
         return self.venv.reset()  # type: ignore[return-value]
 

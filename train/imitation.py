@@ -5,75 +5,98 @@ PPO from random weights hides from Clyde for its first half million decisions; f
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
-from torch.nn import functional
 
 from pacman_env.envs.sb3_vec_env import Observation
 from pacman_env.policies.base import Policy
 from train.games import TrainingGames
 
-_EPOCHS, _BATCH, _RATE = 3, 2048, 1e-3
+_ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.01  # keeps the choices from becoming certain, so that PPO has something to compare
 
 
+class _Lesson(NamedTuple):
+    """What is learned from, row by row."""
+
+    observations: dict[str, torch.Tensor]
+    choices: torch.Tensor  # (B,) the teacher's
+    returns: torch.Tensor  # (B,) discounted
+    known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time
+
+
 def imitate(model: MaskablePPO, games: TrainingGames, teacher: Policy, decisions: int, seed: int) -> dict[str, float]:
-    """Fit the model's policy to the teacher's choices in ``decisions`` decisions of its own.
+    """Fit the model's policy to what the teacher would choose in ``decisions`` situations.
+
+    In the first of four rounds the teacher plays, in the others the model does and the teacher says what he would do,
+    so that the model also learns the way out of situations that the teacher does not get into (DAgger: Ross, Gordon,
+    Bagnell, 2011).
 
     Returns:
-        Share of choices that agree and loss of the last epoch.
+        Share of choices that agree in the last round.
     """
-    steps = max(decisions // games.num_envs, 1)
-    observations, choices, returns, known = _play(games, teacher, steps, model.gamma)
-    flat = {key: torch.from_numpy(value.reshape(-1, *value.shape[2:])) for key, value in observations.items()}
-    chosen = torch.from_numpy(choices.reshape(-1))
-    value, weight = torch.from_numpy(returns.reshape(-1)), torch.from_numpy(known.reshape(-1))
+    steps = max(decisions // games.num_envs // _ROUNDS, 1)
+    optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
+    generator = torch.Generator().manual_seed(seed)
+    lessons: list[_Lesson] = []
+    agreement = 0.0
+    observation = games.reset()
+    teacher.reset(np.ones(games.num_envs, dtype=np.bool_))
+    for number in range(_ROUNDS):
+        observation, lesson, agreement = _play(model, games, teacher, steps, observation, number > 0)
+        lessons.append(lesson)
+        _fit(model, optimizer, lessons, generator)
+    return {"agreement": agreement}
+
+
+def _fit(
+    model: MaskablePPO, optimizer: torch.optim.Optimizer, lessons: list[_Lesson], generator: torch.Generator
+) -> None:
     policy = model.policy
     policy.set_training_mode(True)
-    optimizer = torch.optim.Adam(policy.parameters(), lr=_RATE)
-    generator = torch.Generator().manual_seed(seed)
-    agree, losses = [], []
-    for epoch in range(_EPOCHS):
-        agree, losses = [], []
-        for group in optimizer.param_groups:
-            group["lr"] = _RATE * (1.0 - epoch / _EPOCHS)
-        for rows in torch.randperm(len(chosen), generator=generator).split(_BATCH):
-            batch = {key: tensor[rows] for key, tensor in flat.items()}
-            values, log_prob, entropy = policy.evaluate_actions(batch, chosen[rows])  # type: ignore[arg-type]
+    seen = {key: torch.cat([lesson.observations[key] for lesson in lessons]) for key in lessons[0].observations}
+    choices = torch.cat([lesson.choices for lesson in lessons])
+    returns = torch.cat([lesson.returns for lesson in lessons])
+    known = torch.cat([lesson.known for lesson in lessons])
+    for _ in range(_EPOCHS):
+        for rows in torch.randperm(len(choices), generator=generator).split(_BATCH):
+            batch = {key: tensor[rows] for key, tensor in seen.items()}
+            values, log_prob, entropy = policy.evaluate_actions(batch, choices[rows])
             assert entropy is not None
-            error = (functional.mse_loss(values[:, 0], value[rows], reduction="none") * weight[rows]).mean()
+            error = ((values[:, 0] - returns[rows]).square() * known[rows]).mean()
             loss = -log_prob.mean() - _ENTROPY * entropy.mean() + 0.5 * error
             optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             torch.nn.utils.clip_grad_norm_(policy.parameters(), 0.5)
             optimizer.step()
-            losses.append(float(loss.detach()))
-            agree.append(float((log_prob.detach() > np.log(0.5)).float().mean()))
-    return {"agreement": float(np.mean(agree)), "loss": float(np.mean(losses))}
 
 
 def _play(
-    games: TrainingGames, teacher: Policy, steps: int, gamma: float
-) -> tuple[Observation, NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-    """Observations, choices, discounted returns (T, N), and 1 where a return is known: its round ended in time."""
+    model: MaskablePPO, games: TrainingGames, teacher: Policy, steps: int, observation: Observation, alone: bool
+) -> tuple[Observation, _Lesson, float]:
+    """Play on, the teacher or (``alone``) the model; the last observation, the lesson, and how often they agreed."""
     n = games.num_envs
     seen: list[Observation] = []
     choices = np.zeros((steps, n), dtype=np.int64)
     rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
-    observation = games.reset()
-    teacher.reset(np.ones(n, dtype=np.bool_))
+    agreed = 0.0
     world = games.venv.env  # type: ignore[attr-defined]
     for t in range(steps):
         choices[t] = teacher.select(world.situation)
+        own, _ = model.predict(observation, action_masks=observation["action_mask"], deterministic=True)
+        agreed += float((own == choices[t]).mean()) / steps
         seen.append(observation)
-        observation, rewards[t], dones[t], _ = games.step(choices[t])  # type: ignore[assignment]
+        observation, rewards[t], dones[t], _ = games.step(own if alone else choices[t])  # type: ignore[assignment]
         teacher.reset(dones[t])
     returns, known = np.zeros_like(rewards), np.zeros_like(rewards)
     running, ends = np.zeros(n, dtype=np.float32), np.zeros(n, dtype=np.bool_)
     for t in reversed(range(steps)):
         ends |= dones[t]
-        running = rewards[t] + np.float32(gamma) * np.where(dones[t], np.float32(0.0), running)
+        running = rewards[t] + np.float32(model.gamma) * np.where(dones[t], np.float32(0.0), running)
         returns[t], known[t] = running, ends
-    return {key: np.stack([o[key] for o in seen]) for key in observation}, choices, returns, known
+    stacked = {key: torch.from_numpy(np.concatenate([o[key] for o in seen])) for key in observation}
+    flat = (torch.from_numpy(array.reshape(-1)) for array in (choices, returns, known))
+    return observation, _Lesson(stacked, *flat), agreed

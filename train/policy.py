@@ -60,7 +60,7 @@ class EntityPolicy(MaskableActorCriticPolicy):
         assert features is not None
         assert whole is not None
         self.network = EntityNetwork(features[1], whole[0], **self._sizes)  # type: ignore[arg-type]
-        self.mlp_extractor = self.action_net = self.value_net = nn.Identity()  # type: ignore[assignment]
+        self.mlp_extractor = self.action_net = self.value_net = nn.Identity()
         self.optimizer = self.optimizer_class(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
@@ -71,9 +71,7 @@ class EntityPolicy(MaskableActorCriticPolicy):
         allowed = observation["action_mask"] > 0.5
         if masks is not None:
             allowed = torch.as_tensor(masks, dtype=torch.bool).reshape(allowed.shape)
-        logits, values = self.network.packed(
-            observation["planner_candidates"], observation["planner_globals"], allowed
-        )
+        logits, values = self.network.packed(observation["planner_candidates"], observation["planner_globals"], allowed)
         distribution = self.action_dist.proba_distribution(action_logits=logits)
         distribution.apply_masking(allowed)
         return distribution, values

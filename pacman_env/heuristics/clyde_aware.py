@@ -27,6 +27,7 @@ from pacman_env.jit import kernel
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
 from pacman_env.sim.situation import HOLD, PELLET, Situation
 
+
 @kernel
 def choose(
     terms: NDArray[np.float64],

@@ -182,7 +182,9 @@ def _build(
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
         waypoints=find_waypoints(grid.cell, cell_xy, grid.resolution, fields["length_cm"], fields["next_step"]),
-        goal_apart_m=_apart(goal_xy, clyde.position[clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]]),
+        goal_apart_m=_apart(
+            goal_xy, clyde.position[clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]]
+        ),
     )
 
 

@@ -19,7 +19,15 @@ from .assets import MapAssets
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
 _PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
-_VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1, "waypoint_xy": 1}
+_VARIES = {
+    "neighbours": 1,
+    "cell_xy": 1,
+    "goal_xy": 1,
+    "plan_end": 1,
+    "ghost_graph": 1,
+    "ghost_xy": 1,
+    "waypoint_xy": 1,
+}
 _FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
 
 

@@ -36,7 +36,9 @@ def find_waypoints(
     """Waypoints of the cells ``cell`` (K, 2) column and row, for path fields (K, G) and (G, K)."""
     stride = max(round(STRIDE_M / resolution), 1)
     block = cell // stride
-    _, first, of_cell = np.unique(block[:, 1] * (block[:, 0].max() + 1) + block[:, 0], return_index=True, return_inverse=True)
+    _, first, of_cell = np.unique(
+        block[:, 1] * (block[:, 0].max() + 1) + block[:, 0], return_index=True, return_inverse=True
+    )
     off = np.abs(2 * (cell - block * stride) - (stride - 1)).sum(axis=1)  # steps from the block's middle
     order = np.lexsort((off, of_cell))  # by block, the innermost cell first
     representative = order[np.searchsorted(of_cell[order], np.arange(len(first)))].astype(np.int32)

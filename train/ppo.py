@@ -1,0 +1,216 @@
+"""Train a planner: ``python -m train.ppo``. Arguments, the segments in order, the report at the end."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import tyro
+from sb3_contrib import MaskablePPO
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.utils import set_random_seed
+from tqdm import tqdm
+
+from eval.episodes import episode_seeds
+from eval.statistics import paired_difference, wilson
+from pacman_env.cli import ERROR_STATUS
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.generated import GeneratedMaps
+from train.arguments import FOLDER, Arguments, load_hyperparameters
+from train.checkpoint import TorchPlanner, facts_path, read_facts
+from train.evaluation import completed
+from train.export import export_planner
+from train.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
+from train.imitation import imitate
+from train.policy import EntityPolicy
+from train.run import LearningRate, Run, Watch, restore
+
+_HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
+_RULES = ("clyde_aware", "lookahead")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the training; returns the exit status: 0, or 2 after one line on stderr.
+
+    Raises:
+        SystemExit: after ``--help`` and bad arguments.
+    """
+    try:
+        arguments = parse(sys.argv[1:] if argv is None else list(argv))
+        run(arguments)
+    except (ValueError, OSError) as error:
+        print(f"train.ppo: {error}", file=sys.stderr)
+        return ERROR_STATUS
+    return 0
+
+
+def parse(argv: Sequence[str]) -> Arguments:
+    """Arguments over the hyperparameters of a file's section.
+
+    Raises:
+        ValueError: the file or a value does not fit.
+    """
+    first = argparse.ArgumentParser(add_help=False)
+    first.add_argument("--quick", action="store_true")
+    first.add_argument("--config", type=Path, default=FOLDER / "PacManBot-v0.yaml")
+    chosen, rest = first.parse_known_args(argv)
+    section = "quick" if chosen.quick else "headline"
+    default = Arguments(hyper=load_hyperparameters(chosen.config, section))
+    if chosen.quick:
+        default = dataclasses.replace(default, out=Path("results/ppo-quick"))
+    return tyro.cli(
+        tyro.conf.OmitArgPrefixes[Arguments],
+        args=rest,
+        default=default,
+        prog="train.ppo",
+        description="Train a planner with MaskablePPO on generated houses. --quick: two minutes on two cores;"
+        " --config FILE: hyperparameters from another file.",
+    )
+
+
+def run(arguments: Arguments) -> None:
+    """All segments that are left, then planner.onnx of the best one, and the report.
+
+    Raises:
+        ValueError: the run's folder does not fit, or a value is out of range.
+    """
+    started = time.perf_counter()
+    torch.set_num_threads(arguments.threads)
+    folder = Run(arguments)
+    hyper = arguments.hyper
+    bar = tqdm(
+        total=hyper.segments * hyper.segment,
+        initial=len(folder.segments) * hyper.segment,
+        unit="decision",
+        unit_scale=True,
+        mininterval=1.0,
+        disable=not arguments.progress,
+        file=sys.stderr,
+    )
+    with bar:
+        model = _segments(arguments, folder, bar)
+    restore(model, folder.best)
+    planner = _planner(arguments, model)
+    print(_report(arguments, planner, time.perf_counter() - started))
+    out = arguments.out / "planner.onnx"
+    export_planner(planner.network, out, read_facts(facts_path(folder.best)))
+    print(f"written: {out} (as a policy: python -m eval.compare --policies {out})")
+
+
+def _segments(arguments: Arguments, folder: Run, bar: Any) -> MaskablePPO:
+    hyper = arguments.hyper
+    rate = LearningRate(hyper.learning_rate)
+    model: MaskablePPO | None = None
+    for segment in range(len(folder.segments), hyper.segments):
+        seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3)
+        began = time.perf_counter()
+        games = make_games(arguments, segment)
+        if model is None:
+            model = _new_model(arguments, games, rate)
+            if segment > 0:
+                restore(model, folder.checkpoint(segment - 1))
+        model.set_env(games)
+        set_random_seed(int(seeds[0]))
+        games.seed(int(seeds[1]))
+        imitation = {}
+        if segment == 0 and hyper.imitation > 0:
+            imitation = imitate(model, games, make_policy("lookahead"), hyper.imitation, int(seeds[2]))
+            imitation["imitated"] = _validate(arguments, model)
+            bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
+            games.seed(int(seeds[1]))
+        model.num_timesteps = segment * hyper.segment
+        model._last_obs = None  # the segment's games begin anew
+        watch = Watch(hyper, rate, bar)
+        learning = time.perf_counter()
+        model.learn(hyper.segment, watch, reset_num_timesteps=False)
+        ended = time.perf_counter()
+        games.close()
+        share = _validate(arguments, model)
+        folder.write(
+            model,
+            {
+                "segment": segment,
+                "decisions": int(model.num_timesteps),
+                "completed": share,
+                "clyde_limit_mps": clyde_limit(arguments, segment),
+                "seconds": round(ended - began, 1),
+                "decisions_per_s": round(hyper.segment / (ended - learning)),
+                **imitation,
+            },
+        )
+        model.logger.record("validation/completed", share)
+        model.logger.dump(model.num_timesteps)
+        speed = hyper.segment / (ended - learning)
+        bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
+    return model or _new_model(arguments, make_games(arguments, 0), rate)
+
+
+def _new_model(arguments: Arguments, games: TrainingGames, rate: LearningRate) -> MaskablePPO:
+    hyper = arguments.hyper
+    model = MaskablePPO(
+        EntityPolicy,
+        games,
+        learning_rate=rate,
+        n_steps=hyper.n_steps,
+        batch_size=hyper.batch_size,
+        n_epochs=hyper.n_epochs,
+        gamma=hyper.gamma,
+        gae_lambda=hyper.gae_lambda,
+        clip_range=hyper.clip_range,
+        ent_coef=hyper.ent_coef[0],
+        vf_coef=hyper.vf_coef,
+        max_grad_norm=hyper.max_grad_norm,
+        policy_kwargs={"width": hyper.width, **dropped(arguments)},
+        seed=arguments.seed,
+        device="cpu",
+    )
+    model.set_logger(configure(str(arguments.out), ["tensorboard"]))
+    return model
+
+
+def _planner(arguments: Arguments, model: MaskablePPO) -> TorchPlanner:
+    return TorchPlanner("ppo", model.policy.network, game_config(arguments).robot.speed_mps)
+
+
+def _validate(arguments: Arguments, model: MaskablePPO) -> float:
+    """Share of rounds completed on levels that are never trained on, nor tested."""
+    if arguments.evaluation == 0:
+        return 0.0
+    config = game_config(arguments)
+    source = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
+    seeds = episode_seeds(VALIDATION_LEVEL, arguments.evaluation)
+    return float(completed(_planner(arguments, model), source, config, seeds).mean())
+
+
+def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
+    """The planner against the rules in the same rounds on test levels, as a table."""
+    hyper = arguments.hyper
+    lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
+    if arguments.evaluation == 0:
+        return lines[0]
+    config = game_config(arguments)
+    seeds = episode_seeds(arguments.seed, arguments.evaluation)
+    played = {}
+    for name, policy in ((planner.name, planner), *((rule, make_policy(rule)) for rule in _RULES)):
+        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT)
+        played[name] = completed(policy, source, config, seeds)
+    low, high = hyper.clyde_speed
+    lines += [f"{len(seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
+    lines += ["| policy | completed | ppo minus it, paired |", "|---|---|---|"]
+    for name, ended in played.items():
+        first, last = wilson(int(ended.sum()), len(ended))
+        difference, (low, high) = paired_difference(played[planner.name], ended)
+        against = "" if name == planner.name else f"{difference:+.1%} [{low:+.1%}, {high:+.1%}]"
+        lines.append(f"| {name} | {ended.mean():.1%} [{first:.1%}, {last:.1%}] | {against} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

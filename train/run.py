@@ -1,0 +1,166 @@
+"""One training run: segments of PPO with a checkpoint after each, and what is written down on the way.
+
+A segment begins with new games and with random numbers of its own, drawn from the run's seed and the segment's
+number. So a run that was interrupted goes on from its last checkpoint to the same curve, bit for bit, and a checkpoint
+is nothing but tensors and a JSON file: what is read again is never unpickled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from sb3_contrib import MaskablePPO
+from stable_baselines3.common.callbacks import BaseCallback
+
+from eval.files import replaced
+from pacman_env import __version__
+from pacman_env.policies.sidecar import Training
+from train.arguments import Arguments, Hyperparameters
+from train.checkpoint import Facts, facts_path, write_facts
+from train.games import VALIDATION_LEVEL, game_config
+
+
+class Run:
+    """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
+
+    def __init__(self, arguments: Arguments) -> None:
+        """Make the folder, or with ``resume`` read what is there.
+
+        Raises:
+            ValueError: there is a run already, or none to go on with, or it was started with other arguments.
+        """
+        self.arguments = arguments
+        self.folder = arguments.out
+        self.segments: list[dict[str, Any]] = []
+        self.record = self.folder / "run.json"
+        self.best = self.folder / "best.zip"
+        if arguments.resume:
+            self._read()
+        elif self.record.exists():
+            raise ValueError(f"{self.folder}: there is a run already; give --resume or another --out")
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def _read(self) -> None:
+        try:
+            known = json.loads(self.record.read_text())
+            before = known["arguments"]
+            self.segments = list(known["segments"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{self.record}: no run to go on with: {error}") from None
+        ours = _plain(self.arguments)
+        for name in ours:
+            if before.get(name) != ours[name]:
+                raise ValueError(f"{self.record}: was started with {name} = {before.get(name)}, not {ours[name]}")
+
+    def checkpoint(self, segment: int) -> Path:
+        """Of the state after a segment, until the next one is written."""
+        return self.folder / f"segment-{segment}.zip"
+
+    def write(self, model: MaskablePPO, result: dict[str, Any]) -> None:
+        """A finished segment: its checkpoint first, then the record that names it."""
+        segment = result["segment"]
+        before = max((old["completed"] for old in self.segments), default=-1.0)
+        self.segments.append(result)
+        self._save(model, self.checkpoint(segment))
+        self._save(model, self.folder / "last.zip")
+        if result["completed"] >= before:
+            self._save(model, self.best)
+        content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}
+        with replaced(self.record) as temporary:
+            temporary.write_text(json.dumps(content, indent=2) + "\n")
+        self.checkpoint(segment - 1).unlink(missing_ok=True)
+        facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
+
+    def _save(self, model: MaskablePPO, path: Path) -> None:
+        with replaced(path) as temporary, temporary.open("wb") as file:
+            model.save(file)
+        arguments, hyper = self.arguments, self.arguments.hyper
+        training = Training(
+            clyde_speeds_mps=hyper.clyde_speed,
+            robot_speeds_mps=hyper.robot_speed,
+            levels=f"generated:train below {VALIDATION_LEVEL}",
+            preset=arguments.preset,
+            execution=arguments.execution,
+            decisions=int(model.num_timesteps),
+            seed=arguments.seed,
+        )
+        last = self.segments[-1]
+        numbers = {name: float(value) for name, value in last.items() if isinstance(value, (int, float))}
+        speed = game_config(arguments).robot.speed_mps
+        write_facts(facts_path(path), Facts(robot_speed_mps=speed, training=training, metrics=numbers))
+
+
+def _plain(arguments: Arguments) -> dict[str, Any]:
+    """What decides the curve, as JSON has it."""
+    plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
+    for name in ("out", "resume", "threads", "progress"):
+        del plain[name]
+    return dict(plain)
+
+
+def restore(model: MaskablePPO, path: Path) -> None:
+    """Network and optimizer from a checkpoint, as tensors alone.
+
+    Raises:
+        ValueError: the file cannot be read, or holds another network.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            weights, optimizer = (
+                torch.load(io.BytesIO(archive.read(name)), weights_only=True, map_location="cpu")
+                for name in ("policy.pth", "policy.optimizer.pth")
+            )
+        model.policy.load_state_dict(weights)
+        model.policy.optimizer.load_state_dict(optimizer)
+    except (OSError, KeyError, RuntimeError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: cannot be restored: {error}") from None
+
+
+class LearningRate:
+    """By the decisions taken so far; Stable-Baselines3's own progress begins anew with each segment."""
+
+    def __init__(self, pair: tuple[float, float]) -> None:
+        self.pair, self.progress = pair, 0.0
+
+    def __call__(self, _: float) -> float:
+        """The rate now."""
+        return _between(self.pair, self.progress)
+
+
+class Watch(BaseCallback):
+    """Schedules over the whole run, shares of endings for the log, the progress bar."""
+
+    def __init__(self, hyper: Hyperparameters, rate: LearningRate, bar: Any) -> None:
+        super().__init__()
+        self._hyper, self._rate, self._bar = hyper, rate, bar
+        self._ended: list[tuple[bool, bool]] = []
+
+    def _on_step(self) -> bool:
+        for i in np.flatnonzero(self.locals["dones"]):
+            outcome = self.locals["infos"][i]["outcome"]
+            self._ended.append((outcome == "complete", outcome == "timeout"))
+        self._bar.update(self.training_env.num_envs)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        hyper = self._hyper
+        progress = min(self.num_timesteps / hyper.decisions, 1.0)
+        self._rate.progress = progress
+        self.model.ent_coef = _between(hyper.ent_coef, progress)  # type: ignore[attr-defined]
+        if self._ended:
+            complete, timeout = np.mean(self._ended, axis=0)
+            self.logger.record("rollout/completed", float(complete))
+            self.logger.record("rollout/timed_out", float(timeout))
+            self._bar.set_postfix(completed=f"{complete:.1%}", timeout=f"{timeout:.1%}", refresh=False)
+            del self._ended[: max(len(self._ended) - 1000, 0)]
+
+
+def _between(pair: tuple[float, float], progress: float) -> float:
+    return pair[0] + (pair[1] - pair[0]) * progress
