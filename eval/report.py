@@ -216,7 +216,7 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
     return {
         "schema": SCHEMA,
         "version": __version__,
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="minutes"),
+        "date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d %H:%M} UTC",
         "command": command,
         "seed": plan.seed,
         "seeds": plan.seeds.tolist(),

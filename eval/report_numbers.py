@@ -147,25 +147,26 @@ def _pair(plan: Plan, played: Results) -> Numbers | None:
     challenger = plan.challenger
     if challenger is None:
         return None
-    sides: dict[str, list[Numbers]] = {"wins": [], "losses": []}
+    sides: dict[str, list[tuple[int, Numbers]]] = {"wins": [], "losses": []}
     for task, our_cell, their_cell in zip(
         plan.tasks, _cells(plan, challenger.label), _cells(plan, plan.baseline), strict=True
     ):
         ours, theirs = played[our_cell][0], played[their_cell][0]
         our_win, their_win = ours["end"] == COMPLETE, theirs["end"] == COMPLETE
         for name, which in (("wins", our_win & ~their_win), ("losses", their_win & ~our_win)):
-            for k in np.flatnonzero(which):
+            for place, k in enumerate(np.flatnonzero(which)):
                 seed = int(ours["seed"][k])
-                sides[name].append(
-                    {
-                        "map": task.name,
-                        "seed": seed,
-                        "ours": _outcome(ours[k]),
-                        "theirs": _outcome(theirs[k]),
-                        "command": replay_command(plan, task, seed),
-                    }
-                )
-    return {"policy": challenger.label, "baseline": plan.baseline, **sides}
+                row = {
+                    "map": task.name,
+                    "seed": seed,
+                    "ours": _outcome(ours[k]),
+                    "theirs": _outcome(theirs[k]),
+                    "command": replay_command(plan, task, seed),
+                }
+                sides[name].append((place, row))
+    # the first of each map, then the second of each: whoever reads only the beginning has seen every map
+    mixed = {name: [row for _, row in sorted(rows, key=lambda pair: pair[0])] for name, rows in sides.items()}
+    return {"policy": challenger.label, "baseline": plan.baseline, **mixed}
 
 
 def _outcome(record: Any) -> Numbers:

@@ -10,7 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from eval.report_charts import Line, curve_chart, interval_bar
+from eval.report_charts import COLOURS, Line, curve_chart, interval_bar
 from eval.report_numbers import END_NAMES, Numbers
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -37,6 +37,7 @@ def render_page(report: Numbers) -> str:
         headline=headline(report),
         curve=_curve(report, names),
         bar=interval_bar,
+        colours=COLOURS,
         rows=_by(report["summary"]),
         variants=list(dict.fromkeys(row["variant"] for row in report["variants"])),
         most_pellets=max((row["pellets_ci"][1] for row in report["endless"]), default=1.0),
