@@ -35,7 +35,7 @@ def numbers(plan: Plan, played: Results) -> Numbers:
         "summary": [_summary(plan, played, entry.label) for entry in plan.policies],
         "curve": [_point(plan, played, e.label, v) for e in plan.policies for v in plan.speeds],
         "endings": [_endings(_rounds(plan, played, entry.label), entry.label) for entry in plan.policies],
-        "endless": [_endless(plan, played, e.label, t) for t in plan.tasks for e in plan.policies if _plays_on(plan)],
+        "endless": [_endless(plan, played, e.label, t) for t in _endless_tasks(plan) for e in plan.policies],
         "pair": _pair(plan, played),
         "variants": [_variant(plan, played, k, e.label) for k in range(len(plan.variants)) for e in plan.policies],
         "decisions": [_decisions(plan, played, entry.label) for entry in plan.policies],
@@ -43,8 +43,11 @@ def numbers(plan: Plan, played: Results) -> Numbers:
     }
 
 
-def _plays_on(plan: Plan) -> bool:
-    return len(plan.endless_seeds) > 0
+def _endless_tasks(plan: Plan) -> list[Task | None]:
+    """The maps of the endless games, then all together."""
+    if len(plan.endless_seeds) == 0:
+        return []
+    return [*plan.tasks, *([None] if len(plan.tasks) > 1 else [])]
 
 
 def _rng(plan: Plan) -> np.random.Generator:
@@ -52,14 +55,24 @@ def _rng(plan: Plan) -> np.random.Generator:
     return np.random.default_rng(plan.seed)
 
 
-def _cells(plan: Plan, policy: str, part: str = ROUNDS, speed: float | None = None) -> list[Cell]:
+def _cells(
+    plan: Plan, policy: str, part: str = ROUNDS, speed: float | None = None, task: Task | None = None
+) -> list[Cell]:
     """The cells of one policy, one per task."""
-    return [Cell(part, task.name, policy, plan.speed if speed is None else speed) for task in plan.tasks]
+    tasks = plan.tasks if task is None else (task,)
+    return [Cell(part, one.name, policy, plan.speed if speed is None else speed) for one in tasks]
 
 
-def _rounds(plan: Plan, played: Results, policy: str, part: str = ROUNDS, speed: float | None = None) -> NDArray:
-    """A policy's records of all tasks, one after another."""
-    return np.concatenate([played[cell][0] for cell in _cells(plan, policy, part, speed)])
+def _rounds(
+    plan: Plan,
+    played: Results,
+    policy: str,
+    part: str = ROUNDS,
+    speed: float | None = None,
+    task: Task | None = None,
+) -> NDArray:
+    """A policy's records of one task, or of all of them one after another."""
+    return np.concatenate([played[cell][0] for cell in _cells(plan, policy, part, speed, task)])
 
 
 def _rate(records: NDArray) -> Numbers:
@@ -109,13 +122,14 @@ def _endings(records: NDArray, policy: str) -> Numbers:
     }
 
 
-def _endless(plan: Plan, played: Results, policy: str, task: Task) -> Numbers:
-    ours, theirs = (played[Cell(ENDLESS_GAMES, task.name, one, plan.speed)][0] for one in (policy, plan.baseline))
+def _endless(plan: Plan, played: Results, policy: str, task: Task | None) -> Numbers:
+    """Of one map, or (None) of all."""
+    ours, theirs = (_rounds(plan, played, one, ENDLESS_GAMES, task=task) for one in (policy, plan.baseline))
     pellets = ours["pellets"].astype(np.float64)
     mean, interval = bootstrapped_mean(pellets, _rng(plan))
     row = {
         "policy": policy,
-        "map": task.name,
+        "map": task and task.name,
         "games": len(pellets),
         "pellets_mean": mean,
         "pellets_ci": list(interval),

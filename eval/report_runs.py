@@ -26,7 +26,7 @@ from pacman_env.sim.records import RUNNING
 from pacman_env.sim.sources import FixedMap, LevelSource
 
 _LARGEST_PIECE = 250  # rounds; keeps the processes evenly busy
-_KEPT_LEVELS = 256
+_KEPT_LEVELS = 128  # some MB each
 
 ENDLESS = np.dtype(
     [

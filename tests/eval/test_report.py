@@ -171,6 +171,19 @@ def test_other_workers_and_no_extras(made: tuple[dict[str, Any], Path], tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.html", "p.json"]
 
 
+def test_endless_games_of_all_maps_are_counted_together(tmp_path: Path) -> None:
+    files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
+    short = ["--episodes", "2", "--endless", "4", "--speeds", "0.25", "--variant", "--policies", "nearest"]
+    assert main([*SHORT, *short, "--map", "house", "loop", *files]) == 0
+    report = json.loads((tmp_path / "p.json").read_text())
+    house, loop, together = (row for row in report["endless"] if row["policy"] == "nearest")
+    assert (house["map"], loop["map"], together["map"], together["games"]) == ("house", "loop", None, 8)
+    assert together["pellets_mean"] == pytest.approx((house["pellets_mean"] + loop["pellets_mean"]) / 2)
+    baseline = report["endless"][-1]
+    assert baseline["policy"] == "clyde_aware"
+    assert together["difference"] == pytest.approx(together["pellets_mean"] - baseline["pellets_mean"])
+
+
 def test_the_quick_report_has_its_own_numbers_and_levels_are_a_map(tmp_path: Path) -> None:
     files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
     short = ["--set", "time_limit_s=5", "--policies", "random", "--baseline", "random", "--levels", "test"]
