@@ -1,14 +1,16 @@
-"""Confidence intervals of proportions. What is counted is decided in ``rows``."""
+"""Estimates and their confidence intervals. What is counted is decided in ``rows`` and ``report_numbers``."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 Interval = tuple[float, float]
 Z95 = 1.959963984540054  # two-sided 95 % of the normal distribution
+REPLICATES = 2000  # of a bootstrap
 
 
 def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
@@ -64,3 +66,99 @@ def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: flo
     up = math.sqrt(max(above1 * above1 - 2 * phi * above1 * below2 + below2 * below2, 0.0))
     difference = p1 - p2
     return difference, (difference - down, difference + up)
+
+
+def interquartile_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of the middle half along the last axis: the floor(n / 4) smallest and largest of n are left out.
+
+    Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021; whole values
+    are left out, as in their library. Fewer than four values: the mean.
+    """
+    n = values.shape[-1]
+    return np.sort(values, axis=-1)[..., n // 4 : n - n // 4].mean(axis=-1)
+
+
+def improvement(
+    ours: NDArray[np.float64], theirs: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Probability that one of our scores is above one of theirs, ties counting half: Mann and Whitney's U / n^2.
+
+    Agarwal et al. 2021, "probability of improvement", on one task.
+
+    Args:
+        ours: (n,) scores.
+        theirs: (n,) scores in the same trials.
+        weights: (R, n) how often each trial counts, for both; each row sums to n.
+
+    Returns:
+        (R,) one estimate per row of the weights.
+    """
+    levels = np.unique(np.concatenate([ours, theirs]))
+    our_count, their_count = (weights @ (scores[:, None] == levels) for scores in (ours, theirs))
+    not_above = np.cumsum(their_count, axis=1) - their_count / 2
+    return np.asarray((our_count * not_above).sum(axis=1) / len(ours) ** 2)
+
+
+def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = REPLICATES) -> NDArray[np.float64]:
+    """(R, n) how often each of n trials is drawn in n draws with replacement.
+
+    Raises:
+        ValueError: no trials.
+    """
+    if trials < 1:
+        raise ValueError(f"{trials} trials")
+    return rng.multinomial(trials, np.full(trials, 1 / trials), size=replicates).astype(np.float64)
+
+
+def percentiles95(values: NDArray[np.float64]) -> Interval:
+    """The middle 95 % of bootstrapped estimates."""
+    low, high = np.percentile(values, (2.5, 97.5))
+    return float(low), float(high)
+
+
+def bootstrapped_mean(values: NDArray[np.float64], rng: np.random.Generator) -> tuple[float, Interval]:
+    """The mean of (n,) values with its percentile bootstrap interval.
+
+    Raises:
+        ValueError: no values.
+    """
+    return float(values.mean()), percentiles95(bootstrap_weights(len(values), rng) @ values / len(values))
+
+
+def bootstrapped_iqm(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> tuple[float, Interval]:
+    """Interquartile mean over tasks of their mean scores, with its stratified bootstrap interval.
+
+    Args:
+        tasks: per task the (n,) scores of its trials; trials are drawn anew within each task.
+        rng: draws.
+
+    Raises:
+        ValueError: a task without trials.
+    """
+    means = np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)
+    value = interquartile_mean(np.array([scores.mean() for scores in tasks]))
+    return float(value), percentiles95(interquartile_mean(means))
+
+
+def bootstrapped_improvement(
+    ours: Sequence[NDArray[np.float64]], theirs: Sequence[NDArray[np.float64]], rng: np.random.Generator
+) -> tuple[float, Interval]:
+    """Mean over tasks of the probability of :func:`improvement`, with its stratified bootstrap interval.
+
+    Trials are pairs: one that is drawn is drawn for both sides.
+
+    Args:
+        ours: per task our (n,) scores.
+        theirs: per task their (n,) scores in the same trials.
+        rng: draws.
+
+    Raises:
+        ValueError: not the same numbers of trials, or none.
+    """
+    drawn, values = [], []
+    for our, their in zip(ours, theirs, strict=True):
+        if len(our) != len(their):
+            raise ValueError(f"{len(our)} trials against {len(their)}")
+        drawn.append(improvement(our, their, bootstrap_weights(len(our), rng)))
+        values.append(improvement(our, their, np.ones((1, len(our))))[0])
+    return float(np.mean(values)), percentiles95(np.mean(drawn, axis=0))

@@ -1,0 +1,281 @@
+"""Policies against one another on one page: ``python -m eval.report``. Arguments, order of work, result files.
+
+Rounds are chosen in ``report_plan``, played in ``report_runs``, counted in ``report_numbers`` and shown by
+``report_page``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from eval.arguments import at_least
+from eval.episodes import episode_seeds
+from eval.files import prepare, replaced
+from eval.report_models import model_facts
+from eval.report_numbers import Numbers, numbers
+from eval.report_plan import Plan, check_single_rounds, entries, jobs, parse_variant
+from eval.report_runs import Task, level_source, play_jobs, round_map
+from pacman_env import __version__
+from pacman_env.cli import ERROR_STATUS, Parser
+from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
+from pacman_env.policies.registry import make_policy, policy_names
+from pacman_env.settings import parse_settings
+from pacman_env.world.occupancy import MapError
+
+SCHEMA = 1
+_SPEEDS = tuple(round(0.15 + 0.05 * k, 2) for k in range(10))
+#: What ``--quick`` and its absence stand for where an argument is not given.
+_NUMBERS = {
+    False: {"episodes": 200, "endless": 100, "speeds": _SPEEDS},
+    True: {"episodes": 24, "endless": 12, "speeds": (0.15, 0.35, 0.6)},
+}
+_NO_REFUGES = "without refuges=refuges.spread=0,refuges.nooks=0"
+_FILM_HEIGHT = 480
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(
+        prog="eval.report",
+        description="Let policies play the same rounds and write one HTML page about them: completion per map and over"
+        " Clyde's speeds, endless games, rounds that only one of two completes, variants of the settings, and decision"
+        " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
+        " workers.",
+    )
+    add = parser.add_argument
+    add(
+        "--policies",
+        nargs="+",
+        default=["lookahead", "clyde_aware", "nearest", "random"],
+        metavar="POLICY",
+        help=f"files, or names: {', '.join(policy_names())} (lookahead clyde_aware nearest random)",
+    )
+    add("--baseline", default="clyde_aware", metavar="POLICY", help="whom the others are compared with (%(default)s)")
+    add("--map", nargs="+", default=[], metavar="FILE_OR_NAME", help="maps to play on (house)")
+    add("--levels", choices=("train", "test"), help="generated houses of that split, as one more map")
+    add("--num-levels", type=at_least(2), default=100, metavar="N", help="how many of the split (%(default)s)")
+    add("--preset", choices=sorted(PRESETS), default="robot", help="robot and localization (%(default)s)")
+    add("--execution", choices=sorted(EXECUTIONS), default="robust", help="how goals are executed (%(default)s)")
+    add("--clyde-speed", type=float, default=0.25, metavar="V", help="of all but the curve, m/s (%(default)s)")
+    add("--speeds", nargs="+", type=float, metavar="V", help="Clyde's speeds of the curve, m/s (0.15 0.2 ... 0.6)")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="any field of the configuration, such as nav2.abort_rate=0.01; may be given again",
+    )
+    add(
+        "--variant",
+        action="append",
+        nargs="*",
+        metavar="NAME=SETTINGS",
+        help="the same rounds with other settings, such as 'slow=robot.speed_mps=0.2,preset=ideal'; may be given again;"
+        " alone: none (the other preset; without refuges)",
+    )
+    add("--episodes", type=at_least(2), metavar="N", help="rounds per map, speed, variant and policy (200)")
+    add("--endless", type=at_least(0), metavar="N", help="endless games per map and policy (100)")
+    add("--seed", type=at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (%(default)s)")
+    add("--workers", type=at_least(1), default=1, metavar="N", help="processes (%(default)s)")
+    add("--replays", type=at_least(0), default=0, metavar="K", help="films of rounds that one of two lost (0)")
+    add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
+    add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
+    add("--json", type=Path, metavar="OUT", help="write the numbers")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Make the report; returns the exit status: 0, or 2 after one line on stderr.
+
+    Raises:
+        SystemExit: after ``--help`` and bad arguments, as argparse does.
+    """
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    command = shlex.join(["python", "-m", "eval.report", *(sys.argv[1:] if argv is None else argv)])
+    try:
+        _report(arguments, command)
+    except ModuleNotFoundError as error:
+        print(f"{parser.prog}: needs {error.name}: pip install 'pacman_env[eval]'", file=sys.stderr)
+        return ERROR_STATUS
+    except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return ERROR_STATUS
+    return 0
+
+
+def _report(arguments: argparse.Namespace, command: str) -> None:
+    from tqdm import tqdm
+
+    from eval.report_page import render_page
+
+    plan = _plan(arguments)
+    report = _header(plan, arguments, command)
+    page, json_path = _outputs(arguments)
+    work = jobs(plan)
+    total = sum(len(job.seeds) for job in work.values())
+    with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+        played = play_jobs(list(work.values()), arguments.workers, bar.update)
+    report |= numbers(plan, dict(zip(work, played, strict=True)))
+    films = _films(plan, report["pair"], arguments.replays, page)
+    html = render_page(report)
+    if json_path is not None:
+        with replaced(json_path) as temporary:
+            temporary.write_text(json.dumps(report, allow_nan=False) + "\n", encoding="utf-8")
+    with replaced(page) as temporary:
+        temporary.write_text(html, encoding="utf-8")
+    written = [path for path in (page, json_path, *films) if path is not None]
+    print(f"written: {', '.join(map(str, written))}")
+
+
+def _plan(arguments: argparse.Namespace) -> Plan:
+    """The arguments as what is to be played, everything in them checked."""
+    for name, value in _NUMBERS[arguments.quick].items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
+    if "clyde.speed_mps" in parse_settings(arguments.set):
+        raise ConfigError("clyde.speed_mps: give it as --clyde-speed")
+    settings = (*arguments.set, f"clyde.speed_mps={arguments.clyde_speed!r}")
+    words = arguments.preset, arguments.execution
+    config = make_config(*words, **parse_settings(settings))
+    check_single_rounds(config)
+    speeds = tuple(sorted(set(arguments.speeds)))
+    for speed in speeds:
+        config.with_fields(**{"clyde.speed_mps": speed})
+    other = next(preset for preset in sorted(PRESETS) if preset != arguments.preset)
+    given = [f"preset {other}=preset={other}", _NO_REFUGES]
+    if arguments.variant is not None:
+        given = [text for texts in arguments.variant for text in texts]
+    variants = tuple(parse_variant(text, *words, settings) for text in given)
+    names = [variant.name for variant in variants]
+    for variant in variants:
+        check_single_rounds(variant.config, f"--variant {variant.name}: ")
+        if names.count(variant.name) > 1:
+            raise ConfigError(f"--variant {variant.name}: given twice")
+    policies = entries([*arguments.policies, arguments.baseline])
+    for entry in policies:
+        make_policy(entry.spec)
+    return Plan(
+        tasks=_tasks(arguments, [config, *(variant.config for variant in variants)]),
+        policies=policies,
+        baseline=next(entry.label for entry in policies if entry.spec == arguments.baseline),
+        preset=arguments.preset,
+        execution=arguments.execution,
+        settings=tuple(arguments.set),
+        config=config,
+        speeds=speeds,
+        variants=variants,
+        seed=arguments.seed,
+        seeds=episode_seeds(arguments.seed, arguments.episodes),
+        endless_seeds=episode_seeds(arguments.seed, arguments.endless),
+    )
+
+
+def _tasks(arguments: argparse.Namespace, configs: Sequence[Config]) -> tuple[Task, ...]:
+    """Maps, then levels; all known to be playable under every configuration."""
+    sources = dict.fromkeys(arguments.map or ([] if arguments.levels else ["house"]))
+    for source in sources:
+        if source.partition(":")[0] == "generated":
+            raise MapError(f"--map {source}: give generated houses as --levels train or --levels test")
+    tasks = [Task(level_source(Task(s, s), configs[0]).first.occupancy.name, s) for s in sources]
+    names = [task.name for task in tasks]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"two maps are called {name}: the results could not be told apart")
+    if arguments.levels:
+        split = f"generated:{arguments.levels}"
+        tasks.append(Task(split, split, arguments.num_levels))
+    for task in tasks:
+        for config in configs:
+            _ = level_source(task, config).first
+    return tuple(tasks)
+
+
+def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
+    """Paths of page and JSON, known to be writable before the work begins."""
+    page: Path = arguments.out
+    if page.suffix != ".html":
+        raise ValueError(f"--out {page}: must end in .html")
+    if arguments.json == page:
+        raise ValueError(f"--json {page}: is the page's file too")
+    return prepare(page), arguments.json and prepare(arguments.json)
+
+
+def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
+    """What was played, with all that is needed to play it again."""
+    firsts = [level_source(task, plan.config).first for task in plan.tasks]
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d %H:%M} UTC",
+        "command": command,
+        "seed": plan.seed,
+        "seeds": plan.seeds.tolist(),
+        "episodes": len(plan.seeds),
+        "endless_games": len(plan.endless_seeds),
+        "preset": plan.preset,
+        "execution": plan.execution,
+        "settings": list(plan.settings),
+        "clyde_speed": plan.speed,
+        "quick": arguments.quick,
+        "maps": [
+            {
+                "name": task.name,
+                "source": task.source,
+                "levels": task.levels,
+                "hash": None if task.levels else assets.occupancy.hash,
+                "pellets": None if task.levels else assets.pellets,
+            }
+            for task, assets in zip(plan.tasks, firsts, strict=True)
+        ],
+        "policies": [
+            {
+                "name": entry.label,
+                "spec": entry.spec,
+                "baseline": entry.label == plan.baseline,
+                "facts": model_facts(entry.spec),
+            }
+            for entry in plan.policies
+        ],
+        "config": plan.config.as_dict(),
+    }
+
+
+def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Path]:
+    """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
+    if pair is None or wanted == 0:
+        return []
+    from eval.video import round_frames, save_video
+
+    specs = [plan.entry(pair["policy"]).spec, plan.entry(pair["baseline"]).spec]
+    tasks = {task.name: task for task in plan.tasks}
+    paths = []
+    for row in _in_turn(pair["wins"], pair["losses"])[:wanted]:
+        seed = np.uint64(row["seed"])
+        path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{seed}.mp4")
+        assets = round_map(tasks[row["map"]], plan.config, seed)
+        frames = round_frames(assets, plan.config, specs, seed, height=_FILM_HEIGHT)
+        save_video(frames, path, plan.config.execution.tick_s)
+        row["film"] = quote(f"{path.parent.name}/{path.name}")
+        paths.append(path)
+    return paths
+
+
+def _in_turn(first: Sequence[Any], second: Sequence[Any]) -> list[Any]:
+    """One of the first, one of the second and so on, then what is left of the longer."""
+    both = min(len(first), len(second))
+    mixed = [one for pair in zip(first, second, strict=False) for one in pair]
+    return [*mixed, *first[both:], *second[both:]]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
