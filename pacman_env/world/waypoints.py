@@ -16,6 +16,7 @@ from ..jit import kernel
 from .paths import AT_GOAL, NO_STEP
 
 STRIDE_M = 0.25
+_STRIDE_CM = round(100 * STRIDE_M)
 
 
 class Waypoints(NamedTuple):
@@ -43,12 +44,12 @@ def find_waypoints(
     order = np.lexsort((off, of_cell))  # by block, the innermost cell first
     representative = order[np.searchsorted(of_cell[order], np.arange(len(first)))].astype(np.int32)
     onward = np.empty((len(next_step), len(first)), dtype=np.int16)
-    _stride(of_cell.astype(np.int32), representative, stride, length_cm, next_step, onward)
+    _stride(of_cell.astype(np.int32), representative, length_cm, next_step, onward)
     return Waypoints(of_cell.astype(np.int32), cell_xy[representative], onward)
 
 
 @kernel
-def _stride(of_cell, representative, stride, lengths, next_step, onward):  # type: ignore[no-untyped-def]
+def _stride(of_cell, representative, lengths, next_step, onward):  # type: ignore[no-untyped-def]
     for goal in range(onward.shape[0]):
         for w in range(onward.shape[1]):
             start = representative[w]
@@ -56,13 +57,13 @@ def _stride(of_cell, representative, stride, lengths, next_step, onward):  # typ
             if next_step[goal, cell] == NO_STEP:
                 onward[goal, w] = NO_STEP
                 continue
-            steps = 0
             there = w
+            left = np.int64(lengths[start, goal])
             while next_step[goal, cell] != AT_GOAL:
                 cell += next_step[goal, cell]
-                steps += 1
                 there = of_cell[cell]
                 # Always nearer to the goal, so that ways never run in a circle.
-                if steps >= stride and there != w and lengths[representative[there], goal] < lengths[start, goal]:
+                driven = left - lengths[cell, goal]
+                if driven >= _STRIDE_CM and there != w and lengths[representative[there], goal] < left:
                     break
             onward[goal, w] = AT_GOAL if next_step[goal, cell] == AT_GOAL else there - w
