@@ -16,7 +16,7 @@ from pacman_env.policies.base import Policy
 from train.games import TrainingGames
 
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
-_ENTROPY = 0.01  # keeps the choices from becoming certain, so that PPO has something to compare
+_ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has something to compare
 
 
 class _Lesson(NamedTuple):
