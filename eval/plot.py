@@ -42,7 +42,7 @@ def save_plot(rows: Sequence[Row], path: Path, title: str) -> None:
         (_games if endless else _ends)(right, band)
         left.set_title(group_title(band[0]), loc="left", fontsize=11, fontweight="bold")
         right.set_yticklabels([])
-        right.set_title("every game" if endless else "how the rounds ended", loc="left", fontsize=11)
+        right.set_title("every game" if endless else "how the rounds ended", loc="right", fontsize=11)
     labels = ("pellets per game, mean", "pellets per game") if endless else ("share of episodes, %",) * 2
     axes[-1, 0].set_xlabel(f"{labels[0]}  (whiskers: 95 % interval)")
     axes[-1, 1].set_xlabel(labels[1])

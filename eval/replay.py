@@ -83,8 +83,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     for game in games:
         print(f"\n{game.name}: {game.outcome()}")
         for change in game.changes:
-            number = f"round {change.round} " if config.endless else ""
-            print(f"  {number}{change.time_s:6.1f} s  {change.goal}: {change.why}")
+            print(f"  {change.when:>8}  {change.goal}: {change.why}")
     print(f"\nwritten: {out}")
 
 

@@ -20,8 +20,8 @@ td:first-child { white-space: nowrap; text-align: right; font-variant-numeric: t
 td:nth-child(2) { white-space: nowrap }
 """
 _EXPLANATION = (
-    "Each line below is a decision to go somewhere else, with the terms of the policy's own explanation: the goal with"
-    " the highest score wins. Pellets and refuges are counted from 0."
+    "Each line below is a decision to go somewhere else, with the policy's own explanation: a higher score is better;"
+    " what follows it are the terms that it is made of. Pellets and refuges are counted from 0."
 )
 
 
@@ -43,11 +43,10 @@ def page(title: str, film: bytes, games: Sequence[Watched]) -> str:
     ]
     for game in games:
         rows = "\n".join(
-            f"<tr><td>{change.round}, {change.time_s:.1f} s<td>{escape(change.goal)}<td>{escape(change.why)}"
-            for change in game.changes
+            f"<tr><td>{change.when}<td>{escape(change.goal)}<td>{escape(change.why)}" for change in game.changes
         )
         parts.append(
             f"<h2>{escape(game.name)}: {escape(game.outcome())}</h2>\n"
-            f'<div class="scroll"><table>\n<tr><th>round, time<th>goal<th>why\n{rows}\n</table></div>'
+            f'<div class="scroll"><table>\n<tr><th>time<th>goal<th>why\n{rows}\n</table></div>'
         )
     return "\n".join(parts) + "\n</html>\n"

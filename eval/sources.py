@@ -99,8 +99,7 @@ def places(arguments: argparse.Namespace) -> list[Place]:
     """
     for source in arguments.map:
         if source.partition(":")[0] == "generated":
-            split = source.partition(":")[2] or "train"
-            raise ValueError(f"--map {source}: generated houses are given as --levels {split}")
+            raise ValueError(f"--map {source}: generated houses are given as --levels test or --levels train")
     maps: list[Place] = list(dict.fromkeys(arguments.map))
     if arguments.levels is None:
         for option, value in (("--start-level", arguments.start_level), ("--num-levels", arguments.num_levels)):

@@ -29,8 +29,7 @@ _Terms = list[dict[str, float | bool | str]]
 class Change(NamedTuple):
     """A policy's choice of another goal."""
 
-    round: int  # from 1
-    time_s: float  # since the round began
+    when: str  # since the round began; in an endless game with its number
     goal: str
     why: str
 
@@ -78,7 +77,8 @@ class Watched:
         if choice != self._chosen:
             why = _reason(situation, terms, choice, self._chosen, batch.alive[0])
             goal = _goal(situation, choice, batch.pellet_slots)
-            self.changes.append(Change(int(batch.games["round"][0]), float(situation.time_s[0]), goal, why))
+            number = f"round {batch.games['round'][0]}, " if batch.config.endless else ""
+            self.changes.append(Change(f"{number}{situation.time_s[0]:.1f} s", goal, why))
         self._chosen = choice
         batch.step(np.array([choice]))
         if batch.games["tick_rounds"][0] > 0:
@@ -112,14 +112,14 @@ def film(games: Sequence[Watched], height: int) -> Iterator[Frame]:
         yield np.hstack(panels)
 
 
-def _goal(situation: Situation, candidate: int, pellet_slots: int, place: bool = True) -> str:
+def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:
     """A candidate in words: pellets and refuges are counted from 0."""
     kind = int(situation.kind[0, candidate])
     if kind == HOLD:
         return KIND_NAMES[HOLD]
     number = candidate if kind == PELLET else candidate - pellet_slots
     x, y = situation.position[0, candidate].tolist()
-    return f"{KIND_NAMES[kind]} {number}" + (f" at ({x:.2f}, {y:.2f})" if place else "")
+    return f"{KIND_NAMES[kind]} {number} at ({x:.2f}, {y:.2f})"
 
 
 def _reason(situation: Situation, terms: _Terms, choice: int, before: int, alive: NDArray[np.bool_]) -> str:
