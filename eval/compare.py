@@ -1,6 +1,6 @@
 """Policies compared on the same rounds: ``python -m eval.compare``. Arguments, order of work, result files.
 
-Rounds are played in ``episodes``, counted in ``rows``, shown by ``report_table``, ``plot`` and ``video``.
+Rounds are played in ``episodes``, counted in ``rows``, shown by ``report_table``, ``plot`` and ``replay``.
 """
 
 from __future__ import annotations
@@ -8,25 +8,29 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from eval.arguments import at_least
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.arguments import add_game_arguments, at_least, game_configs
+from eval.contestants import add_policy_arguments, check_contestants, contestant_names
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
-from eval.parallel import Block, play_all
+from eval.parallel import Block, Played, play_all
 from eval.report_table import render
 from eval.rows import Row, make_row
+from eval.sources import Levels, Place, open_place, place_name, places
 from pacman_env import __version__
 from pacman_env.cli import ERROR_STATUS, Parser
-from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
-from pacman_env.policies.registry import make_policy, policy_names
-from pacman_env.settings import parse_settings
-from pacman_env.sim.assets import MapAssets, map_assets
+from pacman_env.config import Config
+from pacman_env.sim.sources import LevelSource
 
-SCHEMA = 1
+SCHEMA = 2
 _VIDEO_SUFFIXES = (".mp4", ".gif")
 
 
@@ -39,29 +43,9 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     add = parser.add_argument
-    add("--map", nargs="+", default=["house"], metavar="FILE_OR_NAME", help="maps to play on")
-    add(
-        "--policies",
-        nargs="+",
-        default=["clyde_aware", "nearest", "random"],
-        metavar="POLICY",
-        help=f"the first is what the others are compared with; names: {', '.join(policy_names())}",
-    )
-    add("--preset", choices=sorted(PRESETS), default="robot", help="robot and localization")
-    add("--execution", choices=sorted(EXECUTIONS), default="robust", help="how goals are executed")
-    add("--clyde-speed", nargs="+", type=float, default=[0.25], metavar="V", help="m/s")
-    add("--clyde-spawn", choices=("connected", "anywhere"), help="Clyde's cells at the start (preset's)")
-    add("--clyde-spawn-distance", type=float, metavar="M", help="from the robot, at least, m (preset's)")
-    add("--spacing", type=float, metavar="M", help="of the pellets, m (preset's)")
-    add("--time-limit", type=float, metavar="S", help="of a round, s (preset's)")
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="any field of the configuration, such as nav2.abort_rate=0.01; may be given again",
-    )
-    add("--episodes", type=at_least(1), default=200, metavar="N", help="rounds per map, speed and policy")
+    add_policy_arguments(parser, ("clyde_aware", "nearest", "random"), "the first is what the others are compared with")
+    add_game_arguments(parser, several=True)
+    add("--episodes", type=at_least(1), default=200, metavar="N", help="rounds or games per map, speed and policy")
     add("--seed", type=at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it")
     add("--workers", type=at_least(1), default=1, metavar="N", help="processes")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
@@ -97,69 +81,41 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _compare(arguments: argparse.Namespace) -> None:
     from tqdm import tqdm
 
-    configs = _configs(arguments)
+    configs = game_configs(arguments)
     policies = list(dict.fromkeys(arguments.policies))
-    for policy in policies:
-        make_policy(policy)
-    maps = _maps(arguments.map, configs[0])
+    check_contestants(policies, arguments.trust)
+    names = contestant_names(policies)
+    maps = _maps(places(arguments), configs[0])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     blocks = [
-        Block(source, config, policy, seeds)
-        for (source, _), config, policy in itertools.product(maps, configs, policies)
+        Block(place, config, policy, seeds, arguments.trust)
+        for place, config, policy in itertools.product(maps, configs, policies)
     ]
-    with tqdm(total=len(blocks) * len(seeds), unit="episode", mininterval=1.0, file=sys.stderr) as bar:
+    unit = "game" if configs[0].endless else "episode"
+    with tqdm(total=len(blocks) * len(seeds), unit=unit, mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(blocks, arguments.workers, bar.update)
-    names = {source: assets.occupancy.name for source, assets in maps}
-    rows = _rows(blocks, played, names)
+    rows = _rows(blocks, played, {place: place_name(place, source) for place, source in maps.items()}, names)
     what = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     what = ", ".join([what, *arguments.set])
     print(f"{what}\n\n{render(rows)}")
     if json_path is not None:
-        _write_json(json_path, rows, maps, configs[0], arguments)
-    _draw(plot_path, rows, f"Same {len(seeds)} rounds for every policy  ({what})")
+        _write_json(json_path, rows, maps, names, seeds, configs[0], arguments)
+    rounds = "endless games" if configs[0].endless else "rounds"
+    _draw(plot_path, rows, f"Same {len(seeds)} {rounds} for every policy  ({what})")
     if video_path is not None:
-        _film(video_path, maps[0][1], configs[0], policies, seeds[0])
+        _film(video_path, next(iter(maps.values())), configs[0], names, seeds[0], arguments.trust)
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
 
 
-def _configs(arguments: argparse.Namespace) -> list[Config]:
-    """One configuration per speed of Clyde's."""
-    changes = parse_settings(arguments.set)
-    if "clyde.speed_mps" in changes:
-        raise ConfigError("clyde.speed_mps: give it as --clyde-speed")
-    for name, value in (
-        ("clyde.spawn", arguments.clyde_spawn),
-        ("clyde.spawn_distance_m", arguments.clyde_spawn_distance),
-        ("pellets.spacing_m", arguments.spacing),
-        ("time_limit_s", arguments.time_limit),
-    ):
-        if value is not None:
-            if name in changes:
-                raise ConfigError(f"{name}: given twice")
-            changes[name] = value
-    speeds = dict.fromkeys(arguments.clyde_speed)
-    configs = [
-        make_config(arguments.preset, arguments.execution, **changes, **{"clyde.speed_mps": speed}) for speed in speeds
-    ]
-    config = configs[0]
-    for name, value, wrong in (
-        ("action", config.action, config.action != "goal"),
-        ("endless", config.endless, config.endless),
-        ("clyde.ghosts", config.clyde.ghosts, "policy" in config.clyde.ghosts),
-    ):
-        if wrong:
-            raise ConfigError(f"{name} = {value!r}: policies that name goals are compared over single rounds")
-    return configs
-
-
-def _maps(sources: Sequence[str], config: Config) -> list[tuple[str, MapAssets]]:
-    maps = [(source, map_assets(source, config)) for source in dict.fromkeys(sources)]
-    names = [assets.occupancy.name for _, assets in maps]
-    for name in names:
+def _maps(wanted: Sequence[Place], config: Config) -> dict[Place, LevelSource]:
+    maps = {place: open_place(place, config) for place in wanted}
+    names = [place_name(place, source) for place, source in maps.items()]
+    for name, source in zip(names, maps.values(), strict=True):
         if names.count(name) > 1:
             raise ValueError(f"two maps are called {name}: the results could not be told apart")
+        _ = source.first  # found out before the work whether it can be played on
     return maps
 
 
@@ -178,21 +134,24 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
     return arguments.json and prepare(arguments.json), prepare(plot), video and prepare(video)
 
 
-def _rows(blocks: Sequence[Block], played: Sequence[tuple[Any, Any]], names: dict[str, str]) -> list[Row]:
+def _rows(
+    blocks: Sequence[Block], played: Sequence[Played], map_names: dict[Place, str], names: dict[str, str]
+) -> list[Row]:
     rows = []
-    first: dict[tuple[str, float], Any] = {}
+    first: dict[tuple[Place, float], NDArray] = {}
     for block, (records, decision_ms) in zip(blocks, played, strict=True):
         speed = block.config.clyde.speed_mps
         reference = first.get((block.map, speed))
         first.setdefault((block.map, speed), records)
         rows.append(
             make_row(
-                map_name=names[block.map],
-                policy=block.policy,
+                map_name=map_names[block.map],
+                policy=names[block.policy],
                 clyde_speed=speed,
                 records=records,
                 decision_ms=decision_ms,
                 first=reference,
+                endless=block.config.endless,
             )
         )
     return rows
@@ -201,7 +160,9 @@ def _rows(blocks: Sequence[Block], played: Sequence[tuple[Any, Any]], names: dic
 def _write_json(
     path: Path,
     rows: list[Row],
-    maps: Sequence[tuple[str, MapAssets]],
+    maps: dict[Place, LevelSource],
+    names: dict[str, str],
+    seeds: NDArray[np.uint64],
     config: Config,
     arguments: argparse.Namespace,
 ) -> None:
@@ -212,18 +173,38 @@ def _write_json(
     result = {
         "schema": SCHEMA,
         "version": __version__,
+        "kind": "endless" if config.endless else "round",
         "seed": arguments.seed,
+        "seeds": [str(seed) for seed in seeds.tolist()],
         "preset": arguments.preset,
         "execution": arguments.execution,
-        "maps": [
-            {"name": assets.occupancy.name, "source": source, "hash": assets.occupancy.hash} for source, assets in maps
-        ],
+        "maps": [_about_map(place, source, config) for place, source in maps.items()],
+        "policies": [{"name": name, "spec": spec} for spec, name in names.items()],
         "arguments": vars(arguments),
         "config": config.as_dict(),
         "rows": rows,
     }
+    text = json.dumps(result, indent=2, default=str, allow_nan=False)
     with replaced(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=2, default=str, allow_nan=False) + "\n")
+        temporary.write_text(_lists_in_lines(text) + "\n")
+
+
+def _about_map(place: Place, source: LevelSource, config: Config) -> dict[str, Any]:
+    about = {"name": place_name(place, source), "hash": source.first.occupancy.hash}
+    if not isinstance(place, Levels):
+        return about | {"source": place}
+    start, count = place.numbers(config)
+    return about | {"source": f"--levels {place.split}", "start_level": start, "num_levels": count}
+
+
+def _lists_in_lines(text: str) -> str:
+    """JSON with lists of plain values on a line each; within strings there are no line breaks."""
+
+    def joined(match: re.Match[str]) -> str:
+        items = re.sub(r"\n\s+", " ", match[1])
+        return f"[{items}]"
+
+    return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", joined, text)
 
 
 def _draw(path: Path, rows: list[Row], title: str) -> None:
@@ -232,11 +213,13 @@ def _draw(path: Path, rows: list[Row], title: str) -> None:
     save_plot(rows, path, title)
 
 
-def _film(path: Path, assets: MapAssets, config: Config, policies: Sequence[str], seed: Any) -> None:
-    from eval.video import round_frames, save_video
+def _film(path: Path, source: LevelSource, config: Config, names: dict[str, str], seed: np.uint64, trust: bool) -> None:
+    from eval.video import save_video
+    from eval.watching import Watched, film
 
-    height = 720 if len(policies) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
-    save_video(round_frames(assets, config, policies, seed, height=height), path, config.execution.tick_s)
+    height = 720 if len(names) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
+    games = [Watched(source, config, spec, seed, name, trust) for spec, name in names.items()]
+    save_video(film(games, height), path, config.execution.tick_s)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Rounds played by a policy: seeds in, one record per round out.
+"""Rounds, or endless games, played by a policy: seeds in, one record for each out.
 
 The records depend on map, configuration, policy and seeds alone, not on the batch a round is played in.
 """
@@ -11,26 +11,31 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from eval.contestants import make_contestant
 from pacman_env.config import Config
-from pacman_env.policies.registry import make_policy
+from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.sim.assets import MapAssets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.records import RUNNING
+from pacman_env.sim.records import COMPLETE, RUNNING
 from pacman_env.sim.situation import Situation
+from pacman_env.sim.sources import LevelSource
 
 BATCH = 64  # more games than this at once are no faster
+MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has his highest speed
 _TIMED_EVERY = 4  # batch steps per timed decision
 _WARM_UP = 3  # decisions not timed: compilation, caches
 
 EPISODE = np.dtype(
     [
         ("seed", np.uint64),
+        ("level", np.int64),  # which was played on, 0 where there is one map
         ("end", np.int64),  # DEAD, COMPLETE, CLEARED or TIMEOUT
-        ("spawned", np.int64),
-        ("collected", np.int64),
-        ("lost", np.int64),
-        ("aborts", np.int64),
-        ("time_s", np.float64),
+        ("rounds", np.int64),  # completed
+        ("spawned", np.int64),  # in a round
+        ("collected", np.int64),  # in all rounds
+        ("lost", np.int64),  # in the last round
+        ("aborts", np.int64),  # in the last round
+        ("time_s", np.float64),  # of all rounds
     ]
 )
 
@@ -55,51 +60,59 @@ def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDAr
 
 
 def play(
-    assets: MapAssets,
+    source: LevelSource | MapAssets,
     config: Config,
     spec: str,
     seeds: NDArray[np.uint64],
     *,
     batch_size: int = BATCH,
+    trust: bool = False,
     on_end: Callable[[int], object] | None = None,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """Play one round per seed with the policy ``spec``.
+    """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
     Args:
-        assets: the map.
+        source: the map, or levels of which each seed draws one.
         config: the game.
-        spec: policy by name.
+        spec: the policy, as :func:`eval.contestants.make_contestant` takes it.
         seeds: (E,) at least one.
         batch_size: at most so many games at once.
+        trust: the policy may be a checkpoint.
         on_end: called with the number of rounds that ended in a step.
 
     Returns:
         (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms that single decisions
-        took on a sample of the situations met, the policy alone, without simulator and observation.
+        took on a sample of the situations met, the policy alone, without simulator and observation. An endless game
+        that has all its rounds behind it ends as COMPLETE.
     """
     n = min(batch_size, len(seeds))
-    batch = GameBatch(assets, config, n)
-    policy, clock = make_policy(spec), _DecisionClock(spec)
+    batch = GameBatch(source, config, n)
+    policy, clock = make_contestant(spec, trust), _DecisionClock(make_contestant(spec, trust))
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
+    before_s = np.zeros(n)  # the rounds before the one that a slot plays
     batch.reset(np.arange(n), seeds[:n])
     policy.reset(np.ones(n, dtype=np.bool_))
     started = n
     while (episode >= 0).any():
         situation = batch.situation()
-        clock.look(situation, np.flatnonzero(episode >= 0))
-        batch.step(allowed(situation, policy.select(situation), batch.hold))
-        ended = np.flatnonzero((batch.games["end"] != RUNNING) & (episode >= 0))
+        playing = np.flatnonzero(episode >= 0)
+        clock.look(situation, playing)
+        batch.step(_choices(policy, situation, playing, batch.hold))
+        follows = batch.games["tick_rounds"] > 0
+        if follows.any():
+            before_s[follows] += situation.time_s[follows] + config.execution.tick_s
+            policy.reset(follows)
+        over = (batch.games["end"] != RUNNING) | (batch.games["round"] > MOST_ROUNDS)
+        ended = np.flatnonzero(over & (episode >= 0))
         if len(ended) == 0:
             continue
-        games = batch.games[ended]
-        for name in ("seed", "end", "spawned", "collected", "lost", "aborts"):
-            records[name][episode[ended]] = games[name]
-        records["time_s"][episode[ended]] = games["step"] * config.physics_step_s
+        records[episode[ended]] = _records(batch, ended, before_s)
         episode[ended] = -1
         again = ended[: len(seeds) - started]
         if len(again) > 0:
             episode[again] = np.arange(started, started + len(again))
+            before_s[again] = 0.0
             batch.reset(again, seeds[episode[again]])
             policy.reset(np.isin(np.arange(n), again))
             started += len(again)
@@ -108,12 +121,38 @@ def play(
     return records, np.array(clock.times_ms)
 
 
+def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
+    """What the policy picks for each game; towards the end, when few still play, it is not asked about the others."""
+    nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
+    if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
+        return allowed(situation, policy.select(situation), hold)
+    choices = np.full(len(situation), hold)
+    some = situation.rows(playing)
+    choices[playing] = allowed(some, policy.select(some), hold)
+    return choices
+
+
+def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:
+    """What came of the games ``index``."""
+    games = batch.games[index]
+    result = np.zeros(len(index), dtype=EPISODE)
+    result["seed"] = games["episode_seed"]
+    result["level"] = batch.level_numbers()[index]
+    result["end"] = np.where(games["end"] == RUNNING, COMPLETE, games["end"])
+    result["rounds"] = games["round"] - 1 + (games["end"] == COMPLETE)
+    result["collected"] = games["score"]
+    for name in ("spawned", "lost", "aborts"):
+        result[name] = games[name]
+    result["time_s"] = before_s[index] + games["step"] * batch.config.physics_step_s
+    return result
+
+
 class _DecisionClock:
     """Times single decisions of a policy object of its own, so that the games do not notice."""
 
-    def __init__(self, spec: str) -> None:
+    def __init__(self, policy: Policy) -> None:
         self.times_ms: list[float] = []
-        self._policy = make_policy(spec)
+        self._policy = policy
         self._steps = 0
 
     def look(self, situation: Situation, games: NDArray[np.int64]) -> None:

@@ -2,39 +2,50 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.episodes import play
+from eval.episodes import EPISODE, play
+from eval.sources import Levels, Place, open_place, parts_of_play
 from pacman_env.config import Config
-from pacman_env.sim.assets import map_assets
 
-_LARGEST_BLOCK = 500  # rounds; keeps the processes evenly busy
+_LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
 
 
 @dataclass(frozen=True)
 class Block:
     """Rounds of one policy on one map under one configuration. Plain data: it travels to other processes."""
 
-    map: str
+    map: Place
     config: Config
     policy: str
     seeds: NDArray[np.uint64]
+    trust: bool = False  # the policy may be a checkpoint
 
 
 Played = tuple[NDArray, NDArray[np.float64]]
 
 
+class _Piece(NamedTuple):
+    """A part of a block."""
+
+    number: int  # of the block
+    part: int
+    rounds: NDArray[np.int64]  # which of the block's
+
+
 def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> Played:
     """Records and decision times of one block, as :func:`eval.episodes.play` gives them."""
-    assets = map_assets(block.map, block.config)
-    return play(assets, block.config, block.policy, block.seeds, on_end=on_end)
+    source = open_place(block.map, block.config)
+    return play(source, block.config, block.policy, block.seeds, trust=block.trust, on_end=on_end)
 
 
 def play_all(
@@ -43,30 +54,49 @@ def play_all(
     """The records and decision times of every block, in the order of the blocks.
 
     Args:
-        blocks: what to play.
+        blocks: what to play; those on one map should follow one another.
         workers: processes; 1 plays in this one.
         on_end: called with the number of rounds that have ended since the last call.
     """
+    pieces = _pieces(blocks, workers)
+    parts = [replace(blocks[p.number], seeds=blocks[p.number].seeds[p.rounds]) for p in pieces]
     if workers == 1:
-        return [play_block(block, on_end) for block in blocks]
-    pieces = [(i, piece) for i, block in enumerate(blocks) for piece in _split(block, workers)]
+        return _joined(blocks, pieces, [play_block(part, on_end) for part in parts])
     # spawn: a forked child would share the locks of threads that it does not have
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(workers, len(pieces)), mp_context=context) as pool:
-        futures = [pool.submit(play_block, piece) for _, piece in pieces]
+        futures = [pool.submit(play_block, part) for part in parts]
         try:
             for future in as_completed(futures):
                 on_end(len(future.result()[0]))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-        parts: list[list[Played]] = [[] for _ in blocks]
-        for (i, _), future in zip(pieces, futures, strict=True):
-            parts[i].append(future.result())
-    return [(np.concatenate([p[0] for p in part]), np.concatenate([p[1] for p in part])) for part in parts]
+    return _joined(blocks, pieces, [future.result() for future in futures])
 
 
-def _split(block: Block, workers: int) -> list[Block]:
-    size = min(math.ceil(len(block.seeds) / workers), _LARGEST_BLOCK)
-    starts = range(0, len(block.seeds), size)
-    return [replace(block, seeds=block.seeds[start : start + size]) for start in starts]
+def _pieces(blocks: Sequence[Block], workers: int) -> list[_Piece]:
+    """The blocks cut up; on levels, what all blocks play on the same ones comes together, while these are kept."""
+    pieces: list[_Piece] = []
+    for place, group in itertools.groupby(range(len(blocks)), key=lambda number: blocks[number].map):
+        of_place = [piece for number in group for piece in _cut(number, blocks[number], workers)]
+        pieces += sorted(of_place, key=lambda piece: piece.part) if isinstance(place, Levels) else of_place
+    return pieces
+
+
+def _cut(number: int, block: Block, workers: int) -> list[_Piece]:
+    count = 1 if workers == 1 else max(workers, math.ceil(len(block.seeds) / _LARGEST_PIECE))
+    parts = parts_of_play(block.map, block.config, block.seeds, count)
+    return [_Piece(number, k, rounds) for k, rounds in enumerate(parts)]
+
+
+def _joined(blocks: Sequence[Block], pieces: Sequence[_Piece], played: Sequence[Played]) -> list[Played]:
+    """What was played of each block, its rounds in their order again."""
+    results = []
+    for number, block in enumerate(blocks):
+        mine = [(piece.rounds, played[k]) for k, piece in enumerate(pieces) if piece.number == number]
+        records = np.empty(len(block.seeds), dtype=EPISODE)
+        for rounds, (part, _) in mine:
+            records[rounds] = part
+        results.append((records, np.concatenate([times for _, (_, times) in mine])))
+    return results

@@ -1,4 +1,4 @@
-"""The comparison as a picture: completion with intervals, and how the rounds ended."""
+"""The comparison as a picture: completion with intervals, and how the rounds ended; of endless games, pellets."""
 
 from __future__ import annotations
 
@@ -26,26 +26,60 @@ _ROOM_FOR_TEXT = 0.08  # narrower parts of a bar carry no number
 
 
 def save_plot(rows: Sequence[Row], path: Path, title: str) -> None:
-    """Write a PNG with one band per map and speed: rates on the left, ends of the rounds on the right."""
+    """Write a PNG with one band per map and speed; all rows are of one kind.
+
+    Rates on the left, ends of the rounds on the right; of endless games means on the left, all games on the right.
+    """
     bands = groups(rows)
+    endless = rows[0]["kind"] == "endless"
     heights = [0.75 + 0.55 * len(band) for band in bands]
     figure = Figure(figsize=(12.5, sum(heights) + 1.7), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(len(bands), 2, squeeze=False, height_ratios=heights)
+    axes = figure.subplots(len(bands), 2, squeeze=False, height_ratios=heights, sharex="col" if endless else False)
     figure.suptitle(title, fontsize=13)
     for (left, right), band in zip(axes, bands, strict=True):
-        _rates(left, band)
-        _ends(right, band)
+        (_means if endless else _rates)(left, band)
+        (_games if endless else _ends)(right, band)
         left.set_title(group_title(band[0]), loc="left", fontsize=11, fontweight="bold")
         right.set_yticklabels([])
-        right.set_title("how the rounds ended", loc="left", fontsize=11)
-    axes[-1, 0].set_xlabel("share of episodes, %  (whiskers: 95 % interval)")
-    axes[-1, 1].set_xlabel("share of episodes, %")
+        right.set_title("every game" if endless else "how the rounds ended", loc="right", fontsize=11)
+    labels = ("pellets per game, mean", "pellets per game") if endless else ("share of episodes, %",) * 2
+    axes[-1, 0].set_xlabel(f"{labels[0]}  (whiskers: 95 % interval)")
+    axes[-1, 1].set_xlabel(labels[1])
     for column, side in enumerate(("left", "right")):
-        handles, labels = axes[0, column].get_legend_handles_labels()
-        figure.legend(handles, labels, loc=f"outside lower {side}", ncols=len(labels), frameon=False)
+        handles, names = axes[0, column].get_legend_handles_labels()
+        if handles:
+            figure.legend(handles, names, loc=f"outside lower {side}", ncols=len(names), frameon=False)
     with replaced(path) as temporary:
         figure.savefig(temporary, format="png")
+
+
+def _means(axes: Any, band: Sequence[Row]) -> None:
+    y = np.arange(len(band))
+    mean = np.array([row["pellets_mean"] for row in band])
+    whiskers = np.abs(np.array([row["pellets_ci"] for row in band]).T - mean)
+    axes.barh(y, mean, 0.6, color=_COMPLETE)
+    axes.errorbar(mean, y, xerr=whiskers, fmt="none", ecolor="0.2", capsize=3, lw=1.2)
+    for position, row in zip(y, band, strict=True):
+        text = f"  {row['pellets_mean']:.1f}, {row['rounds_mean']:.1f} rounds"
+        axes.text(row["pellets_ci"][1], position, text, va="center", fontsize=9)
+    _bars_per_policy(axes, band)
+    axes.margins(x=0.35)  # room for the text behind the longest bar
+    axes.set_xlim(left=0)
+
+
+def _games(axes: Any, band: Sequence[Row]) -> None:
+    y = np.arange(len(band))
+    axes.boxplot(
+        [row["outcomes"]["collected"] for row in band],
+        orientation="horizontal",
+        positions=y,
+        widths=0.5,
+        medianprops={"color": _COMPLETE, "lw": 2.0},
+        flierprops={"marker": ".", "markersize": 4, "markerfacecolor": "0.4", "markeredgecolor": "none"},
+    )
+    _bars_per_policy(axes, band)
+    axes.set_xlim(left=0)
 
 
 def _rates(axes: Any, band: Sequence[Row]) -> None:

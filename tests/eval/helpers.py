@@ -8,16 +8,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.episodes import EPISODE, episode_seeds, play
+from eval.sources import Levels, open_place
 from pacman_env.config import make_config
 from pacman_env.sim.assets import map_assets
 from pacman_env.sim.records import CLEARED, COMPLETE, DEAD, TIMEOUT
 
+#: Two houses, each with room for a few rounds.
+LEVELS = Levels("test", count=2)
+LEVELS_CONFIG = make_config("robot", "robust", time_limit_s=40.0)
+ENDLESS = make_config(
+    "robot",
+    "robust",
+    **{"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "endless": True, "execution.pickup_radius_m": 2.0},
+)
 CONFIG = make_config("robot", "as_built", **{"pellets.spacing_m": 3.0, "time_limit_s": 120.0})
 
 
 @functools.cache
 def played(policy: str, episodes: int = 12, batch_size: int = 64) -> tuple[NDArray, NDArray[np.float64]]:
     return play(map_assets("house", CONFIG), CONFIG, policy, episode_seeds(5, episodes), batch_size=batch_size)
+
+
+@functools.cache
+def played_on_levels(policy: str, batch_size: int = 64) -> NDArray:
+    source = open_place(LEVELS, LEVELS_CONFIG)
+    return play(source, LEVELS_CONFIG, policy, episode_seeds(5, 8), batch_size=batch_size)[0]
+
+
+@functools.cache
+def played_endless(policy: str, batch_size: int = 64) -> NDArray:
+    source = open_place("house", ENDLESS)
+    return play(source, ENDLESS, policy, episode_seeds(5, 8), batch_size=batch_size)[0]
 
 
 def records(ends: list[int], collected: list[int], spawned: int = 8) -> NDArray:

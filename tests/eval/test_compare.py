@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from eval.compare import SCHEMA, main
+from eval.episodes import episode_seeds
 from pacman_env import __version__
 from pacman_env.world.occupancy import load_map
 from tests.eval.test_rows import PROMISED
@@ -50,6 +52,9 @@ def test_the_json_holds_what_is_promised(tmp_path: Path) -> None:
         assert 0 <= row["pellets_mean"] <= row["pellets"]
         assert 0 < row["time_mean_s"] <= 120
         assert 0 < row["decision_ms_p50"] <= row["decision_ms_p99"]
+        ends = row["outcomes"]["end"]
+        assert [ends.count(letter) / 8 for letter in "CD"] == [row["completion_rate"], row["death_rate"]]
+        assert np.mean(row["outcomes"]["collected"]) == row["pellets_mean"]
         low, high = row["paired_ci"]
         assert low <= row["paired_difference"] <= high
     assert rows[0]["paired_ci"] == [0.0, 0.0]
@@ -57,6 +62,9 @@ def test_the_json_holds_what_is_promised(tmp_path: Path) -> None:
     assert (result["schema"], result["version"], result["seed"]) == (SCHEMA, __version__, 7)
     assert (result["preset"], result["execution"]) == ("robot", "robust")
     assert result["maps"] == [{"name": "house", "source": "house", "hash": load_map("house").hash}]
+    assert result["policies"] == [{"name": name, "spec": name} for name in ("nearest", "random")]
+    assert result["kind"] == "round"
+    assert result["seeds"] == [str(seed) for seed in episode_seeds(7, 8)]
     assert result["config"]["pellets"]["spacing_m"] == 3.0
     assert result["arguments"]["clyde_speed"] == [0.25, 0.4]
 
@@ -108,10 +116,15 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
         (["--spacing", "0"], "pellets.spacing_m"),
         (["--set", "clyde.speed_mps=1"], "--clyde-speed"),
         (["--spacing", "2", "--set", "pellets.spacing_m=2"], "given twice"),
-        (["--set", "endless=true"], "endless = True: policies that name goals"),
-        (["--set", "action=velocity"], "action = 'velocity': policies that name goals"),
-        (["--set", "clyde.ghosts=policy"], "clyde.ghosts = ('policy',): policies that name goals"),
-        (["--map", "generated:test"], "pacman-env map generate"),
+        (["--policies", "nearest", "run.zip"], "run.zip: loading executes code from the file; give --trust"),
+        (["--endless", "--set", "endless=true"], "endless: given twice"),
+        (["--set", "action=velocity"], "action = 'velocity': played by policies that name goals"),
+        (["--set", "clyde.ghosts=policy"], "clyde.ghosts = ('policy',): played by policies that name goals"),
+        (["--map", "generated:test"], "--map generated:test: generated houses are given as --levels test"),
+        (["--levels", "validation"], "invalid choice: 'validation'"),
+        (["--levels", "test", "--num-levels", "1001"], "num_levels = 1001"),
+        (["--levels", "test", "--start-level", "5"], "start_level = 5"),
+        (["--start-level", "5"], "--start-level: is for --levels"),
         (["--set", "nav2.haste=1"], "unknown configuration field 'nav2.haste'"),
         (["--clyde-spawn-distance", "1000"], "spawn_distance_m"),
         (["--video", "film.avi"], "must end in .mp4 or .gif"),
@@ -137,6 +150,49 @@ def test_errors_are_one_line_and_nothing_is_written(
     assert len(err.splitlines()) == 1
     assert not out
     assert list(tmp_path.iterdir()) == []
+
+
+def test_levels_are_one_map_of_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--levels", "test", "--num-levels", "2", "--policies", "clyde_aware", "nearest", "--time-limit", "20"]
+    result = run(tmp_path, *options)
+    (about,), rows = result["maps"], result["rows"]
+    assert (about["name"], about["source"]) == ("generated:test", "--levels test")
+    assert (about["start_level"], about["num_levels"]) == (1_000_000, 2)
+    assert [(row["map"], row["policy"], row["levels"]) for row in rows] == [
+        ("generated:test", "clyde_aware", 2),
+        ("generated:test", "nearest", 2),
+    ]
+    assert rows[0]["outcomes"]["level"] == rows[1]["outcomes"]["level"]
+    assert set(rows[0]["outcomes"]["level"]) == {1_000_000, 1_000_001}
+    assert "pellets on 2 levels, Clyde at 0.25 m/s, 8 episodes" in capsys.readouterr().out
+
+
+def test_endless_games_are_compared_by_pellets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = run(tmp_path, "--endless", "--policies", "clyde_aware", "nearest", "--set", "clyde.ghosts=wander,chase")
+    first, second = result["rows"]
+    assert (result["kind"], first["kind"], second["kind"]) == ("endless",) * 3
+    difference = second["pellets_mean"] - first["pellets_mean"]
+    assert second["paired_difference"] == pytest.approx(difference)
+    low, high = second["paired_ci"]
+    assert low <= difference <= high
+    assert "pellets per game" in capsys.readouterr().out
+    assert (tmp_path / "out.png").is_file()
+
+
+@pytest.mark.parametrize("ghosts", ["wander", "arcade", "chase", "wander,arcade,chase,wander"])
+def test_ghosts_of_every_behaviour_can_be_set(tmp_path: Path, ghosts: str) -> None:
+    result = run(tmp_path, "--policies", "nearest", "--set", f"clyde.ghosts={ghosts}")
+    assert result["config"]["clyde"]["ghosts"] == ghosts.split(",")
+    assert len(result["rows"][0]["outcomes"]["end"]) == 8
+
+
+def test_outcomes_take_a_line_each_and_text_stays_as_it_is(tmp_path: Path) -> None:
+    odd = tmp_path / "a [1,\n 2] b"
+    odd.mkdir()
+    result = run(odd, "--policies", "nearest")
+    assert result["arguments"]["json"] == str(odd / "out.json")
+    collected = result["rows"][0]["outcomes"]["collected"]
+    assert f'"collected": {collected}' in (odd / "out.json").read_text()
 
 
 def test_two_maps_of_one_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from eval.episodes import episode_seeds
 from eval.parallel import Block, play_all
-from tests.eval.helpers import CONFIG, played
+from tests.eval.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
 
 
 def test_two_processes_give_the_records_of_one() -> None:
@@ -28,3 +28,11 @@ def test_progress_counts_every_round() -> None:
 def test_an_error_in_another_process_arrives() -> None:
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
         play_all([Block("house", CONFIG, "nobody", episode_seeds(5, 2))], workers=2)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_rounds_on_levels_come_back_in_the_order_of_their_seeds(workers: int) -> None:
+    blocks = [Block(LEVELS, LEVELS_CONFIG, policy, episode_seeds(5, 8)) for policy in ("lookahead", "nearest")]
+    (first, _), (second, _) = play_all(blocks, workers)
+    np.testing.assert_array_equal(first, played_on_levels("lookahead"))
+    np.testing.assert_array_equal(second, played_on_levels("nearest"))

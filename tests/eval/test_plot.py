@@ -9,10 +9,11 @@ from eval.plot import save_plot
 from tests.eval.test_report_table import rows
 
 
+@pytest.mark.parametrize("endless", [False, True])
 @pytest.mark.parametrize("speeds", [(0.25,), (0.25, 0.3, 0.35)])
-def test_the_plot_is_a_png_that_grows_with_the_rows(tmp_path: Path, speeds: tuple[float, ...]) -> None:
+def test_the_plot_is_a_png_that_grows_with_the_rows(tmp_path: Path, speeds: tuple[float, ...], endless: bool) -> None:
     path = tmp_path / "plot.png"
-    save_plot([row for speed in speeds for row in rows(speed=speed)], path, "title")
+    save_plot([row for speed in speeds for row in rows(speed=speed, endless=endless)], path, "title")
     assert path.read_bytes().startswith(b"\x89PNG")
     image = imageio.imread(path)
     assert image.shape[1] > 1000
