@@ -5,6 +5,7 @@ The records depend on map, configuration, policy and seeds alone, not on the bat
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable
 
@@ -62,7 +63,7 @@ def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDAr
 def play(
     source: LevelSource | MapAssets,
     config: Config,
-    spec: str,
+    spec: str | Policy,
     seeds: NDArray[np.uint64],
     *,
     batch_size: int = BATCH,
@@ -74,7 +75,7 @@ def play(
     Args:
         source: the map, or levels of which each seed draws one.
         config: the game.
-        spec: the policy, as :func:`eval.contestants.make_contestant` takes it.
+        spec: the policy, or what :func:`eval.contestants.make_contestant` makes it from.
         seeds: (E,) at least one.
         batch_size: at most so many games at once.
         trust: the policy may be a checkpoint.
@@ -87,7 +88,8 @@ def play(
     """
     n = min(batch_size, len(seeds))
     batch = GameBatch(source, config, n)
-    policy, clock = make_contestant(spec, trust), _DecisionClock(make_contestant(spec, trust))
+    policy, timed = (make_contestant(spec, trust) if isinstance(spec, str) else copy.copy(spec) for _ in range(2))
+    clock = _DecisionClock(timed)
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
     before_s = np.zeros(n)  # the rounds before the one that a slot plays

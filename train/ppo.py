@@ -13,19 +13,22 @@ from typing import Any
 import numpy as np
 import torch
 import tyro
+from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
-from eval.episodes import episode_seeds
+from eval.episodes import episode_seeds, play
 from eval.statistics import paired_difference, wilson
 from pacman_env.cli import ERROR_STATUS
+from pacman_env.config import Config
+from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.generated import GeneratedMaps
+from pacman_env.sim.records import COMPLETE
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.checkpoint import TorchPlanner, facts_path, read_facts
-from train.evaluation import completed
 from train.export import export_planner
 from train.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
 from train.imitation import imitate
@@ -33,6 +36,7 @@ from train.policy import EntityPolicy
 from train.run import LearningRate, Run, Watch, restore
 
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
+_BATCH = 128  # rounds at once
 _RULES = ("clyde_aware", "lookahead")
 
 
@@ -186,7 +190,15 @@ def _validate(arguments: Arguments, model: MaskablePPO) -> float:
     config = game_config(arguments)
     source = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
     seeds = episode_seeds(VALIDATION_LEVEL, arguments.evaluation)
-    return float(completed(_planner(arguments, model), source, config, seeds).mean())
+    return float(_completed(_planner(arguments, model), source, config, seeds).mean())
+
+
+def _completed(
+    policy: str | Policy, source: GeneratedMaps, config: Config, seeds: NDArray[np.uint64]
+) -> NDArray[np.bool_]:
+    """Which of the rounds ended with all pellets collected and the robot at home."""
+    records, _ = play(source, config, policy, seeds, batch_size=_BATCH)
+    return np.asarray(records["end"] == COMPLETE)
 
 
 def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
@@ -198,9 +210,10 @@ def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
     config = game_config(arguments)
     seeds = episode_seeds(arguments.seed, arguments.evaluation)
     played = {}
-    for name, policy in ((planner.name, planner), *((rule, make_policy(rule)) for rule in _RULES)):
+    contestants: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
+    for name, policy in contestants.items():
         source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT)
-        played[name] = completed(policy, source, config, seeds)
+        played[name] = _completed(policy, source, config, seeds)
     low, high = hyper.clyde_speed
     lines += [f"{len(seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
     lines += ["| policy | completed | ppo minus it, paired |", "|---|---|---|"]

@@ -3,8 +3,8 @@
 Clyde's futures are ways over the game's own map: from where he is along the shortest ways to the places of the map's
 goals, which are spread over it as his targets are, each as likely as his last motion makes it; where a place is
 reached, on to another. The robot's future is the way to a candidate at its speed, the first turn included, and waiting
-there. All ways go in strides (:mod:`pacman_env.world.waypoints`), which are off by a tenth of a metre on average. Nothing
-here knows where Clyde really goes.
+there. All ways go in strides (:mod:`pacman_env.world.waypoints`), off by a tenth of a metre on average. Nothing here
+knows where Clyde really goes.
 """
 
 from __future__ import annotations
