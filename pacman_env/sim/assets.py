@@ -25,7 +25,6 @@ from ..world.cache import cached_arrays
 from ..world.grid import DriveGrid, build_grid
 from ..world.occupancy import MapError, OccupancyMap, load_map
 from ..world.paths import NO_STEP, UNREACHABLE_CM, PathFields
-from ..world.waypoints import Waypoints, find_waypoints
 from .haunts import Haunts, find_haunts
 from .refuges import choose_refuges
 
@@ -51,7 +50,6 @@ class MapAssets:
     cell_xy: NDArray[np.float32]  # (K, 2) m
     length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
     next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
-    waypoints: Waypoints  # the same ways in strides
     goal_apart_m: NDArray[np.float32]  # (G,) how near Clyde's centre can come to each goal
 
     @property
@@ -181,7 +179,6 @@ def _build(
         cell_xy=cell_xy,
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
-        waypoints=find_waypoints(grid.cell, cell_xy, grid.resolution, fields["length_cm"], fields["next_step"]),
         goal_apart_m=_apart(
             goal_xy, clyde.position[clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]]
         ),

@@ -3,8 +3,7 @@
 Clyde's futures are ways over the game's own map: from where he is along the shortest ways to the places of the map's
 goals, which are spread over it as his targets are, each as likely as his last motion makes it; where a place is
 reached, on to another. The robot's future is the way to a candidate at its speed, the first turn included, and waiting
-there. All ways go in strides (:mod:`pacman_env.world.waypoints`), off by a tenth of a metre on average. Nothing here
-knows where Clyde really goes.
+there. Nothing here knows where Clyde really goes.
 """
 
 from __future__ import annotations
@@ -49,12 +48,12 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
         raise ValueError("the situation has no maps to look ahead on")
     a = situation.maps.arrays
     s = situation
-    goals, candidates = a["onward"].shape[1], s.mask.shape[1]
+    goals, candidates = a["next_step"].shape[1], s.mask.shape[1]
     blocks = -(-candidates // _LANES)
     result = np.zeros((*s.mask.shape, 8), dtype=np.float32)
     _encounters(
         (s.robot, s.clyde, s.clyde_velocity, s.clyde_speed, s.mask, s.goal, s.level),
-        (a["affine"], a["snap"], a["waypoint"], a["waypoint_xy"], a["onward"], a["goal_xy"], a["goal_count"]),
+        (a["affine"], a["snap"], a["cell_xy"], situation.maps.strides(s.level), a["goal_count"]),
         robot_speed_mps,
         (np.empty((goals, STEPS), np.float32), np.empty((goals, STEPS), np.float32), np.empty(goals, np.float32)),
         (np.zeros((blocks, STEPS, _LANES), np.float32), np.zeros((blocks, STEPS, _LANES), np.float32)),
@@ -66,42 +65,37 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
 
 
 @kernel
-def _walk(at, goal, x, y, speed, delay, ways, goals, out_x, out_y):  # type: ignore[no-untyped-def]
-    """Positions (STEPS,) from (x, y) by waypoints to ``goal``, then, with ``goals`` > 0, on to others."""
-    waypoint_xy, onward, goal_xy = ways
+def _walk(cell, goal, x, y, speed, delay, ways, goals, out_x, out_y):  # type: ignore[no-untyped-def]
+    """Positions (STEPS,) from (x, y) along the static way to ``goal``, then, with ``goals`` > 0, on to others."""
+    cell_xy, strides = ways
+    stretch = speed * STEP_S
     left = speed * (STEP_S - delay)
-    stride = speed * STEP_S
     k = 0
-    arrived = False
-    tx, ty, following = x, y, at
-    dx, dy, length = 0.0, 0.0, 0.0  # to the next corner of the way
+    dx, dy, length = 0.0, 0.0, 0.0  # to the end of the stride
+    following = cell
     while k < STEPS:
         if left <= 0.0:
             out_x[k], out_y[k] = x, y
-            left = left + stride if stride > 0.0 else 0.0
+            left = left + stretch if stretch > 0.0 else 0.0
             k += 1
             continue
         if length <= 0.0:
-            if arrived and goals > 1:
+            step = strides[cell, goal]
+            if step == AT_GOAL and goals > 1:
                 goal = (7 * goal + 5) % goals  # any that is not here will do, the same each time
-                if onward[goal, at] == AT_GOAL:
+                if strides[cell, goal] == AT_GOAL:
                     goal = (goal + 1) % goals
-                arrived = onward[goal, at] == AT_GOAL
-            if arrived or onward[goal, at] == NO_STEP:
+                step = strides[cell, goal]
+            if step == AT_GOAL or step == NO_STEP:
                 out_x[k:], out_y[k:] = x, y
                 return
-            following = at + onward[goal, at]
-            if onward[goal, at] == AT_GOAL:
-                tx, ty = goal_xy[goal, 0], goal_xy[goal, 1]
-                arrived = True
-            else:
-                tx, ty = float(waypoint_xy[following, 0]), float(waypoint_xy[following, 1])
-            dx, dy = tx - x, ty - y
+            following = cell + step
+            dx, dy = cell_xy[following, 0] - x, cell_xy[following, 1] - y
             length = math.sqrt(dx * dx + dy * dy)
             if length > 0.0:
                 dx, dy = dx / length, dy / length
         if length <= left:
-            x, y, at = tx, ty, following
+            x, y, cell = float(cell_xy[following, 0]), float(cell_xy[following, 1]), following
             left -= length
             length = 0.0
         else:
@@ -115,14 +109,14 @@ def _clyde_ways(i, situation, ways, goals, there, his, weights):  # type: ignore
     """Fill in Clyde's futures (row by row) and their weights, which sum to 1; returns how many there are."""
     clyde, velocity, speeds = situation[1], situation[2], situation[3]
     his_x, his_y = his
-    onward = ways[1]
+    strides = ways[1]
     cx, cy, speed = clyde[i, 0], clyde[i, 1], speeds[i]
     vx, vy = velocity[i, 0], velocity[i, 1]
     v = math.sqrt(vx * vx + vy * vy)
     early = min(int(_FIRST_M / max(speed * STEP_S, 1e-6)), STEPS - 1)
     total, used = 0.0, 0
     for k in range(goals):
-        if onward[k, there] == NO_STEP:
+        if strides[there, k] == NO_STEP:
             continue
         _walk(there, k, cx, cy, speed, 0.0, ways, goals, his_x[used], his_y[used])
         dx, dy = his_x[used, early] - cx, his_y[used, early] - cy
@@ -142,16 +136,14 @@ def _clyde_ways(i, situation, ways, goals, there, his, weights):  # type: ignore
 def _own_way(i, goal, situation, here, ways, speed, mine_x, mine_y, result):  # type: ignore[no-untyped-def]
     """Fill in the robot's way to a goal (-1: stay), and what its first stretch tells."""
     robot, clyde = situation[0], situation[1]
-    waypoint_xy, onward, goal_xy = ways
+    cell_xy, strides = ways
     x, y, heading = robot[i, 0], robot[i, 1], robot[i, 2]
-    if goal < 0 or onward[goal, here] == NO_STEP:
+    if goal < 0 or strides[here, goal] == NO_STEP:
         mine_x[:], mine_y[:] = x, y
         return
-    if onward[goal, here] == AT_GOAL:
-        dx, dy = goal_xy[goal, 0] - x, goal_xy[goal, 1] - y
-    else:
-        ahead = here + onward[goal, here]
-        dx, dy = waypoint_xy[ahead, 0] - x, waypoint_xy[ahead, 1] - y
+    ahead = here + strides[here, goal]
+    ahead += strides[ahead, goal]
+    dx, dy = cell_xy[ahead, 0] - x, cell_xy[ahead, 1] - y
     delay = 0.0
     d = math.sqrt(dx * dx + dy * dy)
     if d > 0.05:
@@ -200,18 +192,18 @@ def _meet(mine_x, mine_y, his, weights, used, clyde, best, sums):  # type: ignor
 @kernel
 def _encounters(situation, maps, speed, futures, mine, scratch, chosen, result):  # type: ignore[no-untyped-def]
     robot, clyde, _, _, mask, goal, level = situation
-    affines, snaps, waypoints, waypoint_xys, onwards, goal_xys, counts = maps
+    affines, snaps, cell_xys, strides, counts = maps
     mine_x, mine_y = mine
     his, weights = futures[:2], futures[2]
     still, best, sums = scratch
     _, rows, columns = snaps.shape
     for i in range(len(robot)):
         m = level[i]
-        ways = (waypoint_xys[m], onwards[m], goal_xys[m])
+        ways = (cell_xys[m], strides[m])
         column, row = cell_of(affines[m], rows, columns, clyde[i, 0], clyde[i, 1])
-        there = waypoints[m, snaps[m, row, column]]
+        there = snaps[m, row, column]
         column, row = cell_of(affines[m], rows, columns, robot[i, 0], robot[i, 1])
-        here = waypoints[m, snaps[m, row, column]]
+        here = snaps[m, row, column]
         used = _clyde_ways(i, situation, ways, counts[m], there, his, weights)
         count = 0
         for c in range(mask.shape[1]):

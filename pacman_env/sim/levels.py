@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..world.paths import UNREACHABLE_CM
+from ..world.strides import strides
 from .assets import MapAssets
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
@@ -46,9 +47,6 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,
-        "waypoint": assets.waypoints.of_cell,
-        "waypoint_xy": assets.waypoints.xy,
-        "onward": assets.waypoints.onward,
         "clearance_cm": grid.clearance_cm,
         "goal_xy": assets.goal_xy,
         "goal_cell": assets.goal_cell,
@@ -99,10 +97,13 @@ class LevelStack:
         self._users = np.zeros(slots, dtype=np.int64)
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
+        self._loads = np.zeros(slots, dtype=np.int64)  # of maps into each slot
+        self._strides = np.zeros((slots, 0, 0), dtype=np.int16)
+        self._strided = np.zeros(slots, dtype=np.int64)  # the load that they are of
         kinds = _kinds(first, config)
         if slots == 1:
             self.arrays = {name: np.asarray(array, order="C")[None] for name, array in kinds.items()}
-            self._assets[0], self.numbers[0] = first, 0
+            self._assets[0], self.numbers[0], self._loads[0] = first, 0, 1
             self._measure(first)
         else:
             self.arrays = {
@@ -157,7 +158,25 @@ class LevelStack:
                 place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
                 stacked[place] = array
         self._assets[slot] = assets
+        self._loads[slot] += 1
         self._measure(assets)
+
+    def strides(self, slots: NDArray[np.int32]) -> NDArray[np.int16]:
+        """(S, K, G) ways in strides (``world/strides.py``), computed for maps when they are first asked for.
+
+        Only the rows of ``slots`` are those of the maps that lie there now.
+        """
+        goals, cells = self.arrays["next_step"].shape[1:]
+        if self._strides.shape[1:] != (cells, goals):
+            self._strides = np.zeros((self.slots, cells, goals), dtype=np.int16)
+            self._strided[:] = 0
+        if (self._strided[slots] != self._loads[slots]).any():
+            for slot in np.unique(slots).tolist():
+                if self._strided[slot] != self._loads[slot]:
+                    found = strides(self.assets(slot).next_step)
+                    self._strides[slot, : found.shape[0], : found.shape[1]] = found
+                    self._strided[slot] = self._loads[slot]
+        return self._strides
 
     def _measure(self, assets: MapAssets) -> None:
         lengths = assets.length_cm

@@ -93,11 +93,9 @@ def test_path_fields_come_back_from_disk_as_they_were_computed(
 
 
 def everything(assets: MapAssets) -> dict[str, np.ndarray]:
-    whole = {"assets": vars(assets), "grid": vars(assets.grid), "clyde": vars(assets.clyde)}
-    whole["waypoints"] = assets.waypoints._asdict()
-    fields = {f"{k}.{name}": value for k, part in whole.items() for name, value in part.items()}
-    plain = {name: value for name, value in fields.items() if not hasattr(value, "__dict__")}
-    return {name: np.asarray(value) for name, value in plain.items() if not isinstance(value, tuple)}
+    whole = {"assets": assets, "grid": assets.grid, "clyde": assets.clyde}
+    fields = {f"{k}.{name}": value for k, part in whole.items() for name, value in vars(part).items()}
+    return {name: np.asarray(value) for name, value in fields.items() if not hasattr(value, "__dict__")}
 
 
 def test_a_prepared_map_is_the_same_bits_and_is_kept_nowhere(empty_caches: Path) -> None:
