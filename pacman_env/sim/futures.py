@@ -86,7 +86,7 @@ def _walk(cell, goal, x, y, speed, delay, ways, goals, out_x, out_y):  # type: i
                 if strides[cell, goal] == AT_GOAL:
                     goal = (goal + 1) % goals
                 step = strides[cell, goal]
-            if step == AT_GOAL or step == NO_STEP:
+            if step in (AT_GOAL, NO_STEP):
                 out_x[k:], out_y[k:] = x, y
                 return
             following = cell + step
