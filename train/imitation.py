@@ -14,6 +14,7 @@ from sb3_contrib import MaskablePPO
 from pacman_env.envs.sb3_vec_env import Observation
 from pacman_env.policies.base import Policy
 from train.games import TrainingGames
+from train.network import FORBIDDEN
 
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.01  # keeps the choices from becoming certain, so that PPO has something to compare
@@ -67,7 +68,8 @@ def _fit(
             values, log_prob, entropy = policy.evaluate_actions(batch, choices[rows])
             assert entropy is not None
             error = ((values[:, 0] - returns[rows]).square() * known[rows]).mean()
-            loss = -log_prob.mean() - _ENTROPY * entropy.mean() + 0.5 * error
+            taught = log_prob > FORBIDDEN / 10  # what the network of an ablation may not choose teaches it nothing
+            loss = -(log_prob * taught).mean() - _ENTROPY * entropy.mean() + 0.5 * error
             optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(policy.parameters(), 0.5)
