@@ -161,12 +161,16 @@ def _value(name: str, kind: str, value: Any) -> Any:
         if kind == "tuple[float, float]":
             first, last = value if isinstance(value, list | tuple) else ()
             return _number(first), _number(last)
-        return _number(value) if kind == "float" else operator.index(value)
+        return _number(value) if kind == "float" else operator.index(_no_bool(value))
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {value!r}: must be {_WORDS[kind]}") from None
 
 
 def _number(value: Any) -> float:
+    return float(_no_bool(value))  # YAML 1.1 reads 1e-4 as a string
+
+
+def _no_bool(value: Any) -> Any:
     if isinstance(value, bool):
         raise TypeError
-    return float(value)  # YAML 1.1 reads 1e-4 as a string
+    return value
