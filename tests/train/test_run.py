@@ -184,7 +184,10 @@ def test_going_on_with_other_arguments_is_refused_and_the_field_named(
         ('{"arguments": {}}', "no run to go on with: 'segments'"),
         ('{"arguments": {}, "segments": [3]}', "no run to go on with"),
         ('{"arguments": {}, "segments": [{"segment": 0}]}', "no run to go on with: 'completed'"),
-        ('{"arguments": {}, "segments": [{"segment": 1, "completed": 0}]}', "no run to go on with: its segments are not in order"),
+        (
+            '{"arguments": {}, "segments": [{"segment": 1, "completed": 0}]}',
+            "no run to go on with: its segments are not in order",
+        ),
         ('{"arguments": [], "segments": []}', "was started with decisions = None, not 192"),
     ],
 )
