@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import operator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -49,17 +51,25 @@ class Hyperparameters:
 
     def __post_init__(self) -> None:
         for name in ("decisions", "segment", "games", "n_steps", "batch_size", "n_epochs", "width", "levels"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"{name} = {value!r}: must be a whole number of at least 1")
-        if self.imitation < 0:
-            raise ValueError(f"imitation = {self.imitation}: must be at least 0")
+            _check_whole(name, getattr(self, name), 1)
+        _check_whole("imitation", self.imitation, 0)
         for name in ("learning_rate", "ent_coef", "clyde_speed", "robot_speed"):
             value = getattr(self, name)
-            if len(value) != 2 or min(value) < 0:
+            if len(value) != 2 or not all(0 <= one < math.inf for one in value):
                 raise ValueError(f"{name} = {value!r}: must be two numbers of at least 0")
+        for name in ("clip_range", "vf_coef", "max_grad_norm", "reward_scale"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number of at least 0")
+        for name in ("gamma", "gae_lambda"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number from 0 to 1")
         if self.segment % self.rollout:
             raise ValueError(f"segment = {self.segment}: must be a multiple of games * n_steps = {self.rollout}")
+        if self.batch_size == 1 or self.rollout % self.batch_size == 1:
+            # advantages are divided by their deviation within a minibatch
+            raise ValueError(
+                f"batch_size = {self.batch_size}: leaves a minibatch of 1 of games * n_steps = {self.rollout}"
+            )
 
     @property
     def rollout(self) -> int:
@@ -98,6 +108,17 @@ class Arguments:
     progress: bool = True
     """Show a progress bar."""
 
+    def __post_init__(self) -> None:
+        for name, least in (("seed", 0), ("threads", 1), ("evaluation", 0)):
+            _check_whole(name, getattr(self, name), least)
+        if self.seed >= 2**32:
+            raise ValueError(f"seed = {self.seed}: must be below 2^32")
+
+
+def _check_whole(name: str, value: object, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} = {value!r}: must be a whole number of at least {least}")
+
 
 def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
     """Read a section of a YAML file.
@@ -107,7 +128,7 @@ def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
     """
     try:
         content = yaml.safe_load(path.read_text())
-    except (OSError, yaml.YAMLError) as error:
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from None
     values = content.get(section) if isinstance(content, dict) else None
     if not isinstance(values, dict):
@@ -123,20 +144,33 @@ def from_values(values: dict[str, Any], where: str) -> Hyperparameters:
     """
     names = {field.name for field in dataclasses.fields(Hyperparameters)}
     if set(values) != names:
-        unknown, missing = sorted(set(values) - names), sorted(names - set(values))
+        unknown, missing = sorted(map(str, set(values) - names)), sorted(names - set(values))
         raise ValueError(f"{where}: unknown {unknown}, missing {missing}")
     kinds = {field.name: str(field.type) for field in dataclasses.fields(Hyperparameters)}
     try:
-        return Hyperparameters(**{name: _value(kinds[name], value) for name, value in values.items()})
-    except (TypeError, ValueError) as error:
+        return Hyperparameters(**{name: _value(name, kinds[name], value) for name, value in values.items()})
+    except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
 
-def _value(kind: str, value: Any) -> Any:
-    if kind == "int":
-        if not isinstance(value, int) or isinstance(value, bool):
-            raise ValueError(f"{value!r} is no whole number")
-        return value
-    if kind == "float":
-        return float(value)
-    return tuple(float(v) for v in value)
+_WORDS = {"int": "a whole number", "float": "a number", "tuple[float, float]": "two numbers"}
+
+
+def _value(name: str, kind: str, value: Any) -> Any:
+    try:
+        if kind == "tuple[float, float]":
+            first, last = value if isinstance(value, list | tuple) else ()
+            return _number(first), _number(last)
+        return _number(value) if kind == "float" else operator.index(_no_bool(value))
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {value!r}: must be {_WORDS[kind]}") from None
+
+
+def _number(value: Any) -> float:
+    return float(_no_bool(value))  # YAML 1.1 reads 1e-4 as a string
+
+
+def _no_bool(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise TypeError
+    return value

@@ -86,8 +86,14 @@ class TrainingGames(VecEnvWrapper):
 
 
 def make_games(arguments: Arguments, segment: int) -> TrainingGames:
-    """The games of a segment, in houses of its own."""
+    """The games of a segment, in houses of its own.
+
+    Raises:
+        ValueError: more levels than there are to train on, or a configuration that cannot be played.
+    """
     hyper: Hyperparameters = arguments.hyper
+    if hyper.levels > VALIDATION_LEVEL:
+        raise ValueError(f"levels = {hyper.levels}: there are {VALIDATION_LEVEL} to train on")
     levels = VALIDATION_LEVEL // hyper.levels
     env = PacManBotVecEnv(
         hyper.games,

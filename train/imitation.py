@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
 
 from pacman_env.envs.sb3_vec_env import Observation
 from pacman_env.policies.base import Policy
 from train.games import TrainingGames
+from train.network import FORBIDDEN
 
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has something to compare
@@ -67,7 +69,8 @@ def _fit(
             values, log_prob, entropy = policy.evaluate_actions(batch, choices[rows])
             assert entropy is not None
             error = ((values[:, 0] - returns[rows]).square() * known[rows]).mean()
-            loss = -log_prob.mean() - _ENTROPY * entropy.mean() + 0.5 * error
+            taught = log_prob > FORBIDDEN / 10  # what the network of an ablation may not choose teaches it nothing
+            loss = -(log_prob * taught).mean() - _ENTROPY * entropy.mean() + 0.5 * error
             optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(policy.parameters(), 0.5)
@@ -91,12 +94,26 @@ def _play(
         seen.append(observation)
         observation, rewards[t], dones[t], _ = games.step(own if alone else choices[t])  # type: ignore[assignment]
         teacher.reset(dones[t])
-    returns, known = np.zeros_like(rewards), np.zeros_like(rewards)
-    running, ends = np.zeros(n, dtype=np.float32), np.zeros(n, dtype=np.bool_)
-    for t in reversed(range(steps)):
-        ends |= dones[t]
-        running = rewards[t] + np.float32(model.gamma) * np.where(dones[t], np.float32(0.0), running)
-        returns[t], known[t] = running, ends
+    returns, known = discounted(rewards, dones, model.gamma)
     stacked = {key: torch.from_numpy(np.concatenate([o[key] for o in seen])) for key in observation}
     flat = (torch.from_numpy(array.reshape(-1)) for array in (choices, returns, known))
     return observation, _Lesson(stacked, *flat), agreed
+
+
+def discounted(
+    rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Discounted sums of rewards to the end of the round, and 1 where that end is among the steps, 0 where not.
+
+    Args:
+        rewards: (T, N) of each step.
+        dones: (T, N) the round ended with the step.
+        gamma: per step.
+    """
+    returns, known = np.zeros_like(rewards), np.zeros_like(rewards)
+    running, ends = np.zeros(rewards.shape[1], dtype=np.float32), np.zeros(rewards.shape[1], dtype=np.bool_)
+    for t in reversed(range(len(rewards))):
+        ends |= dones[t]
+        running = rewards[t] + np.float32(gamma) * np.where(dones[t], np.float32(0.0), running)
+        returns[t], known[t] = running, ends
+    return returns, known

@@ -67,12 +67,19 @@ class EntityPolicy(MaskableActorCriticPolicy):
         return super()._get_constructor_parameters() | self._sizes
 
     def _evaluate(self, observation: Any, masks: Masks) -> tuple[MaskableDistribution, torch.Tensor]:
-        """Distribution over candidates, and values (B,)."""
+        """Distribution over candidates, and values (B,).
+
+        Raises:
+            FloatingPointError: the network gives no numbers any more.
+        """
         allowed = observation["action_mask"] > 0.5
         if masks is not None:
             allowed = torch.as_tensor(masks, dtype=torch.bool).reshape(allowed.shape)
         logits, values = self.network.packed(observation["planner_candidates"], observation["planner_globals"], allowed)
-        distribution = self.action_dist.proba_distribution(action_logits=logits)
+        try:
+            distribution = self.action_dist.proba_distribution(action_logits=logits)
+        except ValueError:
+            raise FloatingPointError("the training has diverged: logits are no numbers any more") from None
         distribution.apply_masking(allowed)
         return distribution, values
 

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from train.imitation import imitate
 from train.policy import EntityPolicy
 from train.run import LearningRate, Run, Watch, restore
 
+AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
 _BATCH = 128  # rounds at once
 _RULES = ("clyde_aware", "lookahead")
@@ -49,8 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = parse(sys.argv[1:] if argv is None else list(argv))
         run(arguments)
-    except (ValueError, OSError) as error:
-        print(f"train.ppo: {error}", file=sys.stderr)
+    except (ValueError, OSError, FloatingPointError) as error:
+        print(f"train.ppo: {' '.join(str(error).split())}", file=sys.stderr)
         return ERROR_STATUS
     return 0
 
@@ -86,6 +87,24 @@ def run(arguments: Arguments) -> None:
         ValueError: the run's folder does not fit, or a value is out of range.
     """
     started = time.perf_counter()
+    folder, model = train(arguments)
+    restore(model, folder.best)
+    planner = _planner(arguments, model)
+    print(_report(arguments, planner, time.perf_counter() - started))
+    out = arguments.out / "planner.onnx"
+    export_planner(planner.network, out, read_facts(facts_path(folder.best)))
+    print(f"written: {out} (as a policy: python -m eval.compare --policies {out})")
+
+
+def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, MaskablePPO]:
+    """All segments that are left; the run's folder and the model as the last one left it.
+
+    ``after_segment`` is called with the record of each segment, those that a resumed run has behind it included; what
+    it raises ends the training.
+
+    Raises:
+        ValueError: the run's folder does not fit, or a value is out of range.
+    """
     torch.set_num_threads(arguments.threads)
     folder = Run(arguments)
     hyper = arguments.hyper
@@ -98,29 +117,36 @@ def run(arguments: Arguments) -> None:
         disable=not arguments.progress,
         file=sys.stderr,
     )
-    with bar:
-        model = _segments(arguments, folder, bar)
-    restore(model, folder.best)
-    planner = _planner(arguments, model)
-    print(_report(arguments, planner, time.perf_counter() - started))
-    out = arguments.out / "planner.onnx"
-    export_planner(planner.network, out, read_facts(facts_path(folder.best)))
-    print(f"written: {out} (as a policy: python -m eval.compare --policies {out})")
-
-
-def _segments(arguments: Arguments, folder: Run, bar: Any) -> MaskablePPO:
-    hyper = arguments.hyper
+    after_segment = after_segment or (lambda record: None)
+    for record in folder.segments:
+        after_segment(record)
     rate = LearningRate(hyper.learning_rate)
-    model: MaskablePPO | None = None
+    begun = len(folder.segments)
+    model = _new_model(arguments, make_games(arguments, begun), rate)
+    try:
+        with bar:
+            if begun > 0:
+                restore(model, folder.checkpoint(begun - 1))
+            _segments(arguments, folder, model, rate, bar, after_segment)
+    finally:
+        model.logger.close()
+    return folder, model
+
+
+def _segments(
+    arguments: Arguments,
+    folder: Run,
+    model: MaskablePPO,
+    rate: LearningRate,
+    bar: Any,
+    after_segment: AfterSegment,
+) -> None:
+    hyper = arguments.hyper
     for segment in range(len(folder.segments), hyper.segments):
         seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3)
         began = time.perf_counter()
         games = make_games(arguments, segment)
-        if model is None:
-            model = _new_model(arguments, games, rate)
-            if segment > 0:
-                restore(model, folder.checkpoint(segment - 1))
-        model.set_env(games)
+        model.set_env(games)  # which begin anew
         set_random_seed(int(seeds[0]))
         games.seed(int(seeds[1]))
         imitation = {}
@@ -130,7 +156,6 @@ def _segments(arguments: Arguments, folder: Run, bar: Any) -> MaskablePPO:
             bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
             games.seed(int(seeds[1]))
         model.num_timesteps = segment * hyper.segment
-        model._last_obs = None  # the segment's games begin anew
         watch = Watch(hyper, rate, bar)
         learning = time.perf_counter()
         model.learn(hyper.segment, watch, reset_num_timesteps=False)
@@ -153,7 +178,7 @@ def _segments(arguments: Arguments, folder: Run, bar: Any) -> MaskablePPO:
         model.logger.dump(model.num_timesteps)
         speed = hyper.segment / (ended - learning)
         bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
-    return model or _new_model(arguments, make_games(arguments, 0), rate)
+        after_segment(folder.segments[-1])
 
 
 def _new_model(arguments: Arguments, games: TrainingGames, rate: LearningRate) -> MaskablePPO:

@@ -52,12 +52,12 @@ class Run:
             known = json.loads(self.record.read_text())
             before = known["arguments"]
             self.segments = list(known["segments"])
+            numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
+            if [number for number, _ in numbers] != list(range(len(numbers))):
+                raise ValueError("its segments are not in order")
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{self.record}: no run to go on with: {error}") from None
-        ours = _plain(self.arguments)
-        for name in ours:
-            if before.get(name) != ours[name]:
-                raise ValueError(f"{self.record}: was started with {name} = {before.get(name)}, not {ours[name]}")
+        check_same(self.record, before, _plain(self.arguments))
 
     def checkpoint(self, segment: int) -> Path:
         """Of the state after a segment, until the next one is written."""
@@ -105,6 +105,20 @@ def _plain(arguments: Arguments) -> dict[str, Any]:
     return dict(plain)
 
 
+def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
+    """Refuse to go on with what was started with other values, nested ones included.
+
+    Raises:
+        ValueError: names the first field that differs.
+    """
+    for name, value in ours.items():
+        known = before.get(name) if isinstance(before, dict) else None
+        if isinstance(value, dict):
+            check_same(record, known, value)
+        elif known != value:
+            raise ValueError(f"{record}: was started with {name} = {known}, not {value}")
+
+
 def restore(model: MaskablePPO, path: Path) -> None:
     """Network and optimizer from a checkpoint, as tensors alone.
 
@@ -119,7 +133,7 @@ def restore(model: MaskablePPO, path: Path) -> None:
             )
         model.policy.load_state_dict(weights)
         model.policy.optimizer.load_state_dict(optimizer)
-    except (OSError, KeyError, RuntimeError, ValueError, zipfile.BadZipFile) as error:
+    except Exception as error:  # a torn or foreign file may fail anywhere
         raise ValueError(f"{path}: cannot be restored: {error}") from None
 
 
