@@ -10,9 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pacman_env.policies.base import Policy
+from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.registry import make_policy, policy_names
 
 _FILES = (".onnx", ".zip")
+#: The planner that comes with the package, where it does.
+LEARNED = ("ppo",) if PRETRAINED.exists() else ()
 
 
 def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str], what: str) -> None:
@@ -22,7 +25,8 @@ def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str]
         nargs="+",
         default=list(default),
         metavar="POLICY",
-        help=f"{what}; names ({', '.join(policy_names())}), .onnx files, with --trust checkpoints (.zip)",
+        help=f"{what}; names ({', '.join(policy_names())}), .onnx files, with --trust checkpoints (.zip);"
+        f" without: {' '.join(default)}",
     )
     parser.add_argument("--trust", action="store_true", help="load checkpoints, which can run any code they hold")
 

@@ -77,7 +77,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     ]
     level = f", level {games[0].level}" if arguments.levels else ""
     speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
-    title = f"Round {arguments.seed} on {place_name(wanted[0], source)}{level}, {speed}"
+    title = f"Round {arguments.seed} on {place_name(wanted[0], config)}{level}, {speed}"
     _write(out, games, title, config.execution.tick_s)
     print(title)
     for game in games:
