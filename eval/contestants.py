@@ -32,7 +32,7 @@ def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str]
 
 
 def make_contestant(spec: str, trust: bool = False) -> Policy:
-    """A new policy.
+    """A new policy; with a checkpoint, torch keeps to one thread in this process from then on.
 
     Args:
         spec: a name of the registry, an ``.onnx`` file, or a checkpoint of Stable-Baselines3 (``.zip``).
@@ -46,9 +46,12 @@ def make_contestant(spec: str, trust: bool = False) -> Policy:
     if not trust:
         raise ValueError(f"{spec}: loading executes code from the file; give --trust if you know where it is from")
     try:
+        import torch
+
         from train.checkpoint import load_planner
     except ModuleNotFoundError as error:
         raise ValueError(f"{spec}: needs {error.name}: pip install 'pacman_env[train]'") from None
+    torch.set_num_threads(1)  # cores are for processes: threads of each would wait for one another at every decision
     return load_planner(Path(spec), trust=True)
 
 

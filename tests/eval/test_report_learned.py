@@ -24,13 +24,13 @@ from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.policies.sidecar import read_planner
 from pacman_env.sim.assets import map_assets
 from tests.train.planners import FACTS, random_planner
-from train.checkpoint import load_network
+from train.checkpoint import facts_path, load_network, write_facts
 from train.export import export_planner
 from train.policy import EntityPolicy
 
-EASY = {"pellets.spacing_m": 3.0, "time_limit_s": 40.0, "execution.pickup_radius_m": 1.0}
+EASY = {"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "execution.pickup_radius_m": 2.0}
 RULES = [word for name, value in EASY.items() for word in ("--set", f"{name}={value}")]
-FEW = ["--episodes", "8", "--endless", "2", "--speeds", "0.25", "--variant", *RULES]
+FEW = ["--episodes", "6", "--endless", "1", "--speeds", "0.25", "--variant", *RULES]
 
 
 def report(folder: Path, *arguments: str) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def test_a_planners_file_is_reported_and_seen_again(
     path = random_planner(tmp_path)
     made = report(tmp_path, "--policies", str(path), "--baseline", "nearest", "--replays", "1")
     config = make_config(**EASY)
-    records, _ = play(map_assets("house", config), config, str(path), episode_seeds(0, 8))
+    records, _ = play(map_assets("house", config), config, str(path), episode_seeds(0, 6))
     for name, values in played(made, "mine")["rounds"].items():
         np.testing.assert_array_equal(values, records[name])
     assert [(p["name"], p["spec"]) for p in made["policies"]] == [("mine", str(path)), ("nearest", "nearest")]
@@ -75,6 +75,7 @@ def test_a_checkpoint_takes_part_if_it_is_trusted_and_plays_as_its_export(
     checkpoint, exported = tmp_path / "run.zip", tmp_path / "mine.onnx"
     env = PacManBotVecEnv(2, map="house", observation="planner")
     MaskablePPO(EntityPolicy, env, n_steps=4, batch_size=8, seed=0, device="cpu").save(checkpoint)
+    write_facts(facts_path(checkpoint), FACTS)
     export_planner(load_network(checkpoint, trust=True), exported, FACTS)
     policies = ["--policies", str(checkpoint), str(exported), "--baseline", "nearest"]
     assert main([*FEW, *policies, "--out", str(tmp_path / "page.html")]) == 2
