@@ -53,6 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     try:
         _replay(arguments)
+    except ModuleNotFoundError as error:
+        print(f"{parser.prog}: needs {error.name}: pip install 'pacman_env[eval]'", file=sys.stderr)
+        return ERROR_STATUS
     except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return ERROR_STATUS

@@ -139,11 +139,13 @@ def replay_command(plan: Plan, map_name: str, seed: int) -> str:
     place = plan.maps[map_name]
     words = ["python", "-m", "eval.replay", str(seed)]
     if isinstance(place, Levels):
-        start, count = place.numbers(plan.config)
-        words += ["--levels", place.split, "--start-level", str(start), "--num-levels", str(count)]
+        words += ["--levels", place.split, "--num-levels", str(place.count)]
+        words += [] if place.start is None else ["--start-level", str(place.start)]
     else:
         words += ["--map", place]
-    words += ["--policies", *pair, *(["--trust"] if plan.trust else []), "--clyde-speed", repr(plan.speed)]
+    words += ["--policies", *pair]
+    words += ["--trust"] if plan.trust and any(spec.endswith(".zip") for spec in pair) else []
+    words += ["--clyde-speed", repr(plan.speed)]
     words += [] if plan.preset == "robot" else ["--preset", plan.preset]
     words += [] if plan.execution == "robust" else ["--execution", plan.execution]
     for setting in plan.settings:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import imageio.v2 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +17,13 @@ Frame = NDArray[np.uint8]
 
 
 def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
-    """Write frames, ``tick_s`` apart and of even sides, as .mp4 or .gif, ``SPEED_UP`` times as fast."""
+    """Write frames, ``tick_s`` apart and of even sides, as .mp4 or .gif, ``SPEED_UP`` times as fast.
+
+    Raises:
+        ModuleNotFoundError: imageio is missing.
+    """
+    import imageio.v2 as imageio
+
     fps = SPEED_UP / tick_s
     with replaced(path) as temporary:
         if path.suffix == ".gif":

@@ -15,16 +15,18 @@ from eval.report_plan import (
     parse_variant,
     replay_command,
 )
-from eval.sources import Levels
+from eval.sources import Levels, Place
 from pacman_env.config import ConfigError, make_config
 
 HOUSE, LEVELS = "some folder/house.yaml", Levels("test", None, 7)
 
 
-def plan(*variants: str, settings: tuple[str, ...] = (), trust: bool = False) -> Plan:
+def plan(
+    *variants: str, settings: tuple[str, ...] = (), trust: bool = False, file: str = "runs/best.onnx", **maps: Place
+) -> Plan:
     return Plan(
-        maps={"house": HOUSE, "generated:test": LEVELS},
-        policies={"clyde_aware": "clyde_aware", "best": "runs/best.onnx"},
+        maps={"house": HOUSE, "generated:test": LEVELS, **maps},
+        policies={"clyde_aware": "clyde_aware", "best": file},
         baseline="clyde_aware",
         trust=trust,
         preset="ideal",
@@ -103,8 +105,11 @@ def test_a_replay_repeats_everything_that_decides_a_round() -> None:
     assert words[11:15] == ["--preset", "ideal", "--execution", "as_built"]
     assert words[15:] == ["--set", "refuges.nooks=0", "--set", "time_limit_s=60"]
     words = shlex.split(replay_command(plan(trust=True), "generated:test", 5))
-    assert words[4:10] == ["--levels", "test", "--start-level", "1000000", "--num-levels", "7"]
-    assert words[10:14] == ["--policies", "runs/best.onnx", "clyde_aware", "--trust"]
+    assert words[4:8] == ["--levels", "test", "--num-levels", "7"]
+    assert words[8:12] == ["--policies", "runs/best.onnx", "clyde_aware", "--clyde-speed"]  # what it needs no trust for
+    words = shlex.split(replay_command(plan(trust=True, file="a.zip", some=Levels("train", 5, 9)), "some", 5))
+    assert words[4:10] == ["--levels", "train", "--num-levels", "9", "--start-level", "5"]
+    assert words[10:14] == ["--policies", "a.zip", "clyde_aware", "--trust"]
 
 
 def test_the_challenger_is_the_first_that_is_not_the_baseline() -> None:
