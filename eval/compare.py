@@ -1,6 +1,6 @@
 """Policies compared on the same rounds: ``python -m eval.compare``. Arguments, order of work, result files.
 
-Rounds are played in ``episodes``, counted in ``rows``, shown by ``report_table``, ``plot`` and ``replay``.
+Rounds are played in ``episodes``, counted in ``rows``, shown by ``table``, ``plot`` and ``replay``.
 """
 
 from __future__ import annotations
@@ -12,19 +12,18 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eval.arguments import add_game_arguments, at_least, game_configs
-from eval.contestants import add_policy_arguments, check_contestants, contestant_names
+from eval.contestants import LEARNED, add_policy_arguments, check_contestants, contestant_names
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
 from eval.parallel import Block, Played, play_all
-from eval.report_table import render
 from eval.rows import Row, make_row
-from eval.sources import Levels, Place, open_place, place_name, places
+from eval.sources import Place, about_place, named_places, open_place, places
+from eval.table import render
 from pacman_env import __version__
 from pacman_env.cli import ERROR_STATUS, Parser
 from pacman_env.config import Config
@@ -40,14 +39,16 @@ def _parser() -> argparse.ArgumentParser:
         description="Let policies play the same rounds and compare them. Decision times are those of the"
         " policy alone for one situation, without simulator and observation. All numbers but these times are"
         " the same for any number of workers.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     add = parser.add_argument
-    add_policy_arguments(parser, ("clyde_aware", "nearest", "random"), "the first is what the others are compared with")
+    policies = ("clyde_aware", *LEARNED, "lookahead", "nearest", "random")
+    add_policy_arguments(parser, policies, "the first is what the others are compared with")
     add_game_arguments(parser, several=True)
-    add("--episodes", type=at_least(1), default=200, metavar="N", help="rounds or games per map, speed and policy")
-    add("--seed", type=at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it")
-    add("--workers", type=at_least(1), default=1, metavar="N", help="processes")
+    add(
+        "--episodes", type=at_least(1), default=200, metavar="N", help="rounds or games per map, speed and policy (200)"
+    )
+    add("--seed", type=at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--workers", type=at_least(1), default=1, metavar="N", help="processes (1)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
     add(
@@ -85,17 +86,17 @@ def _compare(arguments: argparse.Namespace) -> None:
     policies = list(dict.fromkeys(arguments.policies))
     check_contestants(policies, arguments.trust)
     names = contestant_names(policies)
-    maps = _maps(places(arguments), configs[0])
+    maps = named_places(places(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     blocks = [
         Block(place, config, policy, seeds, arguments.trust)
-        for place, config, policy in itertools.product(maps, configs, policies)
+        for place, config, policy in itertools.product(maps.values(), configs, policies)
     ]
     unit = "game" if configs[0].endless else "episode"
     with tqdm(total=len(blocks) * len(seeds), unit=unit, mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(blocks, arguments.workers, bar.update)
-    rows = _rows(blocks, played, {place: place_name(place, source) for place, source in maps.items()}, names)
+    rows = _rows(blocks, played, {place: name for name, place in maps.items()}, names)
     what = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     what = ", ".join([what, *arguments.set])
     print(f"{what}\n\n{render(rows)}")
@@ -104,19 +105,11 @@ def _compare(arguments: argparse.Namespace) -> None:
     rounds = "endless games" if configs[0].endless else "rounds"
     _draw(plot_path, rows, f"Same {len(seeds)} {rounds} for every policy  ({what})")
     if video_path is not None:
-        _film(video_path, next(iter(maps.values())), configs[0], names, seeds[0], arguments.trust)
+        _film(
+            video_path, open_place(next(iter(maps.values())), configs[0]), configs[0], names, seeds[0], arguments.trust
+        )
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
-
-
-def _maps(wanted: Sequence[Place], config: Config) -> dict[Place, LevelSource]:
-    maps = {place: open_place(place, config) for place in wanted}
-    names = [place_name(place, source) for place, source in maps.items()]
-    for name, source in zip(names, maps.values(), strict=True):
-        if names.count(name) > 1:
-            raise ValueError(f"two maps are called {name}: the results could not be told apart")
-        _ = source.first  # found out before the work whether it can be played on
-    return maps
 
 
 def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | None]:
@@ -160,7 +153,7 @@ def _rows(
 def _write_json(
     path: Path,
     rows: list[Row],
-    maps: dict[Place, LevelSource],
+    maps: dict[str, Place],
     names: dict[str, str],
     seeds: NDArray[np.uint64],
     config: Config,
@@ -178,7 +171,7 @@ def _write_json(
         "seeds": [str(seed) for seed in seeds.tolist()],
         "preset": arguments.preset,
         "execution": arguments.execution,
-        "maps": [_about_map(place, source, config) for place, source in maps.items()],
+        "maps": [about_place(name, place, config) for name, place in maps.items()],
         "policies": [{"name": name, "spec": spec} for spec, name in names.items()],
         "arguments": vars(arguments),
         "config": config.as_dict(),
@@ -187,14 +180,6 @@ def _write_json(
     text = json.dumps(result, indent=2, default=str, allow_nan=False)
     with replaced(path) as temporary:
         temporary.write_text(_lists_in_lines(text) + "\n")
-
-
-def _about_map(place: Place, source: LevelSource, config: Config) -> dict[str, Any]:
-    about = {"name": place_name(place, source), "hash": source.first.occupancy.hash}
-    if not isinstance(place, Levels):
-        return about | {"source": place}
-    start, count = place.numbers(config)
-    return about | {"source": f"--levels {place.split}", "start_level": start, "num_levels": count}
 
 
 def _lists_in_lines(text: str) -> str:

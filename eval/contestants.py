@@ -10,9 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pacman_env.policies.base import Policy
+from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.registry import make_policy, policy_names
 
 _FILES = (".onnx", ".zip")
+#: The planner that comes with the package, where it does.
+LEARNED = ("ppo",) if PRETRAINED.exists() else ()
 
 
 def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str], what: str) -> None:
@@ -22,13 +25,14 @@ def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str]
         nargs="+",
         default=list(default),
         metavar="POLICY",
-        help=f"{what}; names ({', '.join(policy_names())}), .onnx files, with --trust checkpoints (.zip)",
+        help=f"{what}; names ({', '.join(policy_names())}), .onnx files, with --trust checkpoints (.zip);"
+        f" without: {' '.join(default)}",
     )
     parser.add_argument("--trust", action="store_true", help="load checkpoints, which can run any code they hold")
 
 
 def make_contestant(spec: str, trust: bool = False) -> Policy:
-    """A new policy.
+    """A new policy; with a checkpoint, torch keeps to one thread in this process from then on.
 
     Args:
         spec: a name of the registry, an ``.onnx`` file, or a checkpoint of Stable-Baselines3 (``.zip``).
@@ -42,9 +46,12 @@ def make_contestant(spec: str, trust: bool = False) -> Policy:
     if not trust:
         raise ValueError(f"{spec}: loading executes code from the file; give --trust if you know where it is from")
     try:
+        import torch
+
         from train.checkpoint import load_planner
     except ModuleNotFoundError as error:
         raise ValueError(f"{spec}: needs {error.name}: pip install 'pacman_env[train]'") from None
+    torch.set_num_threads(1)  # cores are for processes: threads of each would wait for one another at every decision
     return load_planner(Path(spec), trust=True)
 
 

@@ -11,8 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from eval.files import replaced
-from eval.report_table import group_title, groups, short_name
 from eval.rows import Row
+from eval.table import group_title, groups, short_name
 
 # Okabe and Ito's palette, told apart by the colour-blind too
 _COMPLETE, _ALL_BUT_ONE = "#0072B2", "#56B4E9"

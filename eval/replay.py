@@ -53,6 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     try:
         _replay(arguments)
+    except ModuleNotFoundError as error:
+        print(f"{parser.prog}: needs {error.name}: pip install 'pacman_env[eval]'", file=sys.stderr)
+        return ERROR_STATUS
     except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return ERROR_STATUS
@@ -77,7 +80,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     ]
     level = f", level {games[0].level}" if arguments.levels else ""
     speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
-    title = f"Round {arguments.seed} on {place_name(wanted[0], source)}{level}, {speed}"
+    title = f"Round {arguments.seed} on {place_name(wanted[0], config)}{level}, {speed}"
     _write(out, games, title, config.execution.tick_s)
     print(title)
     for game in games:

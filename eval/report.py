@@ -1,6 +1,6 @@
 """Policies against one another on one page: ``python -m eval.report``. Arguments, order of work, result files.
 
-Rounds are chosen in ``report_plan``, played in ``report_runs``, counted in ``report_numbers`` and shown by
+Rounds are chosen in ``report_plan``, played in ``parallel``, counted in ``report_numbers`` and shown by
 ``report_page``.
 """
 
@@ -18,19 +18,18 @@ from urllib.parse import quote
 
 import numpy as np
 
-from eval.arguments import at_least
+from eval.arguments import add_place_arguments, add_rule_arguments, at_least, rule_changes
+from eval.contestants import LEARNED, add_policy_arguments, check_contestants, contestant_names
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
+from eval.parallel import play_all
 from eval.report_models import model_facts
 from eval.report_numbers import Numbers, numbers
-from eval.report_plan import Plan, check_single_rounds, entries, jobs, parse_variant
-from eval.report_runs import Task, level_source, play_jobs, round_map
+from eval.report_plan import Plan, blocks, check_single_rounds, parse_variant
+from eval.sources import Levels, about_place, named_places, open_place, places
 from pacman_env import __version__
 from pacman_env.cli import ERROR_STATUS, Parser
-from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
-from pacman_env.policies.registry import make_policy, policy_names
-from pacman_env.settings import parse_settings
-from pacman_env.world.occupancy import MapError
+from pacman_env.config import PRESETS, ConfigError, make_config
 
 SCHEMA = 1
 _SPEEDS = tuple(round(0.15 + 0.05 * k, 2) for k in range(10))
@@ -51,29 +50,15 @@ def _parser() -> argparse.ArgumentParser:
         " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
         " workers.",
     )
-    add = parser.add_argument
-    add(
-        "--policies",
-        nargs="+",
-        default=["lookahead", "clyde_aware", "nearest", "random"],
-        metavar="POLICY",
-        help=f"files, or names: {', '.join(policy_names())} (lookahead clyde_aware nearest random)",
+    add_policy_arguments(
+        parser, (*LEARNED, "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page"
     )
+    add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="whom the others are compared with (%(default)s)")
-    add("--map", nargs="+", default=[], metavar="FILE_OR_NAME", help="maps to play on (house)")
-    add("--levels", choices=("train", "test"), help="generated houses of that split, as one more map")
-    add("--num-levels", type=at_least(2), default=100, metavar="N", help="how many of the split (%(default)s)")
-    add("--preset", choices=sorted(PRESETS), default="robot", help="robot and localization (%(default)s)")
-    add("--execution", choices=sorted(EXECUTIONS), default="robust", help="how goals are executed (%(default)s)")
+    add_place_arguments(parser, several=True)
+    add_rule_arguments(parser)
     add("--clyde-speed", type=float, default=0.25, metavar="V", help="of all but the curve, m/s (%(default)s)")
     add("--speeds", nargs="+", type=float, metavar="V", help="Clyde's speeds of the curve, m/s (0.15 0.2 ... 0.6)")
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="any field of the configuration, such as nav2.abort_rate=0.01; may be given again",
-    )
     add(
         "--variant",
         action="append",
@@ -121,10 +106,10 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     plan = _plan(arguments)
     report = _header(plan, arguments, command)
     page, json_path = _outputs(arguments)
-    work = jobs(plan)
-    total = sum(len(job.seeds) for job in work.values())
+    work = blocks(plan)
+    total = sum(len(block.seeds) for block in work.values())
     with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
-        played = play_jobs(list(work.values()), arguments.workers, bar.update)
+        played = play_all(list(work.values()), arguments.workers, bar.update)
     report |= numbers(plan, dict(zip(work, played, strict=True)))
     films = _films(plan, report["pair"], arguments.replays, page)
     html = render_page(report)
@@ -142,11 +127,9 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     for name, value in _NUMBERS[arguments.quick].items():
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
-    if "clyde.speed_mps" in parse_settings(arguments.set):
-        raise ConfigError("clyde.speed_mps: give it as --clyde-speed")
-    settings = (*arguments.set, f"clyde.speed_mps={arguments.clyde_speed!r}")
     words = arguments.preset, arguments.execution
-    config = make_config(*words, **parse_settings(settings))
+    config = make_config(*words, **rule_changes(arguments) | {"clyde.speed_mps": arguments.clyde_speed})
+    settings = (*arguments.set, f"clyde.speed_mps={arguments.clyde_speed!r}")
     check_single_rounds(config)
     speeds = tuple(sorted(set(arguments.speeds)))
     for speed in speeds:
@@ -161,13 +144,14 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         check_single_rounds(variant.config, f"--variant {variant.name}: ")
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
-    policies = entries([*arguments.policies, arguments.baseline])
-    for entry in policies:
-        make_policy(entry.spec)
+    policies = list(dict.fromkeys([*arguments.policies, arguments.baseline]))
+    check_contestants(policies, arguments.trust)
+    policy_names = contestant_names(policies)
     return Plan(
-        tasks=_tasks(arguments, [config, *(variant.config for variant in variants)]),
-        policies=policies,
-        baseline=next(entry.label for entry in policies if entry.spec == arguments.baseline),
+        maps=named_places(places(arguments), [config, *(variant.config for variant in variants)]),
+        policies={name: spec for spec, name in policy_names.items()},
+        baseline=policy_names[arguments.baseline],
+        trust=arguments.trust,
         preset=arguments.preset,
         execution=arguments.execution,
         settings=tuple(arguments.set),
@@ -178,26 +162,6 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         seeds=episode_seeds(arguments.seed, arguments.episodes),
         endless_seeds=episode_seeds(arguments.seed, arguments.endless),
     )
-
-
-def _tasks(arguments: argparse.Namespace, configs: Sequence[Config]) -> tuple[Task, ...]:
-    """Maps, then levels; all known to be playable under every configuration."""
-    sources = dict.fromkeys(arguments.map or ([] if arguments.levels else ["house"]))
-    for source in sources:
-        if source.partition(":")[0] == "generated":
-            raise MapError(f"--map {source}: give generated houses as --levels train or --levels test")
-    tasks = [Task(level_source(Task(s, s), configs[0]).first.occupancy.name, s) for s in sources]
-    names = [task.name for task in tasks]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"two maps are called {name}: the results could not be told apart")
-    if arguments.levels:
-        split = f"generated:{arguments.levels}"
-        tasks.append(Task(split, split, arguments.num_levels))
-    for task in tasks:
-        for config in configs:
-            _ = level_source(task, config).first
-    return tuple(tasks)
 
 
 def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
@@ -212,14 +176,13 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
 
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
     """What was played, with all that is needed to play it again."""
-    firsts = [level_source(task, plan.config).first for task in plan.tasks]
     return {
         "schema": SCHEMA,
         "version": __version__,
         "date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d %H:%M} UTC",
         "command": command,
         "seed": plan.seed,
-        "seeds": plan.seeds.tolist(),
+        "seeds": [str(seed) for seed in plan.seeds.tolist()],
         "episodes": len(plan.seeds),
         "endless_games": len(plan.endless_seeds),
         "preset": plan.preset,
@@ -228,23 +191,13 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
         "clyde_speed": plan.speed,
         "quick": arguments.quick,
         "maps": [
-            {
-                "name": task.name,
-                "source": task.source,
-                "levels": task.levels,
-                "hash": None if task.levels else assets.occupancy.hash,
-                "pellets": None if task.levels else assets.pellets,
-            }
-            for task, assets in zip(plan.tasks, firsts, strict=True)
+            about_place(name, place, plan.config)
+            | {"pellets": None if isinstance(place, Levels) else open_place(place, plan.config).first.pellets}
+            for name, place in plan.maps.items()
         ],
         "policies": [
-            {
-                "name": entry.label,
-                "spec": entry.spec,
-                "baseline": entry.label == plan.baseline,
-                "facts": model_facts(entry.spec),
-            }
-            for entry in plan.policies
+            {"name": name, "spec": spec, "baseline": name == plan.baseline, "facts": model_facts(spec)}
+            for name, spec in plan.policies.items()
         ],
         "config": plan.config.as_dict(),
     }
@@ -254,17 +207,18 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
     """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
     if pair is None or wanted == 0:
         return []
-    from eval.video import round_frames, save_video
+    from eval.video import save_video
+    from eval.watching import Watched, film
 
-    specs = [plan.entry(pair["policy"]).spec, plan.entry(pair["baseline"]).spec]
-    tasks = {task.name: task for task in plan.tasks}
     paths = []
     for row in _in_turn(pair["wins"], pair["losses"])[:wanted]:
-        seed = np.uint64(row["seed"])
-        path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{seed}.mp4")
-        assets = round_map(tasks[row["map"]], plan.config, seed)
-        frames = round_frames(assets, plan.config, specs, seed, height=_FILM_HEIGHT)
-        save_video(frames, path, plan.config.execution.tick_s)
+        path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
+        source, seed = open_place(plan.maps[row["map"]], plan.config), np.uint64(int(row["seed"]))
+        games = [
+            Watched(source, plan.config, plan.policies[name], seed, name, plan.trust)
+            for name in (pair["policy"], pair["baseline"])
+        ]
+        save_video(film(games, _FILM_HEIGHT), path, plan.config.execution.tick_s)
         row["film"] = quote(f"{path.parent.name}/{path.name}")
         paths.append(path)
     return paths

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eval.parallel import Played
 from eval.report_plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, replay_command
-from eval.report_runs import Played, Task
 from eval.statistics import (
     bootstrapped_improvement,
     bootstrapped_iqm,
@@ -32,22 +32,22 @@ Results = Mapping[Cell, Played]
 def numbers(plan: Plan, played: Results) -> Numbers:
     """Every number of the page."""
     return {
-        "summary": [_summary(plan, played, entry.label) for entry in plan.policies],
-        "curve": [_point(plan, played, e.label, v) for e in plan.policies for v in plan.speeds],
-        "endings": [_endings(_rounds(plan, played, entry.label), entry.label) for entry in plan.policies],
-        "endless": [_endless(plan, played, e.label, t) for t in _endless_tasks(plan) for e in plan.policies],
+        "summary": [_summary(plan, played, policy) for policy in plan.policies],
+        "curve": [_point(plan, played, policy, v) for policy in plan.policies for v in plan.speeds],
+        "endings": [_endings(plan, played, policy) for policy in plan.policies],
+        "endless": [_endless(plan, played, policy, name) for name in _endless_maps(plan) for policy in plan.policies],
         "pair": _pair(plan, played),
-        "variants": [_variant(plan, played, k, e.label) for k in range(len(plan.variants)) for e in plan.policies],
-        "decisions": [_decisions(plan, played, entry.label) for entry in plan.policies],
+        "variants": [_variant(plan, played, k, policy) for k in range(len(plan.variants)) for policy in plan.policies],
+        "decisions": [_decisions(plan, played, policy) for policy in plan.policies],
         "rounds": [_raw(cell, result[0]) for cell, result in played.items()],
     }
 
 
-def _endless_tasks(plan: Plan) -> list[Task | None]:
-    """The maps of the endless games, then all together."""
+def _endless_maps(plan: Plan) -> list[str | None]:
+    """The maps of the endless games, then (None) all together."""
     if len(plan.endless_seeds) == 0:
         return []
-    return [*plan.tasks, *([None] if len(plan.tasks) > 1 else [])]
+    return [*plan.maps, *([None] if len(plan.maps) > 1 else [])]
 
 
 def _rng(plan: Plan) -> np.random.Generator:
@@ -55,24 +55,17 @@ def _rng(plan: Plan) -> np.random.Generator:
     return np.random.default_rng(plan.seed)
 
 
-def _cells(
-    plan: Plan, policy: str, part: str = ROUNDS, speed: float | None = None, task: Task | None = None
-) -> list[Cell]:
-    """The cells of one policy, one per task."""
-    tasks = plan.tasks if task is None else (task,)
-    return [Cell(part, one.name, policy, plan.speed if speed is None else speed) for one in tasks]
+def _of_maps(
+    plan: Plan, played: Results, policy: str, part: str = ROUNDS, speed: float | None = None
+) -> dict[str, NDArray]:
+    """A policy's records by map."""
+    speed = plan.speed if speed is None else speed
+    return {name: played[Cell(part, name, policy, speed)][0] for name in plan.maps}
 
 
-def _rounds(
-    plan: Plan,
-    played: Results,
-    policy: str,
-    part: str = ROUNDS,
-    speed: float | None = None,
-    task: Task | None = None,
-) -> NDArray:
-    """A policy's records of one task, or of all of them one after another."""
-    return np.concatenate([played[cell][0] for cell in _cells(plan, policy, part, speed, task)])
+def _rounds(plan: Plan, played: Results, policy: str, part: str = ROUNDS, speed: float | None = None) -> NDArray:
+    """A policy's records of all maps, one after another."""
+    return np.concatenate(list(_of_maps(plan, played, policy, part, speed).values()))
 
 
 def _rate(records: NDArray) -> Numbers:
@@ -87,14 +80,14 @@ def _difference(ours: NDArray, theirs: NDArray) -> Numbers:
 
 
 def _summary(plan: Plan, played: Results, policy: str) -> Numbers:
-    ours, theirs = ([played[cell][0] for cell in _cells(plan, one)] for one in (policy, plan.baseline))
-    complete = [(records["end"] == COMPLETE).astype(np.float64) for records in ours]
-    scores, their_scores = ([r["collected"] / r["spawned"] for r in side] for side in (ours, theirs))
+    ours, theirs = (_of_maps(plan, played, one) for one in (policy, plan.baseline))
+    complete = [(records["end"] == COMPLETE).astype(np.float64) for records in ours.values()]
+    scores, their_scores = ([r["collected"] / r["spawned"] for r in side.values()] for side in (ours, theirs))
     iqm, iqm_ci = bootstrapped_iqm(complete, _rng(plan))
     row = {
         "policy": policy,
-        "maps": {task.name: _rate(records) for task, records in zip(plan.tasks, ours, strict=True)},
-        "all": _rate(np.concatenate(ours)),
+        "maps": {name: _rate(records) for name, records in ours.items()},
+        "all": _rate(np.concatenate(list(ours.values()))),
         "iqm": iqm,
         "iqm_ci": list(iqm_ci),
         "pellets_share": float(np.mean([s.mean() for s in scores])),
@@ -102,7 +95,7 @@ def _summary(plan: Plan, played: Results, policy: str) -> Numbers:
     if policy != plan.baseline:
         probability, interval = bootstrapped_improvement(scores, their_scores, _rng(plan))
         row |= {"improvement": probability, "improvement_ci": list(interval)}
-        row |= _difference(np.concatenate(ours), np.concatenate(theirs))
+        row |= _difference(*(np.concatenate(list(side.values())) for side in (ours, theirs)))
     return row
 
 
@@ -111,7 +104,8 @@ def _point(plan: Plan, played: Results, policy: str, speed: float) -> Numbers:
     return {"policy": policy, "speed": speed, "rounds": len(records), **_rate(records)}
 
 
-def _endings(records: NDArray, policy: str) -> Numbers:
+def _endings(plan: Plan, played: Results, policy: str) -> Numbers:
+    records = _rounds(plan, played, policy)
     won = records["time_s"][records["end"] == COMPLETE]
     return {
         "policy": policy,
@@ -122,22 +116,28 @@ def _endings(records: NDArray, policy: str) -> Numbers:
     }
 
 
-def _endless(plan: Plan, played: Results, policy: str, task: Task | None) -> Numbers:
+def _endless(plan: Plan, played: Results, policy: str, map_name: str | None) -> Numbers:
     """Of one map, or (None) of all."""
-    ours, theirs = (_rounds(plan, played, one, ENDLESS_GAMES, task=task) for one in (policy, plan.baseline))
-    pellets = ours["pellets"].astype(np.float64)
+    ours, theirs = (
+        [r for name, r in _of_maps(plan, played, one, ENDLESS_GAMES).items() if map_name in (name, None)]
+        for one in (policy, plan.baseline)
+    )
+    games = np.concatenate(ours)
+    pellets, their_pellets = ([r["collected"].astype(np.float64) for r in side] for side in (ours, theirs))
     mean, interval = bootstrapped_mean(pellets, _rng(plan))
     row = {
         "policy": policy,
-        "map": task and task.name,
-        "games": len(pellets),
+        "map": map_name,
+        "games": len(games),
         "pellets_mean": mean,
         "pellets_ci": list(interval),
-        "rounds_mean": float(ours["rounds"].mean()),
-        "caught": float((ours["end"] == DEAD).mean()),
+        "pellets_median": float(np.median(games["collected"])),
+        "rounds_mean": float(games["rounds"].mean()),
+        "caught": float((games["end"] == DEAD).mean()),
     }
     if policy != plan.baseline:
-        difference, interval = bootstrapped_mean(pellets - theirs["pellets"], _rng(plan))
+        pairs = [our - their for our, their in zip(pellets, their_pellets, strict=True)]
+        difference, interval = bootstrapped_mean(pairs, _rng(plan))
         row |= {"difference": difference, "difference_ci": list(interval)}
     return row
 
@@ -151,7 +151,7 @@ def _variant(plan: Plan, played: Results, number: int, policy: str) -> Numbers:
 
 
 def _decisions(plan: Plan, played: Results, policy: str) -> Numbers:
-    times_ms = np.concatenate([played[cell][1] for cell in _cells(plan, policy)])
+    times_ms = np.concatenate([played[Cell(ROUNDS, name, policy, plan.speed)][1] for name in plan.maps])
     p50, p99 = np.percentile(times_ms, (50, 99)).tolist()
     return {"policy": policy, "p50_ms": p50, "p99_ms": p99, "timed": len(times_ms)}
 
@@ -162,25 +162,23 @@ def _pair(plan: Plan, played: Results) -> Numbers | None:
     if challenger is None:
         return None
     sides: dict[str, list[tuple[int, Numbers]]] = {"wins": [], "losses": []}
-    for task, our_cell, their_cell in zip(
-        plan.tasks, _cells(plan, challenger.label), _cells(plan, plan.baseline), strict=True
-    ):
-        ours, theirs = played[our_cell][0], played[their_cell][0]
+    for map_name, ours in _of_maps(plan, played, challenger).items():
+        theirs = _of_maps(plan, played, plan.baseline)[map_name]
         our_win, their_win = ours["end"] == COMPLETE, theirs["end"] == COMPLETE
         for name, which in (("wins", our_win & ~their_win), ("losses", their_win & ~our_win)):
             for place, k in enumerate(np.flatnonzero(which)):
                 seed = int(ours["seed"][k])
                 row = {
-                    "map": task.name,
-                    "seed": seed,
+                    "map": map_name,
+                    "seed": str(seed),  # as in "seeds"
                     "ours": _outcome(ours[k]),
                     "theirs": _outcome(theirs[k]),
-                    "command": replay_command(plan, task, seed),
+                    "command": replay_command(plan, map_name, seed),
                 }
                 sides[name].append((place, row))
     # the first of each map, then the second of each: whoever reads only the beginning has seen every map
     mixed = {name: [row for _, row in sorted(rows, key=lambda pair: pair[0])] for name, rows in sides.items()}
-    return {"policy": challenger.label, "baseline": plan.baseline, **mixed}
+    return {"policy": challenger, "baseline": plan.baseline, **mixed}
 
 
 def _outcome(record: Any) -> Numbers:

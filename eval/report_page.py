@@ -10,6 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from eval.episodes import MOST_ROUNDS
 from eval.report_charts import COLOURS, Line, curve_chart, interval_bar
 from eval.report_numbers import END_NAMES, Numbers
 
@@ -43,6 +44,7 @@ def render_page(report: Numbers) -> str:
         most_pellets=max((row["pellets_ci"][1] for row in report["endless"]), default=1.0),
         ends=list(END_NAMES.values()),
         rounds_shown=_ROUNDS_SHOWN,
+        most_rounds=MOST_ROUNDS,
         few_maps=len(report["maps"]) < _IQM_MAPS,
         config=json.dumps(report["config"], indent=2),
     )

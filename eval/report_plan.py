@@ -1,6 +1,6 @@
-"""What a report is to play: policies, tasks, speeds and variants, and the jobs that follow from them.
+"""What a report is to play: policies, places, speeds and variants, and the blocks of rounds that follow from them.
 
-Nothing is played here; the command line's words become configurations, and configurations become jobs.
+Nothing is played here; the command line's words become configurations, and configurations become blocks.
 """
 
 from __future__ import annotations
@@ -10,25 +10,18 @@ import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.report_runs import Job, Task
+from eval.arguments import check_goals
+from eval.parallel import Block
+from eval.sources import Levels, Place
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.settings import parse_settings
 
 _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is no separator
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A policy that takes part; the label is its name on the page."""
-
-    label: str
-    spec: str
 
 
 @dataclass(frozen=True)
@@ -41,10 +34,10 @@ class Variant:
 
 
 class Cell(NamedTuple):
-    """One policy's rounds on one task."""
+    """One policy's rounds on one map, by names."""
 
-    part: str  # ROUNDS, ENDLESS or a variant's name
-    task: str
+    part: str  # ROUNDS, ENDLESS_GAMES or a variant's name
+    map: str
     policy: str
     speed: float  # Clyde's in round 1, m/s
 
@@ -56,9 +49,10 @@ ROUNDS, ENDLESS_GAMES = "rounds", "endless games"
 class Plan:
     """All that decides the numbers of a report."""
 
-    tasks: tuple[Task, ...]
-    policies: tuple[Entry, ...]
-    baseline: str  # its label
+    maps: dict[str, Place]  # by name
+    policies: dict[str, str]  # by name, what each is made from
+    baseline: str  # its name
+    trust: bool  # checkpoints may be loaded
     preset: str
     execution: str
     settings: tuple[str, ...]
@@ -75,20 +69,9 @@ class Plan:
         return self.config.clyde.speed_mps
 
     @property
-    def challenger(self) -> Entry | None:
-        """The first policy that is not the baseline; the two are looked at round by round."""
-        return next((entry for entry in self.policies if entry.label != self.baseline), None)
-
-    def entry(self, label: str) -> Entry:
-        """A policy by its label."""
-        return next(entry for entry in self.policies if entry.label == label)
-
-
-def entries(specs: Sequence[str]) -> tuple[Entry, ...]:
-    """Policies without repetition; a file goes by its stem, or by its whole path where that is not enough."""
-    specs = list(dict.fromkeys(specs))
-    short = [Path(spec).stem if spec.endswith(".onnx") else spec for spec in specs]
-    return tuple(Entry(name if short.count(name) == 1 else spec, spec) for name, spec in zip(short, specs, strict=True))
+    def challenger(self) -> str | None:
+        """The name of the first policy that is not the baseline; the two are looked at round by round."""
+        return next((name for name in self.policies if name != self.baseline), None)
 
 
 def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str]) -> Variant:
@@ -127,38 +110,42 @@ def check_single_rounds(config: Config, where: str = "") -> None:
     Raises:
         ConfigError: endless games, velocities, or ghosts that wait to be told.
     """
-    for name, value, wrong in (
-        ("action", config.action, config.action != "goal"),
-        ("endless", config.endless, config.endless),
-        ("clyde.ghosts", config.clyde.ghosts, "policy" in config.clyde.ghosts),
-    ):
-        if wrong:
-            raise ConfigError(f"{where}{name} = {value!r}: policies that name goals are compared over single rounds")
+    try:
+        check_goals(config)
+        if config.endless:
+            raise ConfigError("endless = True: is what --endless N plays, beside single rounds")
+    except ConfigError as error:
+        raise ConfigError(f"{where}{error}") from None
 
 
-def jobs(plan: Plan) -> dict[Cell, Job]:
-    """Everything to be played, each thing once; those of a task follow one another, so that its map is at hand."""
+def blocks(plan: Plan) -> dict[Cell, Block]:
+    """Everything to be played, each thing once; what is on one map follows one another, while that is at hand."""
     result = {}
-    for task in plan.tasks:
+    for name, place in plan.maps.items():
         speeds = dict.fromkeys((plan.speed, *plan.speeds))
         parts = [(ROUNDS, plan.config.with_fields(**{"clyde.speed_mps": v}), plan.seeds) for v in speeds]
         if len(plan.endless_seeds):
             parts.append((ENDLESS_GAMES, plan.config.with_fields(endless=True), plan.endless_seeds))
         parts += [(variant.name, variant.config, plan.seeds) for variant in plan.variants]
-        for (part, config, seeds), entry in itertools.product(parts, plan.policies):
-            result[Cell(part, task.name, entry.label, config.clyde.speed_mps)] = Job(task, config, entry.spec, seeds)
+        for (part, config, seeds), (policy, spec) in itertools.product(parts, plan.policies.items()):
+            cell = Cell(part, name, policy, config.clyde.speed_mps)
+            result[cell] = Block(place, config, spec, seeds, plan.trust)
     return result
 
 
-def replay_command(plan: Plan, task: Task, seed: int) -> str:
+def replay_command(plan: Plan, map_name: str, seed: int) -> str:
     """The command that shows a round of the first policy and the baseline side by side."""
-    pair = [entry.spec for entry in (plan.challenger, plan.entry(plan.baseline)) if entry is not None]
+    pair = [plan.policies[name] for name in (plan.challenger, plan.baseline) if name is not None]
+    place = plan.maps[map_name]
     words = ["python", "-m", "eval.replay", str(seed)]
-    if task.levels:
-        words += ["--levels", task.source.partition(":")[2], "--num-levels", str(task.levels)]
+    if isinstance(place, Levels):
+        words += ["--levels", place.split, "--num-levels", str(place.count)]
+        words += [] if place.start is None else ["--start-level", str(place.start)]
     else:
-        words += ["--map", task.source]
-    words += ["--policies", *pair, "--clyde-speed", f"{plan.speed:g}"]
+        words += ["--map", place]
+    words += ["--policies", *pair]
+    words += ["--trust"] if plan.trust and any(spec.endswith(".zip") for spec in pair) else []
+    words += ["--clyde-speed", repr(plan.speed)]
     words += [] if plan.preset == "robot" else ["--preset", plan.preset]
     words += [] if plan.execution == "robust" else ["--execution", plan.execution]
     for setting in plan.settings:

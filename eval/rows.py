@@ -32,8 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.bootstrap import mean_interval
-from eval.statistics import paired_difference, wilson
+from eval.statistics import bootstrapped_mean, paired_difference, wilson
 from pacman_env.sim.records import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 Row = dict[str, Any]
@@ -113,15 +112,20 @@ def _of_games(records: NDArray, first: NDArray | None) -> Row:
     collected = records["collected"].astype(np.float64)
     difference, interval = 0.0, (0.0, 0.0)
     if first is not None:
-        difference, interval = mean_interval(collected - first["collected"])
+        difference, interval = bootstrapped_mean([collected - first["collected"]], _rng())
     return {
-        "pellets_ci": list(mean_interval(collected)[1]),
+        "pellets_ci": list(bootstrapped_mean([collected], _rng())[1]),
         "pellets_median": float(np.median(collected)),
         "rounds_mean": float(records["rounds"].mean()),
         "rounds_most": int(records["rounds"].max()),
         "paired_difference": difference,
         "paired_ci": list(interval),
     }
+
+
+def _rng() -> np.random.Generator:
+    """The same draws for each interval: rows differ by what was played alone."""
+    return np.random.default_rng(0)
 
 
 def _decisions(decision_ms: NDArray[np.float64]) -> Row:

@@ -8,7 +8,9 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +58,8 @@ class _KeptMaps(GeneratedMaps):
 
     def prepare(self, level: int) -> MapAssets:
         """The level's house, ready to be played on."""
-        # Clyde's speed, in which the configurations of a comparison differ, does not matter to a map.
-        return _prepared(level, self._config.with_fields(**{"clyde.speed_mps": 0.0}))
+        # In these the configurations of a comparison differ, and they do not matter to a map.
+        return _prepared(level, self._config.with_fields(**{"clyde.speed_mps": 0.0, "endless": False}))
 
 
 @functools.lru_cache(maxsize=_KEPT_LEVELS)
@@ -92,7 +94,7 @@ def parts_of_play(place: Place, config: Config, seeds: NDArray[np.uint64], parts
 
 
 def places(arguments: argparse.Namespace) -> list[Place]:
-    """What the arguments of ``add_game_arguments`` name, each once: maps first, then levels.
+    """What the arguments of ``add_place_arguments`` name, each once: maps first, then levels.
 
     Raises:
         ValueError: generated levels are asked for as a map, or numbers of levels without levels.
@@ -109,6 +111,36 @@ def places(arguments: argparse.Namespace) -> list[Place]:
     return [*maps, Levels(arguments.levels, arguments.start_level, arguments.num_levels or LEVELS_PLAYED)]
 
 
-def place_name(place: Place, source: LevelSource) -> str:
-    """What a place is called in results."""
-    return place.name if isinstance(place, Levels) else source.first.occupancy.name
+def place_name(place: Place, config: Config) -> str:
+    """What a place is called in results.
+
+    Raises:
+        MapError, ConfigError: it cannot be played on, as in :func:`open_place`.
+    """
+    first = open_place(place, config).first
+    return place.name if isinstance(place, Levels) else first.occupancy.name
+
+
+def named_places(wanted: Sequence[Place], configs: Sequence[Config]) -> dict[str, Place]:
+    """Places by name, all of which can be played on under each of the configurations.
+
+    Raises:
+        MapError, ConfigError: one cannot be played on, as in :func:`open_place`.
+        ValueError: two are called the same.
+    """
+    named: dict[str, Place] = {}
+    for place in wanted:
+        name, *_ = [place_name(place, config) for config in configs]
+        if name in named:
+            raise ValueError(f"two maps are called {name}: the results could not be told apart")
+        named[name] = place
+    return named
+
+
+def about_place(name: str, place: Place, config: Config) -> dict[str, Any]:
+    """Plain data for a result file, enough to find the place again; of levels the hash is that of the first."""
+    about: dict[str, Any] = {"name": name, "hash": open_place(place, config).first.occupancy.hash}
+    if not isinstance(place, Levels):
+        return about | {"source": place}
+    start, count = place.numbers(config)
+    return about | {"source": f"--levels {place.split}", "start_level": start, "num_levels": count}

@@ -116,17 +116,10 @@ def percentiles95(values: NDArray[np.float64]) -> Interval:
     return float(low), float(high)
 
 
-def bootstrapped_mean(values: NDArray[np.float64], rng: np.random.Generator) -> tuple[float, Interval]:
-    """The mean of (n,) values with its percentile bootstrap interval.
+def bootstrapped_mean(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> tuple[float, Interval]:
+    """Mean over tasks of their mean scores, with its stratified bootstrap interval (percentiles; Efron 1979).
 
-    Raises:
-        ValueError: no values.
-    """
-    return float(values.mean()), percentiles95(bootstrap_weights(len(values), rng) @ values / len(values))
-
-
-def bootstrapped_iqm(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> tuple[float, Interval]:
-    """Interquartile mean over tasks of their mean scores, with its stratified bootstrap interval.
+    Of paired scores give the differences: pairs are then drawn together.
 
     Args:
         tasks: per task the (n,) scores of its trials; trials are drawn anew within each task.
@@ -135,9 +128,19 @@ def bootstrapped_iqm(tasks: Sequence[NDArray[np.float64]], rng: np.random.Genera
     Raises:
         ValueError: a task without trials.
     """
-    means = np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)
-    value = interquartile_mean(np.array([scores.mean() for scores in tasks]))
-    return float(value), percentiles95(interquartile_mean(means))
+    drawn = _drawn_means(tasks, rng).mean(axis=1)
+    return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
+
+
+def bootstrapped_iqm(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> tuple[float, Interval]:
+    """Interquartile mean over tasks of their mean scores; otherwise as :func:`bootstrapped_mean`."""
+    drawn = interquartile_mean(_drawn_means(tasks, rng))
+    return float(interquartile_mean(np.array([scores.mean() for scores in tasks]))), percentiles95(drawn)
+
+
+def _drawn_means(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> NDArray[np.float64]:
+    """(R, T) the mean of each task in each replicate."""
+    return np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)
 
 
 def bootstrapped_improvement(

@@ -4,8 +4,8 @@ import argparse
 
 import pytest
 
-from eval.arguments import add_game_arguments, at_least, game_configs
-from pacman_env.config import ConfigError
+from eval.arguments import add_game_arguments, at_least, check_goals, game_configs, rule_changes
+from pacman_env.config import ConfigError, make_config
 
 
 def parse(*words: str, several: bool = True) -> argparse.Namespace:
@@ -44,3 +44,20 @@ def test_one_map_and_one_speed_are_lists_too() -> None:
     arguments = parse("--map", "maze", "--clyde-speed", "0.3", several=False)
     assert (arguments.map, arguments.clyde_speed) == (["maze"], [0.3])
     assert len(game_configs(parse(several=False))) == 1
+
+
+def test_settings_are_values_and_clydes_speed_has_its_own_argument() -> None:
+    assert rule_changes(parse("--set", "refuges.nooks=0", "--set", "nav2.abort_rate=0.1")) == {
+        "refuges.nooks": 0,
+        "nav2.abort_rate": 0.1,
+    }
+    with pytest.raises(ConfigError, match="--clyde-speed"):
+        rule_changes(parse("--set", "clyde.speed_mps=0.3"))
+
+
+def test_games_in_which_no_goals_are_named_are_refused() -> None:
+    check_goals(make_config())
+    with pytest.raises(ConfigError, match="action = 'velocity'"):
+        check_goals(make_config(action="velocity"))
+    with pytest.raises(ConfigError, match=r"clyde\.ghosts"):
+        check_goals(make_config(**{"clyde.ghosts": ("wander", "policy")}))

@@ -6,7 +6,7 @@ import imageio.v3 as imageio
 import pytest
 
 from eval.plot import save_plot
-from tests.eval.test_report_table import rows
+from tests.eval.test_table import rows
 
 
 @pytest.mark.parametrize("endless", [False, True])

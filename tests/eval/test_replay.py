@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import base64
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,15 @@ def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
     for escaped in ("&lt;b&gt;policy", "pellet &amp; more", "&lt;script&gt;", "<h1>a &lt; b</h1>"):
         assert escaped in text
     assert "<script" not in text
+
+
+def test_what_is_not_installed_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("imageio", "imageio.v2"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main(["3", "--policies", "nearest", "--time-limit", "2", "--out", str(tmp_path / "r.mp4")]) == 2
+    assert "needs imageio" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from eval.replay import main as replay
 from eval.report import main
 from eval.report_page import headline, render_page
 from eval.statistics import wilson
@@ -87,8 +89,9 @@ def test_the_figures_are_those_of_the_rounds(made: tuple[dict[str, Any], Path]) 
     for row in report["curve"]:
         assert row["rate"] == rounds(report, row["policy"], speed=row["speed"])["end"].count(COMPLETE) / 12
     for row in report["endless"]:
-        pellets = rounds(report, row["policy"], "endless games")["pellets"]
+        pellets = rounds(report, row["policy"], "endless games")["collected"]
         assert row["pellets_mean"] == pytest.approx(sum(pellets) / 3)
+        assert row["pellets_median"] == sorted(pellets)[1]
         assert min(pellets) <= row["pellets_ci"][0] <= row["pellets_ci"][1] <= max(pellets)
     for row in report["variants"]:
         ends = rounds(report, row["policy"], "no refuges")["end"]
@@ -122,6 +125,27 @@ def test_the_pair_holds_exactly_the_rounds_that_part_them(made: tuple[dict[str, 
     assert (row["ours"]["end"], row["theirs"]["end"] != "complete") == ("complete", True)
     assert row["command"].startswith(f"python -m eval.replay {row['seed']} --map house")
     assert row["command"] in " ".join("".join(Tags(page.read_text()).text).split())
+
+
+@pytest.mark.parametrize("side", ["wins", "losses"])
+def test_the_command_beside_a_round_plays_it_again(
+    side: str,
+    made: tuple[dict[str, Any], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pair = made[0]["pair"]
+    row = pair[side][0]
+    words = shlex.split(row["command"])
+    assert words[:3] == ["python", "-m", "eval.replay"]
+    monkeypatch.chdir(tmp_path)
+    assert replay(words[3:]) == 0
+    assert (tmp_path / "results" / f"replay-{row['seed']}.mp4").stat().st_size > 1000
+    text = capsys.readouterr().out
+    for policy, outcome in ((pair["policy"], row["ours"]), (pair["baseline"], row["theirs"])):
+        words = f"after {outcome['time_s']:.1f} s, {outcome['collected']} of {outcome['pellets']} pellets"
+        assert re.search(rf"^{policy}: \w+ {words}", text, re.M)
 
 
 def test_films_lie_beside_the_page(made: tuple[dict[str, Any], Path]) -> None:
@@ -191,9 +215,11 @@ def test_the_quick_report_has_its_own_numbers_and_levels_are_a_map(tmp_path: Pat
     report = json.loads((tmp_path / "p.json").read_text())
     assert (report["episodes"], report["endless_games"]) == (24, 12)
     assert [row["speed"] for row in report["curve"]] == [0.15, 0.35, 0.6]
-    assert [(m["name"], m["levels"], m["hash"]) for m in report["maps"]] == [("generated:test", 2, None)]
+    (about,) = report["maps"]
+    assert (about["name"], about["source"], about["num_levels"]) == ("generated:test", "--levels test", 2)
     assert report["pair"] is None
-    Tags((tmp_path / "p.html").read_text())
+    page = Tags((tmp_path / "p.html").read_text())
+    assert "2 generated houses" in "".join(page.text)
 
 
 @pytest.mark.parametrize(
@@ -225,7 +251,8 @@ def test_the_headline_claims_no_more_than_the_interval(
         (["--speeds", "-1"], "clyde.speed_mps"),
         (["--clyde-speed", "nan"], "clyde.speed_mps"),
         (["--set", "clyde.speed_mps=1"], "--clyde-speed"),
-        (["--set", "endless=true"], "endless = True: policies that name goals"),
+        (["--policies", "run.zip"], "give --trust"),
+        (["--set", "endless=true"], "endless = True: is what --endless N plays"),
         (["--set", "nav2.haste=1"], "unknown configuration field 'nav2.haste'"),
         (["--variant", "calm"], "must be NAME=SETTINGS"),
         (["--variant", "v=action=velocity"], "--variant v: action = 'velocity'"),

@@ -1,35 +1,35 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 
+pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
 from eval.report_models import model_facts
+from pacman_env.policies.sidecar import read_planner
+from tests.train.planners import random_planner
 
 
-def beside(folder: Path, text: str) -> str:
-    (folder / "planner.json").write_text(text)
-    return str(folder / "planner.onnx")
+def test_facts_are_those_of_the_sidecar_flat_and_short(tmp_path: Path) -> None:
+    path = random_planner(tmp_path, dropped_kinds=(1,))
+    shown, sidecar = model_facts(str(path)), read_planner(path)[0]
+    assert shown["sha256"] == sidecar.sha256
+    assert shown["metrics.completion"] == str(sidecar.metrics["completion"])
+    assert shown["training.clyde_speeds_mps"] == "0.2, 0.5"
+    assert shown["dropped_kinds"] == "is_refuge"
+    assert len(shown["candidate_features"]) == 80
+    assert shown["candidate_features"].startswith(", ".join(sidecar.candidate_features[:3]))
 
 
-def test_facts_are_shown_flat_and_short(tmp_path: Path) -> None:
-    facts = {"format": 1, "metrics": {"completion": 0.93, "by": {"house": 1}}, "names": ["a", "b"], "long": "x" * 500}
-    shown = model_facts(beside(tmp_path, json.dumps(facts)))
-    assert list(shown) == ["format", "metrics.completion", "metrics.by.house", "names", "long"]
-    assert (shown["metrics.completion"], shown["names"]) == ("0.93", "a, b")
-    assert len(shown["long"]) == 80
-
-
-def test_policies_without_a_file_have_no_facts(tmp_path: Path) -> None:
-    for spec in ("clyde_aware", "clyde_aware:documented", "../x", str(tmp_path / "planner.onnx")):
+def test_other_policies_have_no_facts() -> None:
+    for spec in ("clyde_aware", "clyde_aware:documented", "run.zip"):
         assert model_facts(spec) == {}
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("{", "planner.json: no JSON"), ("[1]", "must hold a JSON object"), (" " * 1_000_001, "too many")],
-)
-def test_a_broken_file_is_named(text: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=message):
-        model_facts(beside(tmp_path, text))
+def test_a_file_that_is_no_planner_is_named(tmp_path: Path) -> None:
+    path = random_planner(tmp_path)
+    path.with_suffix(".json").write_text("{")
+    with pytest.raises(ValueError, match=r"mine\.json"):
+        model_facts(str(path))

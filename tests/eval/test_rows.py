@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from eval.bootstrap import mean_interval
 from eval.rows import Row, make_row
-from eval.statistics import paired_difference, wilson
+from eval.statistics import bootstrapped_mean, paired_difference, wilson
 from pacman_env.sim.records import DEAD, TIMEOUT
 from tests.eval.helpers import FIVE, OTHER_FIVE, records
 
@@ -99,7 +98,7 @@ def test_a_row_of_endless_games_counts_pellets_and_rounds_but_no_completion() ->
     assert json.loads(json.dumps(r, allow_nan=False)) == r
     assert (r["kind"], r["pellets_mean"], r["pellets_median"]) == ("endless", 21.0, 20.0)
     assert (r["rounds_mean"], r["rounds_most"]) == (pytest.approx(7 / 3), 5)
-    assert r["pellets_ci"] == list(mean_interval(np.array([3.0, 20.0, 40.0]))[1])
+    assert r["pellets_ci"] == list(bootstrapped_mean([np.array([3.0, 20.0, 40.0])], np.random.default_rng(0))[1])
     assert r["outcomes"]["rounds"] == [0, 2, 5]
     assert not {name for name in r if name.startswith(("completion", "all_but_one", "win"))}
 

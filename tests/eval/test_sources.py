@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ import pytest
 from eval import sources
 from eval.arguments import LEVELS_PLAYED, add_game_arguments
 from eval.episodes import episode_seeds
-from eval.sources import Levels, open_place, parts_of_play, place_name, places
+from eval.sources import Levels, about_place, named_places, open_place, parts_of_play, places
 from pacman_env.config import ConfigError
 from pacman_env.sim.generated import TEST_LEVEL, GeneratedMaps
+from pacman_env.world.occupancy import MapError, load_map
 from tests.eval.helpers import CONFIG, LEVELS, LEVELS_CONFIG
 
 
@@ -66,20 +68,41 @@ def test_levels_are_drawn_and_prepared_as_an_environment_does() -> None:
     assert ours.first.occupancy.hash == theirs.first.occupancy.hash
 
 
-def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_another_game() -> None:
+def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_other_pellets() -> None:
     sources._prepared.cache_clear()
     for speed in (0.25, 0.4):
-        open_place(LEVELS, LEVELS_CONFIG.with_fields(**{"clyde.speed_mps": speed})).prepare(TEST_LEVEL)
+        config = LEVELS_CONFIG.with_fields(**{"clyde.speed_mps": speed, "endless": speed > 0.3})
+        open_place(LEVELS, config).prepare(TEST_LEVEL)
     assert sources._prepared.cache_info().misses == 1
     denser = open_place(LEVELS, LEVELS_CONFIG.with_fields(**{"pellets.spacing_m": 1.5})).prepare(TEST_LEVEL)
     assert denser.pellets > open_place(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).pellets
 
 
-def test_names_are_the_maps_own_and_that_of_the_split() -> None:
-    assert [place_name(place, open_place(place, LEVELS_CONFIG)) for place in ("house", LEVELS)] == [
-        "house",
-        "generated:test",
-    ]
+def test_names_are_the_maps_own_and_that_of_the_split(tmp_path: Path) -> None:
+    file = str(load_map("maze").save(tmp_path / "maze.yaml"))
+    assert named_places(["house", file, LEVELS], [LEVELS_CONFIG]) == {
+        "house": "house",
+        "maze": file,
+        "generated:test": LEVELS,
+    }
+
+
+def test_places_that_could_not_be_told_apart_or_played_on_are_refused(tmp_path: Path) -> None:
+    load_map("maze").save(tmp_path / "maze.yaml")
+    with pytest.raises(ValueError, match="two maps are called maze"):
+        named_places(["maze", "house", str(tmp_path / "maze.yaml")], [CONFIG])
+    far = CONFIG.with_fields(**{"clyde.spawn_distance_m": 1000.0})
+    for place in ("house", LEVELS):
+        with pytest.raises((ConfigError, MapError), match="spawn_distance_m"):
+            named_places([place], [CONFIG, far])
+
+
+def test_a_result_file_says_where_a_place_is_found_again() -> None:
+    assert about_place("maze", "maze", CONFIG) == {"name": "maze", "source": "maze", "hash": load_map("maze").hash}
+    about = about_place("x", LEVELS, LEVELS_CONFIG)
+    assert about["hash"] == open_place(LEVELS, LEVELS_CONFIG).first.occupancy.hash
+    del about["hash"]
+    assert about == {"name": "x", "source": "--levels test", "start_level": TEST_LEVEL, "num_levels": 2}
 
 
 def test_parts_hold_every_round_once_and_rounds_of_a_level_together() -> None:

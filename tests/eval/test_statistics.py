@@ -142,10 +142,37 @@ def test_bootstrap_weights_draw_every_trial_alike() -> None:
 
 def test_a_bootstrapped_mean_of_many_values_has_the_normal_interval() -> None:
     values = rng().normal(10, 3, 900)
-    mean, (low, high) = bootstrapped_mean(values, rng())
+    mean, (low, high) = bootstrapped_mean([values], rng())
     assert mean == values.mean()
     assert (low, high) == pytest.approx((mean - 1.96 * 0.1, mean + 1.96 * 0.1), abs=0.02)
-    assert bootstrapped_mean(values, rng()) == (mean, (low, high))
+    assert bootstrapped_mean([values], rng()) == (mean, (low, high))
+
+
+def test_a_mean_over_tasks_is_not_blurred_by_how_the_tasks_differ() -> None:
+    few, many = np.array([0.0, 2.0]), np.full(50, 1000.0)
+    mean, (low, high) = bootstrapped_mean([few, many], rng())
+    assert mean == 500.5
+    assert (low, high) == (500.0, 501.0)  # from 0, 0 or 2, 2 of the first task
+
+
+def test_nothing_drawn_from_has_no_mean() -> None:
+    with pytest.raises(ValueError, match="0 trials"):
+        bootstrapped_mean([np.zeros(0)], rng())
+
+
+def test_paired_intervals_hold_the_true_difference_nineteen_times_of_twenty() -> None:
+    """Games that are long for one policy are long for the other; lengths are skewed, as those of endless games."""
+    draws = rng()
+    held, width, unpaired = 0, 0.0, 0.0
+    for _ in range(120):
+        common = draws.exponential(40.0, 50)
+        ours, theirs = common + draws.exponential(15.0, 50), common + draws.exponential(10.0, 50)
+        _, (low, high) = bootstrapped_mean([ours - theirs], draws)
+        held += low <= 5.0 <= high
+        width += high - low
+        unpaired += 2 * 1.96 * np.hypot(ours.std(), theirs.std()) / np.sqrt(50)
+    assert 0.9 <= held / 120 <= 0.99
+    assert width < 0.5 * unpaired
 
 
 def test_the_iqm_over_tasks_leaves_whole_tasks_out() -> None:

@@ -8,10 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eval.compare import main
-from eval.episodes import episode_seeds
-from eval.video import round_frames, save_video
-from pacman_env.sim.assets import map_assets
-from tests.eval.helpers import CONFIG, played
+from eval.video import save_video
 
 
 def film(path: Path) -> list[NDArray]:
@@ -39,16 +36,6 @@ def test_a_film_has_all_frames_and_shows_the_last_for_a_while(suffix: str, tmp_p
     if suffix == ".mp4":  # a GIF holds equal frames once
         assert len(shown) == 9 + 1.5 * 8
         assert np.ptp(brightness[8:]) < 1
-
-
-def test_frames_are_those_of_the_measured_round() -> None:
-    policies = ("nearest", "random")
-    longest = max(played(policy)[0]["time_s"][0] for policy in policies)
-    seed = episode_seeds(5, 1)[0]
-    frames = list(round_frames(map_assets("house", CONFIG), CONFIG, policies, seed, height=120))
-    assert len(frames) == 1 + round(longest / CONFIG.execution.tick_s)
-    assert len({frame.shape for frame in frames}) == 1
-    assert (frames[0] != frames[-1]).any()
 
 
 def test_the_command_writes_a_film(tmp_path: Path) -> None:

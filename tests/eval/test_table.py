@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eval.report_table import group_title, render, short_name
 from eval.rows import Row, make_row
+from eval.table import group_title, render, short_name
 from tests.eval.helpers import FIVE, OTHER_FIVE
 
 
