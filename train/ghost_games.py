@@ -44,7 +44,9 @@ class GhostGames(VecEnv):
     def __init__(self, envs: Sequence[PacManBotParallelEnv], robot: Callable[[], Policy]) -> None:
         shapes = {(tuple(env.possible_agents), env.batch.candidates) for env in envs}
         if len(shapes) != 1 or next(iter(shapes))[0] != (PACMAN, CLYDE):
-            raise ValueError(f"agents and candidates of the games: {sorted(shapes)}, must be alike and {PACMAN}, {CLYDE}")
+            raise ValueError(
+                f"agents and candidates of the games: {sorted(shapes)}, must be alike and {PACMAN}, {CLYDE}"
+            )
         self.envs = list(envs)
         self._robots = [robot() for _ in envs]
         self._actions = np.zeros(len(envs), dtype=np.int64)

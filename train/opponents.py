@@ -1,4 +1,4 @@
-"""Who plays Clyde against a planner: rules for his seat, a pool that gives each game one of many, and how it ends.
+"""Who plays Clyde against a planner: rules for his seat, a pool that gives each game one of many, a table of results.
 
 A policy in a ghost's seat sees himself as Clyde; the candidates are the places he can be sent to and the last one is to
 wander on (:mod:`pacman_env.sim.situation`). The environment's own behaviours are in :mod:`pacman_env.game.ghosts`; the
@@ -8,20 +8,25 @@ rules here are their like for a seat in which every game may have another player
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eval.episodes import allowed, episode_seeds
+from eval.statistics import wilson
 from pacman_env.config import ClydeConfig
 from pacman_env.envs.game import Game
 from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.registry import make_policy
 from pacman_env.sim.parameters import draw_below
 from pacman_env.sim.records import COMPLETE, RUNNING
 from pacman_env.sim.situation import HOLD, Situation
 from train.arguments import Arguments
 from train.games import VALIDATION_LEVEL, game_settings
 
+BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
+RULES = ("lookahead", "clyde_aware")
 _OPPONENT = 32  # purpose of the draw, beside those of pacman_env/rng.py
 _PARTS = 1 << 20  # a share is drawn so finely
 _NEARER = 0.05  # of two places behind the robot the one nearer to it
@@ -169,3 +174,46 @@ def completed_against(policy: Policy, clyde: str | Policy, arguments: Arguments,
             policy.reset(np.isin(np.arange(n), again))
             started += len(again)
     return result
+
+
+class Table:
+    """Share of validation rounds that a policy completes against a Clyde; every pair is played once."""
+
+    def __init__(self, arguments: Arguments, rounds: int) -> None:
+        self._arguments, self._rounds = arguments, rounds
+        self._files: dict[str, Path] = {}
+        self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
+
+    def add(self, name: str, path: Path) -> None:
+        """Call a planner's or a Clyde's file by a name."""
+        self._files[name] = path
+
+    def play(self, policy: str, clydes: Sequence[str]) -> None:
+        """Fill a row where it is empty yet: a policy's name or file against behaviours or learned Clydes."""
+        row = self.completed.setdefault(policy, {})
+        for clyde in clydes:
+            if clyde not in row:
+                robot = make_policy(str(self._files.get(policy, policy)))
+                rival = make_policy(str(self._files[clyde])) if clyde in self._files else clyde
+                row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
+
+    def shares(self) -> dict[str, dict[str, float]]:
+        """By policy, by Clyde."""
+        return {
+            policy: {clyde: float(ended.mean()) for clyde, ended in row.items()}
+            for policy, row in self.completed.items()
+        }
+
+    def render(self) -> str:
+        """As Markdown, with Wilson's intervals; empty where a pair has not been played."""
+        clydes = list(dict.fromkeys(clyde for row in self.completed.values() for clyde in row))
+        lines = [f"| completed of {self._rounds} | {' | '.join(clydes)} |", "|---" * (len(clydes) + 1) + "|"]
+        for policy, row in self.completed.items():
+            cells = [_cell(row[clyde]) if clyde in row else "" for clyde in clydes]
+            lines.append(f"| {policy} | {' | '.join(cells)} |")
+        return "\n".join(lines)
+
+
+def _cell(ended: NDArray[np.bool_]) -> str:
+    low, high = wilson(int(ended.sum()), len(ended))
+    return f"{ended.mean():.1%} [{low:.0%}, {high:.0%}]"
