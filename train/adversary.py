@@ -37,13 +37,13 @@ from pacman_env.policies.sidecar import Training, read_planner
 from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from train.arguments import FOLDER, Hyperparameters, load_hyperparameters
 from train.arguments import Arguments as GameArguments
-from train.checkpoint import Facts
+from train.checkpoint import Facts, facts_path, read_facts
 from train.export import export_planner, model_bytes
 from train.games import VALIDATION_LEVEL, TrainingGames, game_config, make_games
 from train.ghost_games import make_ghost_games
 from train.imitation import imitate
 from train.network import EntityNetwork
-from train.opponents import BUILT_IN, RULES, Table, make_pool
+from train.opponents import BUILT_IN, RULES, Table, make_pool, robustness
 from train.policy import EntityPolicy
 from train.run import LearningRate, Watch, restore
 
@@ -128,7 +128,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.measure is None:
             Alternation(arguments).run()
         else:
-            measure(arguments)
+            played = robustness(arguments.measure, arguments.clyde, _games(arguments, _PLANNER), arguments.evaluation)
+            print(played.render())
     except (ValueError, OSError) as error:
         print(f"train.adversary: {error}", file=sys.stderr)
         return ERROR_STATUS
@@ -152,25 +153,6 @@ def parse(argv: Sequence[str]) -> Arguments:
         description="Train a planner and a Clyde against each other, in turns. --quick: two minutes on two cores."
         " --measure PLANNER.onnx [--clyde CLYDE.onnx]: print how robust a planner is.",
     )
-
-
-def measure(arguments: Arguments) -> Table:
-    """Play and print the table of one planner and the rules, for a model card.
-
-    Raises:
-        ValueError: a file is no planner for this version.
-    """
-    assert arguments.measure is not None
-    table = Table(_games(arguments, _PLANNER), arguments.evaluation)
-    table.add("planner", arguments.measure)
-    clydes = list(BUILT_IN)
-    if arguments.clyde is not None:
-        table.add("clyde", arguments.clyde)
-        clydes.append("clyde")
-    for policy in ("planner", *RULES):
-        table.play(policy, clydes)
-    print(table.render())
-    return table
 
 
 class Alternation:
@@ -208,13 +190,13 @@ class Alternation:
             file=sys.stderr,
         ) as bar:
             games = make_games(_games(arguments, _PLANNER), 0)
-            self._models[_PLANNER] = starting_model(arguments, games)
+            self._models[_PLANNER], self._decisions[_PLANNER] = starting_model(arguments, games)
             games.close()
             self._export(_PLANNER, "planner-0")
             self.table.play("planner-0", BUILT_IN)
             for number in range(1, arguments.rounds + 1):
                 self._round(number, bar)
-                bar.write(f"round {number}\n\n{self.table.render()}\n")
+                bar.write(f"round {number}\n\n{self.table.render()}\n", file=sys.stderr)
         newest = f"planner-{arguments.rounds}"
         self.table.play(newest, [f"clyde-{number}" for number in range(1, arguments.rounds + 1)])
         self._write()
@@ -296,8 +278,8 @@ class Alternation:
             temporary.write_text(json.dumps(content, indent=2, default=str) + "\n")
 
 
-def starting_model(arguments: Arguments, games: TrainingGames) -> MaskablePPO:
-    """The planner to begin with, ready to be trained in ``games``.
+def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[MaskablePPO, int]:
+    """The planner to begin with, ready to be trained in ``games``, and how many decisions it has been trained for.
 
     Raises:
         ValueError: the file holds no planner for this version; said with its name.
@@ -309,17 +291,18 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> MaskablePPO:
         if arguments.imitation > 0:
             games.seed(seeds[1])
             imitate(model, games, make_policy("lookahead"), arguments.imitation, seeds[0])
-        return model
+        return model, 0
     if path.suffix == ".onnx":
         network = network_of(path)
         shown = np.flatnonzero(network.shown.numpy() == 0).tolist()
         sizes = {"width": network.width, "dropped_features": tuple(shown), "dropped_kinds": network.dropped_kinds}
         model = new_model(hyper, games, seeds[0], **sizes)
         model.policy.network.load_state_dict(network.state_dict())
-        return model
+        return model, read_planner(path)[0].training.decisions
     model = new_model(hyper, games, seeds[0], width=_width(path))
     restore(model, path)
-    return model
+    facts = facts_path(path)
+    return model, read_facts(facts).training.decisions if facts.exists() else 0
 
 
 def new_model(hyper: Hyperparameters, games: TrainingGames, seed: int, **sizes: Any) -> MaskablePPO:
@@ -399,7 +382,7 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
 
 def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:
     """Of a side in a round: for torch and for the games."""
-    return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()  # type: ignore[no-any-return]
+    return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()
 
 
 if __name__ == "__main__":

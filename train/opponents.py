@@ -217,3 +217,18 @@ class Table:
 def _cell(ended: NDArray[np.bool_]) -> str:
     low, high = wilson(int(ended.sum()), len(ended))
     return f"{ended.mean():.1%} [{low:.0%}, {high:.0%}]"
+
+
+def robustness(planner: Path, clyde: Path | None, arguments: Arguments, rounds: int) -> Table:
+    """The table of one planner and the rules, for a model card; ``clyde`` is a learned one to be in it too.
+
+    Raises:
+        ValueError: a file is no planner for this version.
+    """
+    table = Table(arguments, rounds)
+    table.add("planner", planner)
+    if clyde is not None:
+        table.add("clyde", clyde)
+    for policy in ("planner", *RULES):
+        table.play(policy, (*BUILT_IN, "clyde") if clyde is not None else BUILT_IN)
+    return table
