@@ -54,7 +54,7 @@ _LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0",
 
 @dataclass(frozen=True)
 class Arguments:
-    """Train a planner and a Clyde against each other, in turns; or measure what has been trained."""
+    """Train a planner and a Clyde against each other, in turns, or measure what has been trained."""
 
     start: Path | None = None
     """The planner to begin with: an ONNX file, or a checkpoint such as best.zip; without: imitation of lookahead."""
@@ -78,6 +78,8 @@ class Arguments:
     """Of Clyde at once."""
     levels: int = 96
     """Generated houses per round."""
+    clyde_speed: tuple[float, float] | None = None
+    """m/s, drawn for each game, in training and in the table; without: as in train.ppo."""
     learning_rate: tuple[float, float] = (3e-4, 5e-5)
     """Of the planner, at the beginning and at the end of each round."""
     clyde_learning_rate: tuple[float, float] = (1e-3, 1e-4)
@@ -377,6 +379,8 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
         learning_rate=arguments.clyde_learning_rate if own else arguments.learning_rate,
         levels=arguments.levels,
     )
+    if arguments.clyde_speed is not None:
+        hyper = dataclasses.replace(hyper, clyde_speed=arguments.clyde_speed)
     return GameArguments(hyper=hyper, seed=arguments.seed)
 
 
