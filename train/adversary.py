@@ -127,6 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = parse(sys.argv[1:] if argv is None else list(argv))
         torch.set_num_threads(arguments.threads)
+        torch.use_deterministic_algorithms(True)  # else threads add up gradients in whatever order they come
         if arguments.measure is None:
             Alternation(arguments).run()
         else:

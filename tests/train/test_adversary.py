@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import onnx
@@ -19,7 +20,7 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.policies.sidecar import read_planner, sidecar_path
 from tests.train.planners import FACTS, random_network, random_planner
-from train.adversary import Alternation, Arguments, main, network_of, new_model, parse, starting_model
+from train.adversary import Arguments, main, network_of, new_model, parse, starting_model
 from train.arguments import FOLDER, load_hyperparameters
 from train.arguments import Arguments as GameArguments
 from train.checkpoint import facts_path, write_facts
@@ -28,8 +29,18 @@ from train.games import TrainingGames, make_games
 
 TINY = (
     *("--rounds", "1", "--clyde-decisions", "128", "--planner-decisions", "128", "--imitation", "64", "--games", "2"),
-    *("--clyde-games", "2", "--levels", "2", "--evaluation", "1", "--threads", "1", "--no-progress"),
+    *("--clyde-games", "2", "--levels", "2", "--evaluation", "1", "--threads", "2", "--no-progress"),
+    *("--clyde-speed", "0.5", "0.6"),  # rounds are soon over
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _torch_as_before() -> Iterator[None]:
+    """The command sets threads and determinism for the whole process."""
+    threads, deterministic = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
+    yield
+    torch.set_num_threads(threads)
+    torch.use_deterministic_algorithms(deterministic)
 
 
 def tiny(out: Path, *more: str) -> Arguments:
@@ -40,7 +51,7 @@ def tiny(out: Path, *more: str) -> Arguments:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a whole run."""
     out = tmp_path_factory.mktemp("run")
-    Alternation(tiny(out)).run()
+    assert main([*TINY, "--out", str(out)]) == 0
     return out
 
 
@@ -78,7 +89,7 @@ def test_the_learned_clyde_plays_in_a_ghosts_seat(run: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_files(run: Path, tmp_path: Path) -> None:
-    Alternation(tiny(tmp_path)).run()
+    assert main([*TINY, "--out", str(tmp_path)]) == 0
     for path in run.glob("*.onnx"):
         assert path.read_bytes() == (tmp_path / path.name).read_bytes()
     ours, theirs = (json.loads((folder / "record.json").read_text()) for folder in (run, tmp_path))
@@ -159,18 +170,23 @@ def test_a_file_that_is_no_planner_is_named(name: str, tmp_path: Path, capsys: p
     ("arguments", "words"),
     [
         (["--rounds", "0"], "rounds = 0: must be at least 1"),
-        (["--wander", "1.5"], "wander = 1.5"),
-        (["--seed", "-1"], "seed = -1"),
+        (["--wander", "1.5"], "wander = 1.5: must be a share"),
+        (["--seed", "-1"], "seed = -1: must be at least 0"),
         (["--clyde", "c.onnx"], "is for --measure"),
-        (["--clyde-speed", "0.2", "-0.1"], "clyde_speed"),
     ],
 )
 def test_bad_arguments_are_named(
     arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*TINY, "--out", str(tmp_path), *arguments]) == 2
-    assert words in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main([*TINY, "--out", str(tmp_path), *arguments])
+    assert words in " ".join(capsys.readouterr().err.split())
     assert not list(tmp_path.iterdir())
+
+
+def test_a_negative_speed_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TINY, "--out", str(tmp_path), "--clyde-speed", "0.2", "-0.1"]) == 2
+    assert "clyde_speed = (0.2, -0.1)" in capsys.readouterr().err
 
 
 def test_quick_is_smaller_and_every_value_can_still_be_given() -> None:
