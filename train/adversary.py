@@ -83,6 +83,7 @@ class Arguments:
     learning_rate: tuple[float, float] = (3e-4, 5e-5)
     """Of the planner, at the beginning and at the end of each round."""
     clyde_learning_rate: tuple[float, float] = (1e-3, 1e-4)
+    """Of Clyde, likewise."""
     evaluation: int = 256
     """Games on validation levels for every pair in the table."""
     measure: Path | None = None
