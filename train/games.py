@@ -10,6 +10,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from pacman_env.config import Config, make_config
 from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
+from pacman_env.envs.setup import Ghosts
 from pacman_env.sim.features import CANDIDATE_FEATURES
 from train.arguments import Arguments, Hyperparameters
 
@@ -35,6 +36,11 @@ _FUTURES = ("caught_soon", "caught", "approached", "closest_mean", "closest_leas
 
 def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Config:
     """The game that is trained on; ``fastest_mps`` caps Clyde's speed."""
+    return make_config(arguments.preset, arguments.execution, **game_settings(arguments, fastest_mps))
+
+
+def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dict[str, Any]:
+    """What of that game's configuration differs from its preset's."""
     hyper = arguments.hyper
     low, high = hyper.clyde_speed
     high = high if fastest_mps is None else max(low, min(high, fastest_mps))
@@ -44,7 +50,7 @@ def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Confi
         "observation.features": False,
         "observation.planner": True,
     }
-    return make_config(arguments.preset, arguments.execution, **changes, **(_DOMAIN if arguments.randomize else {}))
+    return changes | (_DOMAIN if arguments.randomize else {})
 
 
 def clyde_limit(arguments: Arguments, segment: int) -> float | None:
@@ -85,8 +91,8 @@ class TrainingGames(VecEnvWrapper):
         return observations, rewards * self._scale, dones, infos
 
 
-def make_games(arguments: Arguments, segment: int) -> TrainingGames:
-    """The games of a segment, in houses of its own.
+def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None) -> TrainingGames:
+    """The games of a segment, in houses of its own; ``ghosts`` fill the seats in place of a wandering Clyde.
 
     Raises:
         ValueError: more levels than there are to train on, or a configuration that cannot be played.
@@ -100,6 +106,9 @@ def make_games(arguments: Arguments, segment: int) -> TrainingGames:
         map="generated",
         start_level=segment % levels * hyper.levels,
         num_levels=hyper.levels,
-        config=game_config(arguments, clyde_limit(arguments, segment)),
+        preset=arguments.preset,
+        execution=arguments.execution,
+        settings=game_settings(arguments, clyde_limit(arguments, segment)),
+        ghosts=ghosts,
     )
     return TrainingGames(env, hyper.reward_scale)

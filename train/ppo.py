@@ -106,6 +106,7 @@ def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tu
         ValueError: the run's folder does not fit, or a value is out of range.
     """
     torch.set_num_threads(arguments.threads)
+    torch.use_deterministic_algorithms(True)  # else threads add up gradients in whatever order they come
     folder = Run(arguments)
     hyper = arguments.hyper
     bar = tqdm(

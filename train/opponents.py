@@ -1,0 +1,234 @@
+"""Who plays Clyde against a planner: rules for his seat, a pool that gives each game one of many, a table of results.
+
+A policy in a ghost's seat sees himself as Clyde; the candidates are the places he can be sent to and the last one is to
+wander on (:mod:`pacman_env.sim.situation`). The environment's own behaviours are in :mod:`pacman_env.game.ghosts`; the
+rules here are their like for a seat in which every game may have another player.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.episodes import allowed, episode_seeds
+from eval.statistics import wilson
+from pacman_env.config import ClydeConfig
+from pacman_env.envs.game import Game
+from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.parameters import draw_below
+from pacman_env.sim.records import COMPLETE, RUNNING
+from pacman_env.sim.situation import HOLD, Situation
+from train.arguments import Arguments
+from train.games import VALIDATION_LEVEL, game_settings
+
+BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
+RULES = ("lookahead", "clyde_aware")
+_OPPONENT = 32  # purpose of the draw, beside those of pacman_env/rng.py
+_PARTS = 1 << 20  # a share is drawn so finely
+_NEARER = 0.05  # of two places behind the robot the one nearer to it
+_HELD_OUT = 128  # validation levels that rounds are drawn from
+_GAMES = 128  # at once
+
+
+class Wander(BasePolicy):
+    """The original Clyde: draws his own targets."""
+
+    name = "wander"
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """(N, C) 0 for wandering on, -inf for all places."""
+        return np.where(situation.kind == HOLD, 0.0, -np.inf)
+
+
+class Chase(BasePolicy):
+    """Goes for the robot: to a place that he gets to by way of it.
+
+    The way to any place is at most the way to the robot and on from there, and just as long where the robot stands on
+    the way: that is where his way is longer than the robot's by the most.
+    """
+
+    name = "chase"
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """(N, C) m, -inf where he or the robot has no way."""
+        mine, robots = situation.path_clyde, situation.path_robot
+        known = situation.mask & np.isfinite(mine) & np.isfinite(robots) & (situation.kind != HOLD)
+        with np.errstate(invalid="ignore"):
+            return np.where(known, mine - (1 + _NEARER) * robots, -np.inf)
+
+
+class Arcade(BasePolicy):
+    """The arcade's Clyde: chases as long as he is far away, then turns to the lower left of the map.
+
+    Args:
+        distance_m: from the robot, straight, below which he turns away.
+    """
+
+    name = "arcade"
+
+    def __init__(self, distance_m: float = ClydeConfig().arcade_distance_m) -> None:
+        self.distance_m = distance_m
+        self._chase = Chase()
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """(N, C) those of the chase, or minus the squared distance to the corner, m2."""
+        places = situation.mask & (situation.kind != HOLD)
+        low = np.where(places[:, :, None], situation.position, np.inf).min(axis=1, keepdims=True)
+        away = np.where(places, -((situation.position - low) ** 2).sum(axis=2), -np.inf)
+        distance = np.linalg.norm(situation.robot[:, :2] - situation.clyde, axis=1)
+        return np.where((distance > self.distance_m)[:, None], self._chase.scores(situation), away)
+
+
+class Opponents(BasePolicy):
+    """A pool: each round is played by one of several, drawn from the round's seed.
+
+    Args:
+        members: their ``scores`` are asked, so none may need to remember anything.
+        shares: of the rounds, in proportion.
+
+    Raises:
+        ValueError: no members, not a share for each, a negative one, or none above 0.
+    """
+
+    name = "opponents"
+
+    def __init__(self, members: Sequence[Policy], shares: Sequence[float]) -> None:
+        if not members or len(members) != len(shares):
+            raise ValueError(f"{len(members)} members and {len(shares)} shares: must be as many, at least one")
+        weights = np.array(shares, dtype=np.float64)
+        if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.sum() > 0):
+            raise ValueError(f"shares = {list(shares)}: must be at least 0, one of them above")
+        self.members = tuple(members)
+        self._limits = np.cumsum(weights) / weights.sum()
+
+    def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        """(M,) number of the member who plays the round with each seed."""
+        share = (draw_below(seeds, _OPPONENT, _PARTS) + 0.5) / _PARTS
+        return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        """(N, C) by the member whose round it is."""
+        numbers = self.drawn(situation.seed)
+        result = np.full(situation.mask.shape, -np.inf)
+        for number in np.unique(numbers).tolist():
+            rows = np.flatnonzero(numbers == number)
+            result[rows] = self.members[number].scores(situation.rows(rows))
+        return result
+
+
+def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
+    """Wander with this share of the rounds; the rules and the learned Clydes share the others equally.
+
+    Raises:
+        ValueError: a share that is none.
+    """
+    others: list[Policy] = [Chase(), Arcade(), *learned]
+    return Opponents([Wander(), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
+
+
+def completed_against(policy: Policy, clyde: str | Policy, arguments: Arguments, rounds: int) -> NDArray[np.bool_]:
+    """Which of ``rounds`` on validation levels the robot's policy completes; the same rounds for all.
+
+    Args:
+        policy: in the robot's seat.
+        clyde: a behaviour of the environment's, or the policy in his seat.
+        arguments: the game that is trained on.
+        rounds: how many.
+
+    Raises:
+        ConfigError: an unknown behaviour.
+    """
+    seeds = episode_seeds(VALIDATION_LEVEL, rounds)
+    n = min(_GAMES, rounds)
+    game = Game(
+        n,
+        "generated",
+        arguments.preset,
+        arguments.execution,
+        ghosts=clyde,
+        settings=game_settings(arguments),
+        start_level=VALIDATION_LEVEL,
+        num_levels=_HELD_OUT,
+    )
+    result = np.zeros(rounds, dtype=np.bool_)
+    episode = np.arange(n)  # which one each game plays, -1: none is left
+    game.reset(episode, seeds[:n])
+    policy.reset(np.ones(n, dtype=np.bool_))
+    started = n
+    while (episode >= 0).any():
+        game.step(allowed(game.situation, policy.select(game.situation), game.batch.hold))
+        ends = game.batch.games["end"]
+        ended = np.flatnonzero((ends != RUNNING) & (episode >= 0))
+        if len(ended) == 0:
+            continue
+        result[episode[ended]] = ends[ended] == COMPLETE
+        episode[ended] = -1
+        again = ended[: rounds - started]
+        if len(again) > 0:
+            episode[again] = np.arange(started, started + len(again))
+            game.reset(again, seeds[episode[again]])
+            policy.reset(np.isin(np.arange(n), again))
+            started += len(again)
+    return result
+
+
+class Table:
+    """Share of validation rounds that a policy completes against a Clyde; every pair is played once."""
+
+    def __init__(self, arguments: Arguments, rounds: int) -> None:
+        self._arguments, self._rounds = arguments, rounds
+        self._files: dict[str, Path] = {}
+        self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
+
+    def add(self, name: str, path: Path) -> None:
+        """Call a planner's or a Clyde's file by a name."""
+        self._files[name] = path
+
+    def play(self, policy: str, clydes: Sequence[str]) -> None:
+        """Fill a row where it is empty yet: a policy's name or file against behaviours or learned Clydes."""
+        row = self.completed.setdefault(policy, {})
+        for clyde in clydes:
+            if clyde not in row:
+                robot = make_policy(str(self._files.get(policy, policy)))
+                rival = make_policy(str(self._files[clyde])) if clyde in self._files else clyde
+                row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
+
+    def shares(self) -> dict[str, dict[str, float]]:
+        """By policy, by Clyde."""
+        return {
+            policy: {clyde: float(ended.mean()) for clyde, ended in row.items()}
+            for policy, row in self.completed.items()
+        }
+
+    def render(self) -> str:
+        """As Markdown, with Wilson's intervals; empty where a pair has not been played."""
+        clydes = list(dict.fromkeys(clyde for row in self.completed.values() for clyde in row))
+        lines = [f"| completed of {self._rounds} | {' | '.join(clydes)} |", "|---" * (len(clydes) + 1) + "|"]
+        for policy, row in self.completed.items():
+            cells = [_cell(row[clyde]) if clyde in row else "" for clyde in clydes]
+            lines.append(f"| {policy} | {' | '.join(cells)} |")
+        return "\n".join(lines)
+
+
+def _cell(ended: NDArray[np.bool_]) -> str:
+    low, high = wilson(int(ended.sum()), len(ended))
+    return f"{ended.mean():.1%} [{low:.0%}, {high:.0%}]"
+
+
+def robustness(planner: Path, clyde: Path | None, arguments: Arguments, rounds: int) -> Table:
+    """The table of one planner and the rules, for a model card; ``clyde`` is a learned one to be in it too.
+
+    Raises:
+        ValueError: a file is no planner for this version.
+    """
+    table = Table(arguments, rounds)
+    table.add("planner", planner)
+    if clyde is not None:
+        table.add("clyde", clyde)
+    for policy in ("planner", *RULES):
+        table.play(policy, (*BUILT_IN, "clyde") if clyde is not None else BUILT_IN)
+    return table
