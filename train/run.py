@@ -100,7 +100,7 @@ class Run:
 def _plain(arguments: Arguments) -> dict[str, Any]:
     """What decides the curve, as JSON has it."""
     plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
-    for name in ("out", "resume", "threads", "progress"):
+    for name in ("out", "resume", "progress"):
         del plain[name]
     return dict(plain)
 
