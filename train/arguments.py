@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import math
 import operator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +18,12 @@ FOLDER = Path(__file__).with_name("hyperparameters")
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """What is tuned. Pairs are the values at the beginning and at the end, linear in between."""
+    """What is tuned. Pairs are the values at the beginning and at the end of a cycle, linear in between."""
 
     decisions: int
     """Decisions of PPO in all games together."""
+    cycles: int
+    """So often the learning rate and the weight of entropy go from their first to their last value."""
     segment: int
     """Decisions between two checkpoints; each segment is played on houses of its own."""
     games: int
@@ -50,7 +53,7 @@ class Hyperparameters:
     """Decisions of the rule ``lookahead`` that are imitated before PPO begins; 0: PPO from random weights."""
 
     def __post_init__(self) -> None:
-        for name in ("decisions", "segment", "games", "n_steps", "batch_size", "n_epochs", "width", "levels"):
+        for name in ("decisions", "cycles", "segment", "games", "n_steps", "batch_size", "n_epochs", "width", "levels"):
             _check_whole(name, getattr(self, name), 1)
         _check_whole("imitation", self.imitation, 0)
         for name in ("learning_rate", "ent_coef", "clyde_speed", "robot_speed"):
@@ -75,6 +78,12 @@ class Hyperparameters:
     def rollout(self) -> int:
         """Decisions between two updates."""
         return self.games * self.n_steps
+
+    def progress(self, decisions: int) -> float:
+        """Within a cycle, above 0 and at most 1, when so many decisions are taken."""
+        cycle = self.decisions / self.cycles
+        decisions = min(decisions, self.decisions)
+        return (decisions - (math.ceil(decisions / cycle) - 1) * cycle) / cycle
 
     @property
     def segments(self) -> int:

@@ -165,7 +165,7 @@ class Watch(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         hyper = self._hyper
-        progress = min(self.num_timesteps / hyper.decisions, 1.0)
+        progress = hyper.progress(self.num_timesteps)
         self._rate.progress = progress
         self.model.ent_coef = _between(hyper.ent_coef, progress)  # type: ignore[attr-defined]
         if self._ended:

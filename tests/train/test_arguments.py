@@ -23,6 +23,7 @@ SHIPPED = FOLDER / "PacManBot-v0.yaml"
 #: A training of a moment, for all tests of the package.
 TINY: dict[str, Any] = {
     "decisions": 128,
+    "cycles": 1,
     "segment": 64,
     "games": 4,
     "n_steps": 8,
@@ -185,3 +186,8 @@ def test_options_that_do_not_fit_are_named_with_status_2(
     with pytest.raises(SystemExit, match="2"):
         parse(options)
     assert message in capsys.readouterr().err
+
+
+def test_progress_begins_anew_with_each_cycle() -> None:
+    hyper = tiny(decisions=128, cycles=2).hyper
+    assert [hyper.progress(n) for n in (1, 32, 64, 65, 128, 200)] == [1 / 64, 0.5, 1.0, 1 / 64, 1.0, 1.0]
