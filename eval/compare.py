@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.arguments import add_game_arguments, at_least, game_configs
-from eval.contestants import LEARNED, add_policy_arguments, check_contestants, contestant_names
+from eval.contestants import add_policy_arguments, check_contestants, contestant_names
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
 from eval.parallel import Block, Played, play_all
@@ -41,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
         " the same for any number of workers.",
     )
     add = parser.add_argument
-    policies = ("clyde_aware", *LEARNED, "lookahead", "nearest", "random")
+    policies = ("clyde_aware", *"lookahead", "nearest", "random")
     add_policy_arguments(parser, policies, "the first is what the others are compared with")
     add_game_arguments(parser, several=True)
     add(

@@ -10,12 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pacman_env.policies.base import Policy
-from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.registry import make_policy, policy_names
 
 _FILES = (".onnx", ".zip")
-#: The planner that comes with the package, where it does.
-LEARNED = ("ppo",) if PRETRAINED.exists() else ()
 
 
 def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str], what: str) -> None:

@@ -19,7 +19,7 @@ from urllib.parse import quote
 import numpy as np
 
 from eval.arguments import add_place_arguments, add_rule_arguments, at_least, rule_changes
-from eval.contestants import LEARNED, add_policy_arguments, check_contestants, contestant_names
+from eval.contestants import add_policy_arguments, check_contestants, contestant_names
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
 from eval.parallel import play_all
@@ -50,9 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
         " workers.",
     )
-    add_policy_arguments(
-        parser, (*LEARNED, "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page"
-    )
+    add_policy_arguments(parser, (*"clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="whom the others are compared with (%(default)s)")
     add_place_arguments(parser, several=True)

@@ -6,7 +6,6 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from eval.contestants import LEARNED
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.sidecar import read_planner
 
@@ -19,7 +18,7 @@ def model_facts(spec: str) -> dict[str, str]:
     Raises:
         ValueError: the file is no planner for this version.
     """
-    path = PRETRAINED if spec in LEARNED else Path(spec)
+    path = PRETRAINED if spec == "ppo" else Path(spec)
     if path.suffix != ".onnx":
         return {}
     return dict(_flat(dataclasses.asdict(read_planner(path)[0])))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import math
 import operator
 from dataclasses import dataclass
 from pathlib import Path

@@ -40,7 +40,7 @@ class Run:
         self.folder = arguments.out
         self.segments: list[dict[str, Any]] = []
         self.record = self.folder / "run.json"
-        self.best = self.folder / "best.zip"
+        self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
         if arguments.resume:
             self._read()
         elif self.record.exists():
@@ -69,7 +69,7 @@ class Run:
         before = max((old["completed"] for old in self.segments), default=-1.0)
         self.segments.append(result)
         self._save(model, self.checkpoint(segment))
-        self._save(model, self.folder / "last.zip")
+        self._save(model, self.last)
         if result["completed"] >= before:
             self._save(model, self.best)
         content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.policies import learned
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, register
 from tests.policies.contract import PolicyContract
@@ -25,10 +24,8 @@ def planner(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", policy_names())
 class TestEveryPolicyByName(PolicyContract):
     @pytest.fixture(autouse=True)
-    def _name(self, name: str, planner: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def _name(self, name: str) -> None:
         self.policy_name = name
-        if name == "ppo" and not learned.PRETRAINED.exists():
-            monkeypatch.setattr(learned, "PRETRAINED", planner)
 
     def make(self) -> Policy:
         return make_policy(self.policy_name)
