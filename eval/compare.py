@@ -41,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
         " the same for any number of workers.",
     )
     add = parser.add_argument
-    policies = ("clyde_aware", *"lookahead", "nearest", "random")
+    policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
     add_policy_arguments(parser, policies, "the first is what the others are compared with")
     add_game_arguments(parser, several=True)
     add(

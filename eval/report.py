@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
         " workers.",
     )
-    add_policy_arguments(parser, (*"clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
+    add_policy_arguments(parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="whom the others are compared with (%(default)s)")
     add_place_arguments(parser, several=True)
