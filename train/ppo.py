@@ -37,7 +37,6 @@ from train.run import LearningRate, Run, Watch, restore
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
-_FINALISTS = 4  # times the rounds after a segment, to choose between two checkpoints
 _BATCH = 128  # rounds at once
 _RULES = ("clyde_aware", "lookahead")
 
@@ -82,18 +81,17 @@ def parse(argv: Sequence[str]) -> Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """All segments that are left, then planner.onnx of the best one, and the report.
+    """All segments that are left, then planner.onnx of the last one, and the report.
 
     Raises:
         ValueError: the run's folder does not fit, or a value is out of range.
     """
     started = time.perf_counter()
     folder, model = train(arguments)
-    chosen = _choose(arguments, folder, model)
     planner = _planner(arguments, model)
     print(_report(arguments, planner, time.perf_counter() - started))
     out = arguments.out / "planner.onnx"
-    export_planner(planner.network, out, read_facts(facts_path(chosen)))
+    export_planner(planner.network, out, read_facts(facts_path(folder.last)))
     print(f"written: {out} (as a policy: python -m eval.compare --policies {out})")
 
 
@@ -210,26 +208,13 @@ def _planner(arguments: Arguments, model: MaskablePPO) -> TorchPlanner:
     return TorchPlanner("ppo", model.policy.network, game_config(arguments).robot.speed_mps)
 
 
-def _choose(arguments: Arguments, folder: Run, model: MaskablePPO) -> Path:
-    """The better of the best and the last checkpoint in many more validation rounds; the model is that one then."""
-    shares = {}
-    for path in (folder.last, folder.best):  # the last of equals: its learning rate has come down
-        restore(model, path)
-        shares[path] = _validate(arguments, model, rounds=_FINALISTS * arguments.evaluation)
-    chosen = max(shares, key=lambda path: shares[path])
-    restore(model, chosen)
-    print(", ".join(f"{path.name}: {share:.1%} of validation rounds completed" for path, share in shares.items()))
-    return chosen
-
-
-def _validate(arguments: Arguments, model: MaskablePPO, rounds: int | None = None) -> float:
+def _validate(arguments: Arguments, model: MaskablePPO) -> float:
     """Share of rounds completed on levels that are never trained on, nor tested."""
     if arguments.evaluation == 0:
         return 0.0
-    rounds = arguments.evaluation if rounds is None else rounds
     config = game_config(arguments)
     source = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
-    seeds = episode_seeds(VALIDATION_LEVEL, rounds)
+    seeds = episode_seeds(VALIDATION_LEVEL, arguments.evaluation)
     return float(_completed(_planner(arguments, model), source, config, seeds).mean())
 
 
