@@ -1,7 +1,8 @@
 """A rule over Clyde's futures, without learning: the nearest pellet whose way is safe enough, else a place to wait.
 
-Every candidate has a cost in seconds: the time to get there, what being caught or approached on the way costs by its
-probability (:mod:`pacman_env.sim.futures`), and for refuges and hold what waiting costs. The cheapest is the goal.
+Every candidate has a cost in seconds: the time to get there beyond that to the nearest pellet, what being caught or
+approached on the way costs by its probability (:mod:`pacman_env.sim.futures`), and for refuges and hold what waiting
+costs. The cheapest is the goal.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from pacman_env.sim.situation import PELLET, Situation
 class Parameters(NamedTuple):
     """Numbers of the rule, chosen by hand.
 
-    The costs of waiting and of being caught with the experiment's house in view, the others on generated levels.
+    The cost of being caught with the experiment's house in view, the others on generated levels.
     """
 
     robot_speed_mps: float = 0.256  # measured driving speed
     caught_soon_s: float = 300.0  # what it costs to be caught within 5 s ...
     caught_s: float = 200.0  # ... and within 12 s
     approached_s: float = 4.0  # Clyde comes within 0.8 m
-    wait_s: float = 80.0  # going to no pellet
+    wait_s: float = 40.0  # going to no pellet
     wait_way_s: float = 0.2  # per second of the way to a place to wait
     distance_s: float = 2.0  # per m that Clyde stays away from there ...
     distance_m: float = 4.0  # ... up to so many
@@ -59,7 +60,11 @@ class Lookahead(BasePolicy):
         meets = encounters(situation, p.robot_speed_mps)
         way_s = situation.path_robot / p.robot_speed_mps
         away = p.distance_s * np.minimum(meets[:, :, CLOSEST_MEAN], p.distance_m)
-        cost = np.where(situation.kind == PELLET, way_s, p.wait_s + p.wait_way_s * way_s - away)
+        # Waiting puts off the way to the nearest pellet, however far that is, and does not spare it.
+        pellets = situation.mask & (situation.kind == PELLET)
+        nearest_s = np.min(np.where(pellets, way_s, np.inf), axis=1, initial=np.inf)
+        nearest_s = np.where(np.isfinite(nearest_s), nearest_s, 0.0)[:, None]
+        cost = np.where(situation.kind == PELLET, way_s - nearest_s, p.wait_s + p.wait_way_s * way_s - away)
         cost += p.caught_soon_s * meets[:, :, CAUGHT_SOON] + p.caught_s * meets[:, :, CAUGHT]
         cost += p.approached_s * meets[:, :, APPROACHED]
         current = np.arange(cost.shape[1])[None] == situation.current[:, None]

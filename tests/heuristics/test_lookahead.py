@@ -14,7 +14,8 @@ from pacman_env.heuristics.lookahead import Lookahead
 from pacman_env.policies.base import Policy
 from pacman_env.sim.assets import map_assets
 from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.records import COMPLETE
+from pacman_env.sim.futures import CAUGHT, encounters
+from pacman_env.sim.records import COMPLETE, RUNNING
 from pacman_env.sim.situation import PELLET
 from tests.policies.contract import PolicyContract
 
@@ -24,9 +25,9 @@ class TestLookahead(PolicyContract):
         return Lookahead()
 
 
-def started(n: int = 20) -> GameBatch:
-    config = make_config()
-    batch = GameBatch(map_assets("loop", config), config, n)
+def started(n: int = 20, name: str = "loop", clyde_mps: float = 0.25) -> GameBatch:
+    config = make_config(**{"clyde.speed_mps": clyde_mps})
+    batch = GameBatch(map_assets(name, config), config, n)
     batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
     return batch
 
@@ -38,19 +39,19 @@ def test_far_from_clyde_it_goes_for_the_nearest_pellet() -> None:
     np.testing.assert_array_equal(Lookahead().select(calm), nearest)
 
 
-def test_where_every_pellet_means_death_it_waits() -> None:
-    batch = started(1)
-    x, y = batch.games["x"][0], batch.games["y"][0]
-    batch.place_ghost(0, 0, x + 0.5, y)
+def test_where_every_pellet_means_death_it_waits_and_without_fear_it_goes() -> None:
+    batch, brave = started(60, "house", 0.5), Lookahead(caught_soon_s=0.0, caught_s=0.0, approached_s=0.0)
+    for _ in range(40):
+        batch.step(brave.select(batch.situation()))
     situation = batch.situation()
+    caught = encounters(situation, 0.256)[:, :, CAUGHT]
     pellets = situation.kind == PELLET
-    brave, shy = (
-        Lookahead(caught_soon_s=0.0, caught_s=0.0, approached_s=0.0),
-        Lookahead(caught_soon_s=1e4, caught_s=1e4),
-    )
-    assert pellets[0, brave.select(situation)[0]]
-    guarded = replace(situation, path_robot=np.where(pellets, 1e4, situation.path_robot))
-    assert not pellets[0, shy.select(guarded)[0]]
+    deadly = replace(situation, mask=situation.mask & (~pellets | (caught > 0.5)))
+    safe = np.where(deadly.mask & ~pellets, caught, 1.0).min(axis=1) < 0.1
+    some = np.flatnonzero(safe & (deadly.mask & pellets).any(axis=1) & (batch.games["end"] == RUNNING))
+    assert len(some) > 5
+    assert not pellets[some, Lookahead().select(deadly)[some]].any()
+    assert pellets[some, brave.select(deadly)[some]].all()
 
 
 def test_the_goal_pursued_is_kept_until_another_is_clearly_better() -> None:
@@ -86,3 +87,11 @@ def test_a_decision_takes_less_than_five_milliseconds() -> None:
 def test_parameters_out_of_range_are_named(parameters: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(parameters))):
         Lookahead(**parameters)
+
+
+def test_a_pellet_far_away_is_no_reason_to_wait() -> None:
+    situation = started().situation()
+    calm = replace(situation, clyde_speed=np.zeros(20), clyde=np.full((20, 2), 1e3))
+    pellets = situation.kind == PELLET
+    far = replace(calm, path_robot=np.where(pellets, situation.path_robot + 60.0, 1.0))
+    assert pellets[np.arange(20), Lookahead().select(far)].all()
