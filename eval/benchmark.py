@@ -9,7 +9,6 @@ measured one after the other.
 
 from __future__ import annotations
 
-import json
 import platform
 import time
 from pathlib import Path
@@ -19,7 +18,7 @@ import gymnasium as gym
 import numpy as np
 
 import pacman_env
-from eval.files import prepare, replaced
+from eval.files import prepare, write_json
 from pacman_env.cli import Parser
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
@@ -180,8 +179,7 @@ def main(argv: list[str] | None = None) -> int:
     print(f"  generated houses, a new one per episode: {figures['new_level_ms']:.1f} ms each at 64 games,")
     print(f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once")
     if arguments.json:
-        with replaced(arguments.json) as temporary:
-            temporary.write_text(json.dumps(figures, indent=2) + "\n")
+        write_json(arguments.json, figures)
     return 0
 
 

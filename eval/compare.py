@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.arguments import add_game_arguments, at_least, game_configs
+from eval.command import status_of
 from eval.contestants import add_policy_arguments, check_contestants, contestant_names
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
@@ -25,7 +26,7 @@ from eval.rows import Row, make_row
 from eval.sources import Place, about_place, named_places, open_place, places
 from eval.table import render
 from pacman_env import __version__
-from pacman_env.cli import ERROR_STATUS, Parser
+from pacman_env.cli import Parser
 from pacman_env.config import Config
 from pacman_env.sim.sources import LevelSource
 
@@ -68,15 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser = _parser()
     arguments = parser.parse_args(argv)
-    try:
-        _compare(arguments)
-    except ModuleNotFoundError as error:
-        print(f"{parser.prog}: needs {error.name}: pip install 'pacman_env[eval]'", file=sys.stderr)
-        return ERROR_STATUS
-    except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+    return status_of(parser.prog, lambda: _compare(arguments))
 
 
 def _compare(arguments: argparse.Namespace) -> None:

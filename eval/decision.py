@@ -7,7 +7,6 @@ simulator as well. torch is not imported, and the figures say so.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eval.arguments import at_least
-from eval.files import prepare, replaced
+from eval.files import prepare, write_json
 from pacman_env import __version__
 from pacman_env.cli import ERROR_STATUS, Parser
 from pacman_env.config import Config, make_config
@@ -111,8 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch = "imported" if figures["torch_imported"] else "not imported"
     print(f"  memory, simulator included: {figures['peak_memory_mb']:.0f} MB at most; torch {torch}")
     if arguments.json:
-        with replaced(arguments.json) as temporary:
-            temporary.write_text(json.dumps(figures, indent=2) + "\n")
+        write_json(arguments.json, figures)
     return 0
 
 

@@ -68,6 +68,7 @@ def play(
     *,
     batch_size: int = BATCH,
     trust: bool = False,
+    ghost: Policy | None = None,
     on_end: Callable[[int], object] | None = None,
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
@@ -79,6 +80,7 @@ def play(
         seeds: (E,) at least one.
         batch_size: at most so many games at once.
         trust: the policy may be a checkpoint.
+        ghost: in the seat of the only ghost, whose behaviour is ``policy``.
         on_end: called with the number of rounds that ended in a step.
 
     Returns:
@@ -93,18 +95,22 @@ def play(
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
     before_s = np.zeros(n)  # the rounds before the one that a slot plays
+    players = [policy] if ghost is None else [policy, ghost]
     batch.reset(np.arange(n), seeds[:n])
-    policy.reset(np.ones(n, dtype=np.bool_))
+    for player in players:
+        player.reset(np.ones(n, dtype=np.bool_))
     started = n
     while (episode >= 0).any():
         situation = batch.situation()
         playing = np.flatnonzero(episode >= 0)
         clock.look(situation, playing)
-        batch.step(_choices(policy, situation, playing, batch.hold))
+        told = None if ghost is None else ghost.select(batch.situation(0))[:, None]
+        batch.step(_choices(policy, situation, playing, batch.hold), told)
         follows = batch.games["tick_rounds"] > 0
         if follows.any():
             before_s[follows] += situation.time_s[follows] + config.execution.tick_s
-            policy.reset(follows)
+            for player in players:
+                player.reset(follows)
         over = (batch.games["end"] != RUNNING) | (batch.games["round"] > MOST_ROUNDS)
         ended = np.flatnonzero(over & (episode >= 0))
         if len(ended) == 0:
@@ -116,7 +122,8 @@ def play(
             episode[again] = np.arange(started, started + len(again))
             before_s[again] = 0.0
             batch.reset(again, seeds[episode[again]])
-            policy.reset(np.isin(np.arange(n), again))
+            for player in players:
+                player.reset(np.isin(np.arange(n), again))
             started += len(again)
         if on_end is not None:
             on_end(len(ended))

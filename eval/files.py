@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 
 def prepare(path: Path) -> Path:
@@ -34,3 +36,9 @@ def replaced(path: Path) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write plain data; what JSON does not know is written as its text."""
+    with replaced(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, default=str) + "\n")

@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from eval.arguments import add_game_arguments, at_least, game_configs
+from eval.command import status_of
 from eval.contestants import add_policy_arguments, check_contestants, contestant_names
 from eval.files import prepare, replaced
 from eval.replay_page import page
 from eval.sources import open_place, place_name, places
 from eval.video import save_video
 from eval.watching import Watched, film
-from pacman_env.cli import ERROR_STATUS, Parser
+from pacman_env.cli import Parser
 
 _SUFFIXES = (".mp4", ".gif", ".html")
 _HEIGHT = 480  # px
@@ -51,15 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser = _parser()
     arguments = parser.parse_args(argv)
-    try:
-        _replay(arguments)
-    except ModuleNotFoundError as error:
-        print(f"{parser.prog}: needs {error.name}: pip install 'pacman_env[eval]'", file=sys.stderr)
-        return ERROR_STATUS
-    except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+    return status_of(parser.prog, lambda: _replay(arguments))
 
 
 def _replay(arguments: argparse.Namespace) -> None:

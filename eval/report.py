@@ -19,6 +19,7 @@ from urllib.parse import quote
 import numpy as np
 
 from eval.arguments import add_place_arguments, add_rule_arguments, at_least, rule_changes
+from eval.command import status_of
 from eval.contestants import add_policy_arguments, check_contestants, contestant_names
 from eval.episodes import episode_seeds
 from eval.files import prepare, replaced
@@ -28,7 +29,7 @@ from eval.report_numbers import Numbers, numbers
 from eval.report_plan import Plan, blocks, check_single_rounds, parse_variant
 from eval.sources import Levels, about_place, named_places, open_place, places
 from pacman_env import __version__
-from pacman_env.cli import ERROR_STATUS, Parser
+from pacman_env.cli import Parser
 from pacman_env.config import PRESETS, ConfigError, make_config
 
 SCHEMA = 1
@@ -85,15 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     arguments = parser.parse_args(argv)
     command = shlex.join(["python", "-m", "eval.report", *(sys.argv[1:] if argv is None else argv)])
-    try:
-        _report(arguments, command)
-    except ModuleNotFoundError as error:
-        print(f"{parser.prog}: needs {error.name}: pip install 'pacman_env[eval]'", file=sys.stderr)
-        return ERROR_STATUS
-    except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+    return status_of(parser.prog, lambda: _report(arguments, command))
 
 
 def _report(arguments: argparse.Namespace, command: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import math
 import numbers
 import types
@@ -29,24 +30,15 @@ def _require(condition: bool, field_name: str, value: object, rule: str) -> None
         raise ConfigError(f"{field_name} = {value!r}: {rule}")
 
 
-#: The name of each group of fields in a Config.
-_GROUPS = {
-    "RobotConfig": "robot",
-    "LocalizationConfig": "localization",
-    "Nav2Config": "nav2",
-    "PelletConfig": "pellets",
-    "ClydeConfig": "clyde",
-    "ExecutionConfig": "execution",
-    "RewardConfig": "reward",
-    "RefugeConfig": "refuges",
-    "RandomizeConfig": "randomize",
-    "ObservationConfig": "observation",
-}
+@functools.cache
+def _group(section: str) -> str | None:
+    """The name of a group of fields in a Config, the first one of that class."""
+    return next((f.name for f in dataclasses.fields(Config) if f.type == section), None)
 
 
 def _path(owner: object, field_name: str) -> str:
     """The dotted name of a field, as settings give it."""
-    group = _GROUPS.get(type(owner).__name__)
+    group = _group(type(owner).__name__)
     return f"{group}.{field_name}" if group else field_name
 
 

@@ -8,11 +8,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import io
-import json
 import sys
 import time
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -28,24 +25,24 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
-from eval.files import replaced
+from eval.files import write_json
 from pacman_env import __version__
 from pacman_env.cli import ERROR_STATUS
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
-from pacman_env.policies.sidecar import Training, read_planner
+from pacman_env.policies.sidecar import read_planner
 from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from train.arguments import FOLDER, Hyperparameters, load_hyperparameters
+from train.arguments import FOLDER, load_hyperparameters
 from train.arguments import Arguments as GameArguments
-from train.checkpoint import Facts, facts_path, read_facts
+from train.checkpoint import facts_path, read_facts
 from train.export import export_planner, model_bytes
-from train.games import VALIDATION_LEVEL, TrainingGames, game_config, make_games
+from train.games import TrainingGames, make_games
 from train.ghost_games import make_ghost_games
 from train.imitation import imitate
 from train.network import EntityNetwork
 from train.opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from train.policy import EntityPolicy
-from train.run import LearningRate, Watch, restore
+from train.policy import new_model
+from train.run import LearningRate, Watch, facts_of, read_tensors, restore
 
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
 #: Layers in the order in which ``train.export`` writes them; what the first and third read comes in two halves.
@@ -258,16 +255,7 @@ class Alternation:
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
         model, arguments = self._models[side], _games(self.arguments, side)
         assert model is not None
-        training = Training(
-            clyde_speeds_mps=arguments.hyper.clyde_speed,
-            robot_speeds_mps=arguments.hyper.robot_speed,
-            levels=f"generated:train below {VALIDATION_LEVEL}",
-            preset=arguments.preset,
-            execution=arguments.execution,
-            decisions=self._decisions[side],
-            seed=arguments.seed,
-        )
-        facts = Facts(game_config(arguments).robot.speed_mps, training, metrics or {})
+        facts = facts_of(arguments, self._decisions[side], metrics or {})
         export_planner(model.policy.network, self._path(name), facts)
         self.table.add(name, self._path(name))
 
@@ -278,8 +266,7 @@ class Alternation:
             "rounds": self.rounds,
             "completed": self.table.shares(),
         }
-        with replaced(self.record) as temporary:
-            temporary.write_text(json.dumps(content, indent=2, default=str) + "\n")
+        write_json(self.record, content)
 
 
 def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[MaskablePPO, int]:
@@ -307,21 +294,6 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Maskable
     restore(model, path)
     facts = facts_path(path)
     return model, read_facts(facts).training.decisions if facts.exists() else 0
-
-
-def new_model(hyper: Hyperparameters, games: TrainingGames, seed: int, **sizes: Any) -> MaskablePPO:
-    """MaskablePPO with random weights; ``sizes`` are those of ``EntityPolicy``."""
-    same = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "vf_coef", "max_grad_norm")
-    return MaskablePPO(
-        EntityPolicy,
-        games,
-        learning_rate=hyper.learning_rate[0],
-        ent_coef=hyper.ent_coef[0],
-        policy_kwargs={"width": hyper.width} | sizes,
-        seed=seed,
-        device="cpu",
-        **{name: getattr(hyper, name) for name in same},
-    )
 
 
 def network_of(path: Path) -> EntityNetwork:
@@ -359,9 +331,7 @@ def network_of(path: Path) -> EntityNetwork:
 def _width(path: Path) -> int:
     """Of the hidden layers of a checkpoint's network."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            weights = torch.load(io.BytesIO(archive.read("policy.pth")), weights_only=True, map_location="cpu")
-        return len(weights["network.encode.bias"])
+        return len(read_tensors(path, "policy")["network.encode.bias"])
     except Exception as error:  # whatever a file may hold that is no checkpoint
         raise ValueError(f"{path}: no checkpoint that can be read: {error}") from None
 

@@ -22,15 +22,16 @@ _DOMAIN: dict[str, Any] = {
     "randomize.accept_delay_s": (0.0, 0.4),
     "randomize.abort_rate": (0.0, 0.02),
 }
-_PATHS: tuple[str, ...] = (
+_PATHS = (
     "path_robot",
     "nearness_robot",
     "path_clyde",
     "nearness_clyde",
     "time_margin",
     "nearest_pellet",
+    "mean_pellet",
+    "pellets_around",
 )
-_PATHS = (*_PATHS, "mean_pellet", "pellets_around")
 _FUTURES = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
 
 

@@ -18,9 +18,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 from eval.episodes import allowed
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
 from pacman_env.envs.sb3_vec_env import Observation
+from pacman_env.envs.spaces import planner_spaces
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
-from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.sim.features import planner_features
 from train.arguments import Arguments
 from train.games import VALIDATION_LEVEL, TrainingGames, game_settings
 
@@ -51,13 +52,7 @@ class GhostGames(VecEnv):
         self._robots = [robot() for _ in envs]
         self._actions = np.zeros(len(envs), dtype=np.int64)
         count = self.envs[0].batch.candidates
-        space = spaces.Dict(
-            {
-                "planner_candidates": spaces.Box(-10.0, 10.0, (count, len(CANDIDATE_FEATURES)), np.float32),
-                "planner_globals": spaces.Box(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
-                "action_mask": spaces.MultiBinary(count),
-            }
-        )
+        space = spaces.Dict({**planner_spaces(count), "action_mask": spaces.MultiBinary(count)})
         super().__init__(len(envs), space, spaces.Discrete(count))
         self._seen = {key: np.zeros((len(envs), *(part.shape or ())), part.dtype) for key, part in space.items()}
 

@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.episodes import allowed, episode_seeds
+from eval.episodes import episode_seeds, play
 from eval.statistics import wilson
 from pacman_env.config import ClydeConfig
-from pacman_env.envs.game import Game
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
+from pacman_env.sim.generated import GeneratedMaps
 from pacman_env.sim.parameters import draw_below
-from pacman_env.sim.records import COMPLETE, RUNNING
+from pacman_env.sim.records import COMPLETE
 from pacman_env.sim.situation import HOLD, Situation
 from train.arguments import Arguments
-from train.games import VALIDATION_LEVEL, game_settings
+from train.games import VALIDATION_LEVEL, game_config
 
 BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
 RULES = ("lookahead", "clyde_aware")
@@ -142,38 +142,12 @@ def completed_against(policy: Policy, clyde: str | Policy, arguments: Arguments,
     Raises:
         ConfigError: an unknown behaviour.
     """
+    ghost, behaviour = (None, clyde) if isinstance(clyde, str) else (clyde, "policy")
+    config = game_config(arguments).with_fields(**{"clyde.ghosts": (behaviour,)})
+    source = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
     seeds = episode_seeds(VALIDATION_LEVEL, rounds)
-    n = min(_GAMES, rounds)
-    game = Game(
-        n,
-        "generated",
-        arguments.preset,
-        arguments.execution,
-        ghosts=clyde,
-        settings=game_settings(arguments),
-        start_level=VALIDATION_LEVEL,
-        num_levels=_HELD_OUT,
-    )
-    result = np.zeros(rounds, dtype=np.bool_)
-    episode = np.arange(n)  # which one each game plays, -1: none is left
-    game.reset(episode, seeds[:n])
-    policy.reset(np.ones(n, dtype=np.bool_))
-    started = n
-    while (episode >= 0).any():
-        game.step(allowed(game.situation, policy.select(game.situation), game.batch.hold))
-        ends = game.batch.games["end"]
-        ended = np.flatnonzero((ends != RUNNING) & (episode >= 0))
-        if len(ended) == 0:
-            continue
-        result[episode[ended]] = ends[ended] == COMPLETE
-        episode[ended] = -1
-        again = ended[: rounds - started]
-        if len(again) > 0:
-            episode[again] = np.arange(started, started + len(again))
-            game.reset(again, seeds[episode[again]])
-            policy.reset(np.isin(np.arange(n), again))
-            started += len(again)
-    return result
+    records, _ = play(source, config, policy, seeds, batch_size=_GAMES, ghost=ghost)
+    return np.asarray(records["end"] == COMPLETE)
 
 
 class Table:

@@ -30,9 +30,9 @@ from pacman_env.sim.records import COMPLETE
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.checkpoint import TorchPlanner, facts_path, read_facts
 from train.export import export_planner
-from train.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
+from train.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
 from train.imitation import imitate
-from train.policy import EntityPolicy
+from train.policy import new_model
 from train.run import LearningRate, Run, Watch, restore
 
 AfterSegment = Callable[[dict[str, Any]], None]
@@ -122,7 +122,9 @@ def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tu
         after_segment(record)
     rate = LearningRate(hyper.learning_rate)
     begun = len(folder.segments)
-    model = _new_model(arguments, make_games(arguments, begun), rate)
+    model = new_model(hyper, make_games(arguments, begun), arguments.seed, **dropped(arguments))
+    model.lr_schedule = rate
+    model.set_logger(configure(str(arguments.out), ["tensorboard"]))
     try:
         with bar:
             if begun > 0:
@@ -179,29 +181,6 @@ def _segments(
         speed = hyper.segment / (ended - learning)
         bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
         after_segment(folder.segments[-1])
-
-
-def _new_model(arguments: Arguments, games: TrainingGames, rate: LearningRate) -> MaskablePPO:
-    hyper = arguments.hyper
-    model = MaskablePPO(
-        EntityPolicy,
-        games,
-        learning_rate=rate,
-        n_steps=hyper.n_steps,
-        batch_size=hyper.batch_size,
-        n_epochs=hyper.n_epochs,
-        gamma=hyper.gamma,
-        gae_lambda=hyper.gae_lambda,
-        clip_range=hyper.clip_range,
-        ent_coef=hyper.ent_coef[0],
-        vf_coef=hyper.vf_coef,
-        max_grad_norm=hyper.max_grad_norm,
-        policy_kwargs={"width": hyper.width, **dropped(arguments)},
-        seed=arguments.seed,
-        device="cpu",
-    )
-    model.set_logger(configure(str(arguments.out), ["tensorboard"]))
-    return model
 
 
 def _planner(arguments: Arguments, model: MaskablePPO) -> TorchPlanner:

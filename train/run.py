@@ -19,7 +19,7 @@ import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from eval.files import replaced
+from eval.files import replaced, write_json
 from pacman_env import __version__
 from pacman_env.policies.sidecar import Training
 from train.arguments import Arguments, Hyperparameters
@@ -73,28 +73,16 @@ class Run:
         if result["completed"] >= before:
             self._save(model, self.best)
         content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}
-        with replaced(self.record) as temporary:
-            temporary.write_text(json.dumps(content, indent=2) + "\n")
+        write_json(self.record, content)
         self.checkpoint(segment - 1).unlink(missing_ok=True)
         facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
 
     def _save(self, model: MaskablePPO, path: Path) -> None:
         with replaced(path) as temporary, temporary.open("wb") as file:
             model.save(file)
-        arguments, hyper = self.arguments, self.arguments.hyper
-        training = Training(
-            clyde_speeds_mps=hyper.clyde_speed,
-            robot_speeds_mps=hyper.robot_speed,
-            levels=f"generated:train below {VALIDATION_LEVEL}",
-            preset=arguments.preset,
-            execution=arguments.execution,
-            decisions=int(model.num_timesteps),
-            seed=arguments.seed,
-        )
         last = self.segments[-1]
         numbers = {name: float(value) for name, value in last.items() if isinstance(value, (int, float))}
-        speed = game_config(arguments).robot.speed_mps
-        write_facts(facts_path(path), Facts(robot_speed_mps=speed, training=training, metrics=numbers))
+        write_facts(facts_path(path), facts_of(self.arguments, int(model.num_timesteps), numbers))
 
 
 def _plain(arguments: Arguments) -> dict[str, Any]:
@@ -119,6 +107,29 @@ def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
             raise ValueError(f"{record}: was started with {name} = {known}, not {value}")
 
 
+def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
+    """What is said of a network after so many decisions of a training."""
+    training = Training(
+        clyde_speeds_mps=arguments.hyper.clyde_speed,
+        robot_speeds_mps=arguments.hyper.robot_speed,
+        levels=f"generated:train below {VALIDATION_LEVEL}",
+        preset=arguments.preset,
+        execution=arguments.execution,
+        decisions=decisions,
+        seed=arguments.seed,
+    )
+    return Facts(game_config(arguments).robot.speed_mps, training, metrics)
+
+
+def read_tensors(path: Path, name: str) -> dict[str, Any]:
+    """One part of a checkpoint, ``policy`` or ``policy.optimizer``; nothing but tensors and numbers is read."""
+    with zipfile.ZipFile(path) as archive:
+        content: dict[str, Any] = torch.load(
+            io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu"
+        )
+    return content
+
+
 def restore(model: MaskablePPO, path: Path) -> None:
     """Network and optimizer from a checkpoint, as tensors alone.
 
@@ -126,11 +137,7 @@ def restore(model: MaskablePPO, path: Path) -> None:
         ValueError: the file cannot be read, or holds another network.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            weights, optimizer = (
-                torch.load(io.BytesIO(archive.read(name)), weights_only=True, map_location="cpu")
-                for name in ("policy.pth", "policy.optimizer.pth")
-            )
+        weights, optimizer = read_tensors(path, "policy"), read_tensors(path, "policy.optimizer")
         model.policy.load_state_dict(weights)
         model.policy.optimizer.load_state_dict(optimizer)
     except Exception as error:  # a torn or foreign file may fail anywhere

@@ -59,14 +59,20 @@ def _features(batch: GameBatch) -> dict[str, spaces.Space[Any]]:
     return parts
 
 
+def planner_spaces(candidates: int) -> dict[str, spaces.Space[Any]]:
+    """Of the learned planner's features (``sim/features.py``)."""
+    return {
+        "planner_candidates": spaces.Box(-10.0, 10.0, (candidates, len(CANDIDATE_FEATURES)), np.float32),
+        "planner_globals": spaces.Box(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
+    }
+
+
 def observation_space(batch: GameBatch) -> spaces.Dict:
     """Of one game."""
     kinds = batch.config.observation
     parts = _features(batch) if kinds.features else {}
     if kinds.planner:
-        shape = (batch.candidates, len(CANDIDATE_FEATURES))
-        parts["planner_candidates"] = spaces.Box(-10.0, 10.0, shape, np.float32)
-        parts["planner_globals"] = spaces.Box(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32)
+        parts |= planner_spaces(batch.candidates)
     if batch.config.action == "goal":
         parts["action_mask"] = spaces.MultiBinary(batch.candidates)
     if kinds.scan:

@@ -55,6 +55,10 @@ class ClydeCells:
         """(K, 2) column u and row v of the map's image."""
         return self.graph[:, _AT_PIXEL:]
 
+    def cells_in(self, part: int) -> NDArray[np.int32]:
+        """Numbers of the cells of a part."""
+        return self.part_cells[self.part_start[part] : self.part_start[part + 1]]
+
 
 def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:
     """Clyde's cells of a map.

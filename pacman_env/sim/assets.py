@@ -179,9 +179,7 @@ def _build(
         cell_xy=cell_xy,
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
-        goal_apart_m=_apart(
-            goal_xy, clyde.position[clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]]
-        ),
+        goal_apart_m=_apart(goal_xy, clyde.position[clyde.cells_in(part)]),
     )
 
 
@@ -216,10 +214,7 @@ def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str
 
 def _spawn_cells(grid: DriveGrid, clyde: ClydeCells, part: int, config: Config) -> NDArray[np.int32]:
     """Cells that Clyde may start from: the rule's parts, far enough from the robot's home pose."""
-    if config.clyde.spawn == "connected":
-        cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
-    else:
-        cells = clyde.part_cells
+    cells = clyde.cells_in(part) if config.clyde.spawn == "connected" else clyde.part_cells
     offset = clyde.position[cells] - grid.home[:2]
     distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
     close = np.abs(distance - config.clyde.spawn_distance_m) < 1e-9

@@ -151,7 +151,7 @@ def _objection(assets: MapAssets, config: Config) -> str:
     if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
         return f"{len(assets.dropped_ids)} pellets out of reach"
     clyde, part = assets.clyde, assets.clyde_part
-    cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
+    cells = clyde.cells_in(part)
     near = _come_near(assets.goal_xy[: assets.pellets], clyde.position, cells, _NEAR_M)
     return "" if near >= _NEAR_SHARE * assets.pellets else f"the ghosts come to {near} of {assets.pellets} pellets"
 

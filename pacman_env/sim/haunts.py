@@ -26,7 +26,7 @@ class Haunts(NamedTuple):
 
 def find_haunts(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[np.float64]) -> Haunts:
     """Look them up; ``part`` is the ghosts' part, ``goal_xy`` (G, 2) in m."""
-    cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
+    cells = clyde.cells_in(part)
     position = clyde.position[cells]
     column, row, inside = grid.locate(position)
     away = np.ones(grid.shape, dtype=np.uint8)

@@ -20,15 +20,7 @@ from .assets import MapAssets
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
 _PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
-_VARIES = {
-    "neighbours": 1,
-    "cell_xy": 1,
-    "goal_xy": 1,
-    "plan_end": 1,
-    "ghost_graph": 1,
-    "ghost_xy": 1,
-    "waypoint_xy": 1,
-}
+_VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
 _FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
 
 
@@ -97,13 +89,12 @@ class LevelStack:
         self._users = np.zeros(slots, dtype=np.int64)
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
-        self._loads = np.zeros(slots, dtype=np.int64)  # of maps into each slot
         self._strides = np.zeros((slots, 0, 0), dtype=np.int16)
-        self._strided = np.zeros(slots, dtype=np.int64)  # the load that they are of
+        self._strided = np.zeros(slots, dtype=np.bool_)  # they are those of the slot's map
         kinds = _kinds(first, config)
         if slots == 1:
             self.arrays = {name: np.asarray(array, order="C")[None] for name, array in kinds.items()}
-            self._assets[0], self.numbers[0], self._loads[0] = first, 0, 1
+            self._assets[0], self.numbers[0] = first, 0
             self._measure(first)
         else:
             self.arrays = {
@@ -158,7 +149,7 @@ class LevelStack:
                 place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
                 stacked[place] = array
         self._assets[slot] = assets
-        self._loads[slot] += 1
+        self._strided[slot] = False
         self._measure(assets)
 
     def strides(self, slots: NDArray[np.int32]) -> NDArray[np.int16]:
@@ -169,13 +160,11 @@ class LevelStack:
         goals, cells = self.arrays["next_step"].shape[1:]
         if self._strides.shape[1:] != (cells, goals):
             self._strides = np.zeros((self.slots, cells, goals), dtype=np.int16)
-            self._strided[:] = 0
-        if (self._strided[slots] != self._loads[slots]).any():
-            for slot in np.unique(slots).tolist():
-                if self._strided[slot] != self._loads[slot]:
-                    found = strides(self.assets(slot).next_step)
-                    self._strides[slot, : found.shape[0], : found.shape[1]] = found
-                    self._strided[slot] = self._loads[slot]
+            self._strided[:] = False
+        for slot in np.unique(slots[~self._strided[slots]]).tolist():
+            found = strides(self.assets(slot).next_step)
+            self._strides[slot, : found.shape[0], : found.shape[1]] = found
+            self._strided[slot] = True
         return self._strides
 
     def _measure(self, assets: MapAssets) -> None:

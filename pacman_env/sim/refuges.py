@@ -60,7 +60,7 @@ def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) 
     if config.nooks == 0:
         return []
     away = np.ones(grid.shape, dtype=np.bool_)
-    cells = clyde.part_cells[clyde.part_start[part] : clyde.part_start[part + 1]]
+    cells = clyde.cells_in(part)
     column, row, inside = grid.locate(clyde.position[cells])
     away[row[inside], column[inside]] = False
     distance = clearance_m(away, grid.resolution)

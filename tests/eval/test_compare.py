@@ -14,6 +14,7 @@ from eval.compare import SCHEMA, main
 from eval.episodes import episode_seeds
 from pacman_env import __version__
 from pacman_env.world.occupancy import load_map
+from tests.eval.helpers import refused_in_one_line
 from tests.eval.test_rows import PROMISED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -139,17 +140,7 @@ def test_errors_are_one_line_and_nothing_is_written(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    try:
-        status = main(["--episodes", "1", *arguments])
-    except SystemExit as stop:
-        status = stop.code  # type: ignore[assignment]
-    out, err = capsys.readouterr()
-    assert status == 2
-    assert message in err
-    assert len(err.splitlines()) == 1
-    assert not out
-    assert list(tmp_path.iterdir()) == []
+    refused_in_one_line(main, ["--episodes", "1", *arguments], message, tmp_path, monkeypatch, capsys)
 
 
 def test_levels_are_one_map_of_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

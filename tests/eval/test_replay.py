@@ -11,7 +11,7 @@ from eval.episodes import episode_seeds
 from eval.replay import main
 from eval.replay_page import page
 from eval.watching import Change, Watched
-from tests.eval.helpers import CONFIG, played, played_on_levels
+from tests.eval.helpers import CONFIG, played, played_on_levels, refused_in_one_line
 from tests.eval.test_video import film
 
 SEED = str(episode_seeds(5, 1)[0])
@@ -105,13 +105,4 @@ def test_errors_are_one_line_and_nothing_is_written(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    try:
-        status = main(arguments)
-    except SystemExit as stop:
-        status = stop.code  # type: ignore[assignment]
-    out, err = capsys.readouterr()
-    assert (status, out) == (2, "")
-    assert message in err
-    assert len(err.splitlines()) == 1
-    assert list(tmp_path.iterdir()) == []
+    refused_in_one_line(main, arguments, message, tmp_path, monkeypatch, capsys)

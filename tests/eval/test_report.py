@@ -16,7 +16,7 @@ from eval.statistics import wilson
 from pacman_env import __version__
 from pacman_env.sim.records import COMPLETE
 from pacman_env.world.occupancy import load_map
-from tests.eval.helpers import CONFIG
+from tests.eval.helpers import CONFIG, refused_in_one_line
 
 SHORT = ["--set", "pellets.spacing_m=3", "--set", "time_limit_s=120", "--execution", "as_built"]
 FEW = [*SHORT, "--episodes", "12", "--endless", "3", "--speeds", "0.25", "0.4", "--seed", "5"]
@@ -269,17 +269,7 @@ def test_errors_are_one_line_and_nothing_is_written(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    try:
-        status = main(["--quick", *arguments])
-    except SystemExit as stop:
-        status = stop.code  # type: ignore[assignment]
-    out, err = capsys.readouterr()
-    assert status == 2
-    assert message in err
-    assert len(err.splitlines()) == 1
-    assert not out
-    assert list(tmp_path.iterdir()) == []
+    refused_in_one_line(main, ["--quick", *arguments], message, tmp_path, monkeypatch, capsys)
 
 
 def test_two_maps_of_one_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
