@@ -16,6 +16,9 @@ from typing import Any, TypeVar
 import numba
 import numba.core.config as numba_config
 import platformdirs
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -46,7 +49,7 @@ def kernel(function: F) -> F:
     if folder is not None:
         numba_config.CACHE_DIR = str(folder)
     try:
-        compiled: F = numba.njit(cache=folder is not None, error_model="numpy", forceinline=True)(function)
+        compiled: F = numba.njit(cache=folder is not None, error_model="numpy", forceinline=True, nogil=True)(function)
     finally:
         numba_config.CACHE_DIR = before
     return compiled
@@ -64,3 +67,22 @@ def _kernel_folder() -> Path | None:
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+@intrinsic
+def prefetch(typing_context, array, index):  # type: ignore[no-untyped-def]
+    """Ask for the memory of an element of a C-contiguous 2D array's row before it is needed; never an error."""
+    del typing_context
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        view = context.make_array(signature.args[0])(context, builder, arguments[0])
+        strides = cgutils.unpack_tuple(builder, view.strides)
+        start = builder.bitcast(view.data, ir.IntType(8).as_pointer())
+        offset = builder.mul(context.cast(builder, arguments[1], signature.args[1], types.intp), strides[0])
+        word = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [start.type, word, word, word])
+        call = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(call, [builder.gep(start, [offset]), word(0), word(3), word(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, index), generate

@@ -29,7 +29,6 @@ from eval.files import write_json
 from pacman_env import __version__
 from pacman_env.cli import ERROR_STATUS
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.registry import make_policy
 from pacman_env.policies.sidecar import read_planner
 from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from train.arguments import FOLDER, load_hyperparameters
@@ -281,7 +280,7 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Maskable
         model = new_model(hyper, games, seeds[0])
         if arguments.imitation > 0:
             games.seed(seeds[1])
-            imitate(model, games, make_policy("lookahead"), arguments.imitation, seeds[0])
+            imitate(model, games, "lookahead", arguments.imitation, seeds[0])
         return model, 0
     if path.suffix == ".onnx":
         network = network_of(path)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,9 @@ from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
 from pacman_env.envs.setup import Ghosts
 from pacman_env.sim.features import CANDIDATE_FEATURES
 from train.arguments import Arguments, Hyperparameters
+from train.parallel import ParallelGames, Worker
 
+_PARTS = 4  # few houses at a time stay in the processor's cache
 VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them
 #: Ranges of --randomize, around what the real trials had.
 _DOMAIN: dict[str, Any] = {
@@ -92,8 +96,12 @@ class TrainingGames(VecEnvWrapper):
         return observations, rewards * self._scale, dones, infos
 
 
-def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None) -> TrainingGames:
+def make_games(
+    arguments: Arguments, segment: int, ghosts: Ghosts | None = None, workers: Sequence[Worker] = ()
+) -> TrainingGames:
     """The games of a segment, in houses of its own; ``ghosts`` fill the seats in place of a wandering Clyde.
+
+    They are dealt into parts with houses of their own, in the last of which pellets lie apart; the parts to workers.
 
     Raises:
         ValueError: more levels than there are to train on, or a configuration that cannot be played.
@@ -101,15 +109,23 @@ def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None)
     hyper: Hyperparameters = arguments.hyper
     if hyper.levels > VALIDATION_LEVEL:
         raise ValueError(f"levels = {hyper.levels}: there are {VALIDATION_LEVEL} to train on")
-    levels = VALIDATION_LEVEL // hyper.levels
-    env = PacManBotVecEnv(
-        hyper.games,
-        map="generated",
-        start_level=segment % levels * hyper.levels,
-        num_levels=hyper.levels,
-        preset=arguments.preset,
-        execution=arguments.execution,
-        settings=game_settings(arguments, clyde_limit(arguments, segment)),
-        ghosts=ghosts,
-    )
-    return TrainingGames(env, hyper.reward_scale)
+    first = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
+    parts = min(_PARTS, hyper.games, hyper.levels)
+    levels, games = (np.linspace(0, count, parts + 1).astype(int).tolist() for count in (hyper.levels, hyper.games))
+    settings = game_settings(arguments, clyde_limit(arguments, segment))
+    sparse = {"pellets.spacing_m": hyper.sparse_m} if parts == _PARTS else {}
+    makes = [
+        partial(
+            PacManBotVecEnv,
+            games[k + 1] - games[k],
+            map="generated",
+            start_level=first + levels[k],
+            num_levels=levels[k + 1] - levels[k],
+            preset=arguments.preset,
+            execution=arguments.execution,
+            settings=settings | (sparse if k == _PARTS - 1 else {}),
+            ghosts=ghosts,
+        )
+        for k in range(parts)
+    ]
+    return TrainingGames(ParallelGames(makes, workers), hyper.reward_scale)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
 
 from pacman_env.envs.sb3_vec_env import Observation
-from pacman_env.policies.base import Policy
 from train.games import TrainingGames
 from train.network import FORBIDDEN
 
@@ -30,8 +29,8 @@ class _Lesson(NamedTuple):
     known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time
 
 
-def imitate(model: MaskablePPO, games: TrainingGames, teacher: Policy, decisions: int, seed: int) -> dict[str, float]:
-    """Fit the model's policy to what the teacher would choose in ``decisions`` situations.
+def imitate(model: MaskablePPO, games: TrainingGames, teacher: str, decisions: int, seed: int) -> dict[str, float]:
+    """Fit the model's policy to what the teacher, a registered policy, would choose in ``decisions`` situations.
 
     In the first of four rounds the teacher plays, in the others the model does and the teacher says what he would do,
     so that the model also learns the way out of situations that the teacher does not get into (DAgger: Ross, Gordon,
@@ -46,7 +45,6 @@ def imitate(model: MaskablePPO, games: TrainingGames, teacher: Policy, decisions
     lessons: list[_Lesson] = []
     agreement = 0.0
     observation = games.reset()
-    teacher.reset(np.ones(games.num_envs, dtype=np.bool_))
     for number in range(_ROUNDS):
         observation, lesson, agreement = _play(model, games, teacher, steps, observation, number > 0)
         lessons.append(lesson)
@@ -78,7 +76,7 @@ def _fit(
 
 
 def _play(
-    model: MaskablePPO, games: TrainingGames, teacher: Policy, steps: int, observation: Observation, alone: bool
+    model: MaskablePPO, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool
 ) -> tuple[Observation, _Lesson, float]:
     """Play on, the teacher or (``alone``) the model; the last observation, the lesson, and how often they agreed."""
     n = games.num_envs
@@ -86,14 +84,12 @@ def _play(
     choices = np.zeros((steps, n), dtype=np.int64)
     rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
     agreed = 0.0
-    world = games.venv.env  # type: ignore[attr-defined]
     for t in range(steps):
-        choices[t] = teacher.select(world.situation)
+        choices[t] = games.venv.choices(teacher)  # type: ignore[attr-defined]
         own, _ = model.predict(observation, action_masks=observation["action_mask"], deterministic=True)
         agreed += float((own == choices[t]).mean()) / steps
         seen.append(observation)
         observation, rewards[t], dones[t], _ = games.step(own if alone else choices[t])  # type: ignore[assignment]
-        teacher.reset(dones[t])
     returns, known = discounted(rewards, dones, model.gamma)
     stacked = {key: torch.from_numpy(np.concatenate([o[key] for o in seen])) for key in observation}
     flat = (torch.from_numpy(array.reshape(-1)) for array in (choices, returns, known))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import sys
 import time
@@ -24,14 +25,14 @@ from eval.statistics import paired_difference, wilson
 from pacman_env.cli import ERROR_STATUS
 from pacman_env.config import Config
 from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy
 from pacman_env.sim.generated import GeneratedMaps
 from pacman_env.sim.records import COMPLETE
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.checkpoint import TorchPlanner, facts_path, read_facts
 from train.export import export_planner
-from train.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
+from train.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
 from train.imitation import imitate
+from train.parallel import Worker
 from train.policy import new_model
 from train.run import LearningRate, Run, Watch, restore
 
@@ -122,65 +123,64 @@ def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tu
         after_segment(record)
     rate = LearningRate(hyper.learning_rate)
     begun = len(folder.segments)
-    model = new_model(hyper, make_games(arguments, begun), arguments.seed, **dropped(arguments))
-    model.lr_schedule = rate
-    model.set_logger(configure(str(arguments.out), ["tensorboard"]))
-    try:
-        with bar:
-            if begun > 0:
-                restore(model, folder.checkpoint(begun - 1))
-            _segments(arguments, folder, model, rate, bar, after_segment)
-    finally:
-        model.logger.close()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(bar)
+        workers = [stack.enter_context(contextlib.closing(Worker())) for _ in range(arguments.threads - 1)]
+        games = make_games(arguments, begun, workers=workers)
+        model = new_model(hyper, games, arguments.seed, **dropped(arguments))
+        model.lr_schedule = rate
+        if begun > 0:
+            restore(model, folder.checkpoint(begun - 1))
+        model.set_logger(configure(str(arguments.out), ["tensorboard"]))
+        stack.callback(model.logger.close)
+        for segment in range(begun, hyper.segments):
+            if segment > begun:
+                games.close()
+                games = make_games(arguments, segment, workers=workers)
+            _segment(arguments, folder, model, games, rate, bar)
+            after_segment(folder.segments[-1])
+        games.close()
     return folder, model
 
 
-def _segments(
-    arguments: Arguments,
-    folder: Run,
-    model: MaskablePPO,
-    rate: LearningRate,
-    bar: Any,
-    after_segment: AfterSegment,
+def _segment(
+    arguments: Arguments, folder: Run, model: MaskablePPO, games: TrainingGames, rate: LearningRate, bar: Any
 ) -> None:
-    hyper = arguments.hyper
-    for segment in range(len(folder.segments), hyper.segments):
-        seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3)
-        began = time.perf_counter()
-        games = make_games(arguments, segment)
-        model.set_env(games)  # which begin anew
-        set_random_seed(int(seeds[0]))
+    """Learn in the games of the next segment, validate, write down."""
+    hyper, segment = arguments.hyper, len(folder.segments)
+    seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3)
+    began = time.perf_counter()
+    model.set_env(games)  # which begin anew
+    set_random_seed(int(seeds[0]))
+    games.seed(int(seeds[1]))
+    imitation = {}
+    if segment == 0 and hyper.imitation > 0:
+        imitation = imitate(model, games, "lookahead", hyper.imitation, int(seeds[2]))
+        imitation["imitated"] = _validate(arguments, model)
+        bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
         games.seed(int(seeds[1]))
-        imitation = {}
-        if segment == 0 and hyper.imitation > 0:
-            imitation = imitate(model, games, make_policy("lookahead"), hyper.imitation, int(seeds[2]))
-            imitation["imitated"] = _validate(arguments, model)
-            bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
-            games.seed(int(seeds[1]))
-        model.num_timesteps = segment * hyper.segment
-        watch = Watch(hyper, rate, bar)
-        learning = time.perf_counter()
-        model.learn(hyper.segment, watch, reset_num_timesteps=False)
-        ended = time.perf_counter()
-        games.close()
-        share = _validate(arguments, model)
-        folder.write(
-            model,
-            {
-                "segment": segment,
-                "decisions": int(model.num_timesteps),
-                "completed": share,
-                "clyde_limit_mps": clyde_limit(arguments, segment),
-                "seconds": round(ended - began, 1),
-                "decisions_per_s": round(hyper.segment / (ended - learning)),
-                **imitation,
-            },
-        )
-        model.logger.record("validation/completed", share)
-        model.logger.dump(model.num_timesteps)
-        speed = hyper.segment / (ended - learning)
-        bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
-        after_segment(folder.segments[-1])
+    model.num_timesteps = segment * hyper.segment
+    watch = Watch(hyper, rate, bar)
+    learning = time.perf_counter()
+    model.learn(hyper.segment, watch, reset_num_timesteps=False)
+    ended = time.perf_counter()
+    share = _validate(arguments, model)
+    speed = hyper.segment / (ended - learning)
+    folder.write(
+        model,
+        {
+            "segment": segment,
+            "decisions": int(model.num_timesteps),
+            "completed": share,
+            "clyde_limit_mps": clyde_limit(arguments, segment),
+            "seconds": round(ended - began, 1),
+            "decisions_per_s": round(speed),
+            **imitation,
+        },
+    )
+    model.logger.record("validation/completed", share)
+    model.logger.dump(model.num_timesteps)
+    bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
 
 
 def _planner(arguments: Arguments, model: MaskablePPO) -> TorchPlanner:

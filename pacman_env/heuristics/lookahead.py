@@ -25,7 +25,7 @@ class Parameters(NamedTuple):
 
     robot_speed_mps: float = 0.256  # measured driving speed
     caught_soon_s: float = 300.0  # what it costs to be caught within 5 s ...
-    caught_s: float = 200.0  # ... and within 12 s
+    caught_s: float = 200.0  # ... and within 10 s
     approached_s: float = 4.0  # Clyde comes within 0.8 m
     wait_s: float = 40.0  # going to no pellet
     wait_way_s: float = 0.2  # per second of the way to a place to wait

@@ -18,7 +18,7 @@ from ..world.paths import UNREACHABLE_CM
 from . import futures
 from .situation import HOLD, PELLET, REFUGE, Situation
 
-VERSION = 2
+VERSION = 3
 FAR_M = 20.0
 _AROUND_M = 2.5  # pellets within this way are around a place
 _SCORER = Parameters()  # the handcrafted one, as deployed
@@ -47,6 +47,7 @@ CANDIDATE_FEATURES = (
     "pellets_around",
     "clyde_apart",
     "handcrafted_cost",
+    "beyond_nearest",
 )
 GLOBAL_FEATURES = (
     "clyde_distance",
@@ -59,11 +60,12 @@ GLOBAL_FEATURES = (
     "last_pellet",
     "clyde_towards",
     "pose_age",
+    "nearest_way",
 )
 
 
 def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Candidates (N, C, 23) and globals (N, 10), float32.
+    """Candidates (N, C, 24) and globals (N, 11), float32.
 
     Raises:
         ValueError: the situation has no maps.
@@ -109,6 +111,12 @@ def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: 
         v = math.sqrt(vx * vx + vy * vy)
         whole[i, 8] = (vx * (x - cx) + vy * (y - cy)) / (v * d) if v * d > 1e-6 else 0.0
         whole[i, 9] = min(pose_age[i], 10.0) / 5.0
+        shortest = np.inf  # way to a pellet that may be chosen
+        for c in range(mask.shape[1]):
+            if mask[i, c] and kind[i, c] == PELLET:
+                shortest = min(shortest, path_robot[i, c])
+        shortest = shortest if math.isfinite(shortest) else 0.0
+        whole[i, 10] = min(shortest, 5.0 * FAR_M) / 20.0
         threatened = is_threatening(d, closing[i], False, _SCORER)
         score_situation(robot[i], clyde[i], position[i], threatened, False, _SCORER, terms)
         count = mask.shape[1]
@@ -123,6 +131,7 @@ def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: 
             if kind[i, c] == HOLD:
                 his = min(d, FAR_M)
             f[4], f[5] = mine / 5.0, math.exp(-mine / 2.0)
+            f[23] = min(max(path_robot[i, c] - shortest, -FAR_M), FAR_M) / 5.0
             f[6], f[7] = his / 5.0, math.exp(-his / 2.0)
             f[8] = min(max((his / max(clyde_speed[i], 0.05) - mine / speed) / 20.0, -2.0), 2.0)
             px, py = position[i, c, 0], position[i, c, 1]

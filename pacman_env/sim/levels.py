@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..world.paths import UNREACHABLE_CM
-from ..world.strides import strides
+from ..world.strides import TILE, strides
 from .assets import MapAssets
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
@@ -89,7 +89,7 @@ class LevelStack:
         self._users = np.zeros(slots, dtype=np.int64)
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
-        self._strides = np.zeros((slots, 0, 0), dtype=np.int16)
+        self._strides = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
         self._strided = np.zeros(slots, dtype=np.bool_)  # they are those of the slot's map
         kinds = _kinds(first, config)
         if slots == 1:
@@ -152,20 +152,24 @@ class LevelStack:
         self._strided[slot] = False
         self._measure(assets)
 
-    def strides(self, slots: NDArray[np.int32]) -> NDArray[np.int16]:
-        """(S, K, G) ways in strides (``world/strides.py``), computed for maps when they are first asked for.
+    def strides(self, slots: NDArray[np.int32]) -> tuple[NDArray[np.uint8], int]:
+        """(S, R C 64, G) ways in strides (``world/strides.py``), computed for maps when they are first asked for.
 
         Only the rows of ``slots`` are those of the maps that lie there now.
         """
-        goals, cells = self.arrays["next_step"].shape[1:]
-        if self._strides.shape[1:] != (cells, goals):
-            self._strides = np.zeros((self.slots, cells, goals), dtype=np.int16)
+        height, width = self.arrays["snap"].shape[1:]
+        goals = self.arrays["next_step"].shape[1]
+        shape = self.slots, -(-height // TILE), -(-width // TILE), TILE, TILE, goals
+        if self._strides.shape != shape:
+            self._strides = np.zeros(shape, dtype=np.uint8)
             self._strided[:] = False
         for slot in np.unique(slots[~self._strided[slots]]).tolist():
-            found = strides(self.assets(slot).next_step)
-            self._strides[slot, : found.shape[0], : found.shape[1]] = found
+            assets = self.assets(slot)
+            found = strides(assets.next_step, assets.grid.cell, assets.grid.shape)
+            rows, columns, *_, goals = found.shape
+            self._strides[slot, :rows, :columns, :, :, :goals] = found
             self._strided[slot] = True
-        return self._strides
+        return self._strides.reshape(self.slots, -1, self._strides.shape[-1]), self._strides.shape[2]
 
     def _measure(self, assets: MapAssets) -> None:
         lengths = assets.length_cm

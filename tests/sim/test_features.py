@@ -43,6 +43,32 @@ def test_kinds_paths_and_the_goal_pursued_are_those_of_the_situation() -> None:
     np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("pellets_left")], situation.pellets_left / 8.0)
 
 
+def test_ways_are_compared_with_that_to_the_nearest_pellet() -> None:
+    batch = batch_of("house", n=30)
+    situation = batch.situation()
+    candidates, whole = planner_features(situation, SPEED)
+    way = situation.path_robot
+    nearest = np.where(situation.mask & (situation.kind == PELLET), way, np.inf).min(axis=1)
+    assert np.isfinite(nearest).all()
+    np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("nearest_way")], nearest / 20.0, rtol=1e-6)
+    shown = situation.mask
+    np.testing.assert_allclose(
+        column(candidates, "beyond_nearest")[shown],
+        (np.clip(way - nearest[:, None], -20.0, 20.0) / 5.0)[shown],
+        atol=1e-5,
+    )
+
+
+def test_without_a_pellet_left_ways_are_told_from_here() -> None:
+    situation = batch_of("house", n=3).situation()
+    none = replace(situation, mask=situation.mask & (situation.kind != PELLET))
+    candidates, whole = planner_features(none, SPEED)
+    assert (whole[:, GLOBAL_FEATURES.index("nearest_way")] == 0).all()
+    np.testing.assert_allclose(
+        column(candidates, "beyond_nearest")[none.mask], np.minimum(none.path_robot, 20.0)[none.mask] / 5.0, atol=1e-5
+    )
+
+
 def test_distances_to_other_pellets_are_path_lengths() -> None:
     batch = batch_of("house", n=4)
     situation = batch.situation()

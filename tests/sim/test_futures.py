@@ -102,12 +102,12 @@ def test_probabilities_and_distances_fit_one_another(source: str) -> None:
     assert 0.05 < (shown[:, CAUGHT] > 0).mean() < 0.95
 
 
-def test_a_clyde_out_of_reach_of_twelve_seconds_catches_nobody() -> None:
+def test_a_clyde_out_of_reach_of_ten_seconds_catches_nobody() -> None:
     batch = batch_of("house", n=40)
     situation = batch.situation()
     seen = encounters(situation, SPEED)
     away = np.hypot(*(situation.robot[:, :2] - situation.clyde).T)
-    reach = 12.0 * (SPEED + situation.clyde_speed) + 0.8
+    reach = STEPS * STEP_S * (SPEED + situation.clyde_speed) + 0.8
     far = away > reach
     assert far.any()
     assert (seen[far][:, :, [CAUGHT_SOON, CAUGHT, APPROACHED]] == 0).all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -18,10 +20,17 @@ from train.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, g
 from train.ppo import parse
 
 
+def parts_of(arguments: Arguments, segment: int = 0) -> list[PacManBotVecEnv]:
+    return [part.games for part in make_games(arguments, segment).venv.here.parts]  # type: ignore[attr-defined]
+
+
 def levels(arguments: Arguments, segment: int) -> range:
-    """That a segment's games are drawn from."""
-    source = make_games(arguments, segment).venv.env.batch.source  # type: ignore[attr-defined]
-    return range(source.start_level, source.start_level + source.num_levels)
+    """That a segment's games are drawn from, all parts together."""
+    sources = [part.env.batch.source for part in parts_of(arguments, segment)]
+    for one, following in itertools.pairwise(sources):
+        assert following.start_level == one.start_level + one.num_levels  # type: ignore[attr-defined]
+    count = sum(source.num_levels for source in sources)  # type: ignore[attr-defined]
+    return range(sources[0].start_level, sources[0].start_level + count)  # type: ignore[attr-defined]
 
 
 def test_rewards_are_scaled_and_all_else_is_left() -> None:
@@ -82,10 +91,10 @@ def test_more_levels_than_there_are_to_train_on_are_refused() -> None:
 
 
 def test_games_are_met_with_the_speeds_asked_for() -> None:
-    games = make_games(tiny(games=64, n_steps=1, clyde_speed=[0.3, 0.4], robot_speed=[0.25, 0.28]), 0)
+    games = make_games(tiny(games=64, n_steps=1, levels=1, clyde_speed=[0.3, 0.4], robot_speed=[0.25, 0.28]), 0)
     games.seed(0)
     games.reset()
-    env = games.venv.env  # type: ignore[attr-defined]
+    env = games.venv.here.parts[0].games.env  # type: ignore[attr-defined]
     speeds = env.batch.games["clyde_speed"]
     assert 0.3 <= speeds.min() < speeds.max() <= 0.4
     assert env.config.randomize.speed_mps == (0.25, 0.28)
@@ -126,3 +135,15 @@ def test_ablations_drop_columns_that_exist_and_each_its_own() -> None:
     together = dropped(tiny(without=("paths", "futures", "refuges", "hold")))
     assert set(together["dropped_features"]) == paths | futures
     assert len(together["dropped_kinds"]) == 2
+
+
+def test_pellets_lie_apart_in_a_quarter_of_the_games() -> None:
+    arguments = tiny(games=8, n_steps=8, levels=9, sparse_m=3.5)
+    parts = parts_of(arguments)
+    assert [part.num_envs for part in parts] == [2, 2, 2, 2]
+    assert [part.env.config.pellets.spacing_m for part in parts] == [2.0, 2.0, 2.0, 3.5]
+
+
+def test_fewer_games_or_levels_than_parts_make_fewer_parts() -> None:
+    assert [part.num_envs for part in parts_of(tiny(games=2, n_steps=16, levels=9))] == [1, 1]
+    assert [part.num_envs for part in parts_of(tiny(games=4, levels=1))] == [4]

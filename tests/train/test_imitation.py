@@ -13,7 +13,6 @@ pytest.importorskip("sb3_contrib")
 import torch
 from sb3_contrib import MaskablePPO
 
-from pacman_env.policies.registry import make_policy
 from pacman_env.sim.features import CANDIDATE_FEATURES
 from tests.train.test_arguments import tiny
 from train import imitation
@@ -31,20 +30,19 @@ def taught(decisions: int, seed: int = 1) -> tuple[MaskablePPO, dict[str, float]
     games = make_games(tiny(games=8, n_steps=8, levels=4), 0)
     model = pupil(games)
     games.seed(3)
-    return model, imitate(model, games, make_policy("lookahead"), decisions, seed)
+    return model, imitate(model, games, "lookahead", decisions, seed)
 
 
 def agreement(model: MaskablePPO) -> float:
     """With the rule, in situations that the rule meets in other houses."""
-    games, teacher, found = make_games(tiny(games=8, n_steps=8, levels=4), 1), make_policy("lookahead"), []
+    games, found = make_games(tiny(games=8, n_steps=8, levels=4), 1), []
     games.seed(4)
     observation = games.reset()
     for _ in range(60):
-        choices = teacher.select(games.venv.env.situation)  # type: ignore[attr-defined]
+        choices = games.venv.choices("lookahead")  # type: ignore[attr-defined]
         own, _ = model.predict(observation, action_masks=observation["action_mask"], deterministic=True)
         found.append((own == choices).mean())
-        observation, _, dones, _ = games.step(choices)
-        teacher.reset(dones)
+        observation, *_ = games.step(choices)
     return float(np.mean(found))
 
 
