@@ -48,8 +48,6 @@ class Hyperparameters:
     """m/s, drawn for each round."""
     robot_speed: tuple[float, float]
     """m/s, drawn for each round."""
-    sparse_m: float
-    """Distance of pellets in a quarter of the games, at least 2 m as in the others: the next one is farther away."""
     imitation: int
     """Decisions of the rule ``lookahead`` that are imitated before PPO begins; 0: PPO from random weights."""
 
@@ -64,8 +62,6 @@ class Hyperparameters:
         for name in ("clip_range", "vf_coef", "max_grad_norm", "reward_scale"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number of at least 0")
-        if not 2 <= self.sparse_m < math.inf:
-            raise ValueError(f"sparse_m = {self.sparse_m!r}: must be a number of at least 2")
         for name in ("gamma", "gae_lambda"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number from 0 to 1")

@@ -10,10 +10,11 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from pacman_env.config import Config, make_config
+from pacman_env.config import Config, PelletConfig, make_config
 from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
 from pacman_env.envs.setup import Ghosts
 from pacman_env.sim.features import CANDIDATE_FEATURES
+from pacman_env.sim.generated import WIDE
 from train.arguments import Arguments, Hyperparameters
 from train.parallel import ParallelGames, Worker
 
@@ -101,7 +102,8 @@ def make_games(
 ) -> TrainingGames:
     """The games of a segment, in houses of its own; ``ghosts`` fill the seats in place of a wandering Clyde.
 
-    They are dealt into parts with houses of their own, in the last of which pellets lie apart; the parts to workers.
+    They are dealt into parts with houses of their own, the parts to this process and the workers. The houses of the
+    last part are twice as wide, its pellets twice as far apart.
 
     Raises:
         ValueError: more levels than there are to train on, or a configuration that cannot be played.
@@ -113,17 +115,17 @@ def make_games(
     parts = min(_PARTS, hyper.games, hyper.levels)
     levels, games = (np.linspace(0, count, parts + 1).astype(int).tolist() for count in (hyper.levels, hyper.games))
     settings = game_settings(arguments, clyde_limit(arguments, segment))
-    sparse = {"pellets.spacing_m": hyper.sparse_m} if parts == _PARTS else {}
+    wide = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m}
     makes = [
         partial(
             PacManBotVecEnv,
             games[k + 1] - games[k],
-            map="generated",
+            map="generated:wide" if k == _PARTS - 1 else "generated",
             start_level=first + levels[k],
             num_levels=levels[k + 1] - levels[k],
             preset=arguments.preset,
             execution=arguments.execution,
-            settings=settings | (sparse if k == _PARTS - 1 else {}),
+            settings=settings | (wide if k == _PARTS - 1 else {}),
             ghosts=ghosts,
         )
         for k in range(parts)

@@ -116,7 +116,7 @@ def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: 
             if mask[i, c] and kind[i, c] == PELLET:
                 shortest = min(shortest, path_robot[i, c])
         shortest = shortest if math.isfinite(shortest) else 0.0
-        whole[i, 10] = min(shortest, 5.0 * FAR_M) / 20.0
+        whole[i, 10] = min(shortest, FAR_M) / 5.0
         threatened = is_threatening(d, closing[i], False, _SCORER)
         score_situation(robot[i], clyde[i], position[i], threatened, False, _SCORER, terms)
         count = mask.shape[1]

@@ -23,7 +23,7 @@ STEP_S = 0.5  # between the instants that are looked at
 STEPS = 20  # instants: 10 s
 NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
 _SOON = round(SOON_S / STEP_S)  # instants
-_FIRST = 8.0  # cells: the stretch of a way that tells its direction
+_FIRST_M = 0.4  # the stretch of a way that tells its direction
 _SHARPNESS = 4.0  # how fast the weight of a way falls with the angle to Clyde's last motion
 _FREE_TURN = 0.7  # rad off the way that are turned while driving (world/controller.py)
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
@@ -161,7 +161,7 @@ def _walk(strides, across, count, goals, stretch, walkers, out_x, out_y):  # typ
 
 
 @kernel
-def _clyde_ways(strides, across, clyde, cell, velocity, stretch, goals, walkers, his):  # type: ignore[no-untyped-def]
+def _clyde_ways(strides, across, clyde, cell, velocity, stretch, first, goals, walkers, his):  # type: ignore[no-untyped-def]
     """Fill in Clyde's futures and their weights, which sum to 1; returns how many there are.
 
     After them comes one in which he stands still, without a weight.
@@ -181,7 +181,7 @@ def _clyde_ways(strides, across, clyde, cell, velocity, stretch, goals, walkers,
     _walk(strides, across, used + 1, goals, stretch, walkers, his_x, his_y)
     vx, vy = velocity
     v = math.sqrt(vx * vx + vy * vy)
-    early = STEPS - 1 if stretch <= 0.0 else min(int(_FIRST / stretch), STEPS - 1)
+    early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
     total = 0.0
     for k in range(used):
         at = k // _LANES * _BLOCK + early * _LANES + k % _LANES
@@ -287,7 +287,18 @@ def _encounters(situation, maps, speed, his, mine, walkers, scratch, result):  #
         clyde = _in_cells(affine, clydes[i, 0], clydes[i, 1])
         cell = _drivable_cell(affine, snaps[m], cell_xys[m], clydes[i, 0], clydes[i, 1])
         velocity = _turned(affine, velocities[i, 0], velocities[i, 1])
-        used = _clyde_ways(strides, across, clyde, cell, velocity, speeds[i] * STEP_S * per_m, counts[m], walkers, his)
+        used = _clyde_ways(
+            strides,
+            across,
+            clyde,
+            cell,
+            velocity,
+            speeds[i] * STEP_S * per_m,
+            _FIRST_M * per_m,
+            counts[m],
+            walkers,
+            his,
+        )
         robot = _in_cells(affine, robots[i, 0], robots[i, 1])
         cell = _drivable_cell(affine, snaps[m], cell_xys[m], robots[i, 0], robots[i, 1])
         x, y = _turned(affine, math.cos(robots[i, 2]), math.sin(robots[i, 2]))

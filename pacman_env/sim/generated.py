@@ -2,10 +2,12 @@
 
 Which level an episode gets is drawn from its seed. The split between training and testing is by level number, as in
 Procgen: ``generated`` draws from the levels below ``TEST_LEVEL``, ``generated:test`` from the thousand from there on.
+``generated:wide`` are the houses of ``generated``, twice as long and twice as wide.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import numbers
 from typing import Any
@@ -27,12 +29,13 @@ _ATTEMPTS = 60
 _SPARE_SLOTS = 64  # maps kept beyond those being played on, if all levels can then be kept
 _NEAR_M, _NEAR_SHARE = 0.5, 0.75  # the ghosts come so near to so many of the pellets
 _PELLETS = (4, 16)  # of a house at a spacing of 2 m
+WIDE = 2  # times as long and as wide
 
 
 class GeneratedMaps:
-    """The levels from ``start_level`` on, ``num_levels`` of them."""
+    """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house."""
 
-    def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
+    def __init__(self, config: Config, start_level: int, num_levels: int, scale: int = 1) -> None:
         """Prepare nothing yet.
 
         Raises:
@@ -45,6 +48,7 @@ class GeneratedMaps:
         self._config = config
         self.start_level = start_level
         self.num_levels = num_levels
+        self.scale = scale
 
     @classmethod
     def named(cls, name: str, config: Config, start_level: int | None, num_levels: int | None) -> GeneratedMaps:
@@ -59,6 +63,7 @@ class GeneratedMaps:
         splits = {
             "generated": (0, TEST_LEVEL),
             "generated:train": (0, TEST_LEVEL),
+            "generated:wide": (0, TEST_LEVEL),
             "generated:test": (TEST_LEVEL, TEST_LEVELS),
         }
         if name not in splits:
@@ -70,7 +75,7 @@ class GeneratedMaps:
         room = first + count - start
         if num_levels is not None and not 0 <= num_levels <= room:
             raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
-        return cls(config, int(start), int(num_levels or room))
+        return cls(config, int(start), int(num_levels or room), WIDE if name == "generated:wide" else 1)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the first map, which is prepared again when it is asked for."""
@@ -83,7 +88,7 @@ class GeneratedMaps:
         Raises:
             MapError: no house of the level can be played under the configuration.
         """
-        return prepare_level(self.start_level, self._config)
+        return prepare_level(self.start_level, self._config, self.scale)
 
     def slots(self, games: int) -> int:
         """A map of its own for each game, or all levels if they are few; two at least mark changing maps."""
@@ -91,7 +96,7 @@ class GeneratedMaps:
 
     def pellet_slots(self, config: Config) -> int:
         """Most pellets that a level is allowed to have."""
-        return most_pellets(config)
+        return most_pellets(config, self.scale)
 
     def refuge_slots(self, config: Config) -> int:
         """Home, nooks and spread-out places."""
@@ -103,20 +108,21 @@ class GeneratedMaps:
 
     def prepare(self, level: int) -> MapAssets:
         """The level's house, ready to be played on."""
-        return self.first if level == self.start_level else prepare_level(level, self._config)
+        return self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Of the largest house there can be."""
-        return (-MAX_EXTENT_M, MAX_EXTENT_M), (-MAX_EXTENT_M, MAX_EXTENT_M)
+        most = self.scale * MAX_EXTENT_M
+        return (-most, most), (-most, most)
 
 
-def most_pellets(config: Config) -> int:
+def most_pellets(config: Config, scale: int = 1) -> int:
     """The most pellets that a generated house may have: 16 at the original's spacing."""
-    limit = round(_PELLETS[1] * max(1.0, (2.0 / config.pellets.spacing_m) ** 2))
+    limit = round(_PELLETS[1] * max(1.0, (2.0 * scale / config.pellets.spacing_m) ** 2))
     return limit if config.max_pellets is None else min(limit, config.max_pellets)
 
 
-def prepare_level(level: int, config: Config) -> MapAssets:
+def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
     """The first house of a level that can be played under the configuration.
 
     Every pellet can be reached, there are neither too few nor too many, and the ghosts can come to most of them.
@@ -126,16 +132,26 @@ def prepare_level(level: int, config: Config) -> MapAssets:
     """
     reason = ""
     for attempt in range(_ATTEMPTS):
-        house = draw_house(level, attempt)
+        house = _scaled(draw_house(level, attempt), scale)
         try:
             assets = prepare_map(house, config)
         except (MapError, ConfigError) as error:
             reason = str(error)
             continue
-        reason = _objection(assets, config)
+        reason = _objection(assets, config, scale)
         if not reason:
             return assets
     raise MapError(f"generated level {level}: none of {_ATTEMPTS} houses can be played; the last: {reason}")
+
+
+def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
+    """The same picture with larger cells, the origin where it was."""
+    if scale == 1:
+        return house
+    x, y, yaw = house.origin
+    return dataclasses.replace(
+        house, name=f"{house.name}-wide", resolution=scale * house.resolution, origin=(scale * x, scale * y, yaw)
+    )
 
 
 def level_map(level: int, config: Config) -> OccupancyMap:
@@ -143,10 +159,10 @@ def level_map(level: int, config: Config) -> OccupancyMap:
     return prepare_level(level, config).occupancy
 
 
-def _objection(assets: MapAssets, config: Config) -> str:
+def _objection(assets: MapAssets, config: Config, scale: int) -> str:
     """Why a house is no level, "" if it is one."""
-    fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 / config.pellets.spacing_m) ** 2)) or 1
-    if not fewest <= assets.pellets <= most_pellets(config):
+    fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1
+    if not fewest <= assets.pellets <= most_pellets(config, scale):
         return f"{assets.pellets} pellets"
     if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
         return f"{len(assets.dropped_ids)} pellets out of reach"

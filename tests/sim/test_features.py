@@ -50,7 +50,7 @@ def test_ways_are_compared_with_that_to_the_nearest_pellet() -> None:
     way = situation.path_robot
     nearest = np.where(situation.mask & (situation.kind == PELLET), way, np.inf).min(axis=1)
     assert np.isfinite(nearest).all()
-    np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("nearest_way")], nearest / 20.0, rtol=1e-6)
+    np.testing.assert_allclose(whole[:, GLOBAL_FEATURES.index("nearest_way")], nearest / 5.0, rtol=1e-6)
     shown = situation.mask
     np.testing.assert_allclose(
         column(candidates, "beyond_nearest")[shown],

@@ -41,7 +41,6 @@ TINY: dict[str, Any] = {
     "levels": 2,
     "clyde_speed": [0.2, 0.6],
     "robot_speed": [0.22, 0.306],
-    "sparse_m": 3.0,
     "imitation": 64,
 }
 
@@ -100,7 +99,6 @@ def test_a_number_that_yaml_takes_for_a_string_is_a_number(tmp_path: Path) -> No
         ({"ent_coef": [1, 2, 3]}, r"ent_coef = \[1, 2, 3\]: must be two numbers"),
         ({"ent_coef": [float("nan"), 0]}, r"ent_coef = \(nan, 0\.0\): must be two numbers of at least 0"),
         ({"clyde_speed": [-0.2, 0.3]}, r"clyde_speed = \(-0\.2, 0\.3\): must be two numbers of at least 0"),
-        ({"sparse_m": 1.9}, r"sparse_m = 1\.9: must be a number of at least 2"),
         ({"segment": 63}, r"segment = 63: must be a multiple of games \* n_steps = 32"),
         ({"batch_size": 1}, "batch_size = 1: leaves a minibatch of 1"),
         ({"batch_size": 31}, "batch_size = 31: leaves a minibatch of 1"),

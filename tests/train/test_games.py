@@ -137,11 +137,11 @@ def test_ablations_drop_columns_that_exist_and_each_its_own() -> None:
     assert len(together["dropped_kinds"]) == 2
 
 
-def test_pellets_lie_apart_in_a_quarter_of_the_games() -> None:
-    arguments = tiny(games=8, n_steps=8, levels=9, sparse_m=3.5)
+def test_a_quarter_of_the_games_is_played_in_wide_houses() -> None:
+    arguments = tiny(games=8, n_steps=8, levels=9)
     parts = parts_of(arguments)
     assert [part.num_envs for part in parts] == [2, 2, 2, 2]
-    assert [part.env.config.pellets.spacing_m for part in parts] == [2.0, 2.0, 2.0, 3.5]
+    assert [part.env.config.pellets.spacing_m for part in parts] == [2.0, 2.0, 2.0, 4.0]
 
 
 def test_fewer_games_or_levels_than_parts_make_fewer_parts() -> None:
