@@ -14,8 +14,18 @@ import pytest
 from eval.levels import judge
 from pacman_env.config import ConfigError, make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.sim.generated import TEST_LEVEL, TEST_LEVELS, GeneratedMaps, level_map, most_pellets, prepare_level
+from pacman_env.sim.assets import MapAssets
+from pacman_env.sim.generated import (
+    TEST_LEVEL,
+    TEST_LEVELS,
+    WIDE,
+    GeneratedMaps,
+    level_map,
+    most_pellets,
+    prepare_level,
+)
 from pacman_env.world.occupancy import MapError
+from pacman_env.world.paths import UNREACHABLE_CM
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = make_config()
@@ -29,6 +39,7 @@ CONFIG = make_config()
         ("generated", 500, None, 500, TEST_LEVEL - 500),
         ("generated", 7, 3, 7, 3),
         ("generated", TEST_LEVEL - 1, 1, TEST_LEVEL - 1, 1),
+        ("generated:wide", 7, 3, 7, 3),
         ("generated:test", None, None, TEST_LEVEL, TEST_LEVELS),
         ("generated:test", TEST_LEVEL + 10, 20, TEST_LEVEL + 10, 20),
         ("generated", np.int64(7), np.int32(3), 7, 3),
@@ -140,3 +151,36 @@ def test_a_copy_has_the_same_levels() -> None:
     np.testing.assert_array_equal(other.levels_of(seeds), maps.levels_of(seeds))
     np.testing.assert_array_equal(other.first.grid.home, home)
     assert other.extent() == maps.extent()
+
+
+@pytest.mark.parametrize("level", [0, 5])
+def test_a_wide_house_is_the_same_picture_with_cells_twice_as_long(level: int) -> None:
+    wide = prepare_level(level, make_config(**{"pellets.spacing_m": 4.0}), WIDE)
+    plain = prepare_level(level, CONFIG)
+    house = plain.occupancy
+    np.testing.assert_array_equal(wide.occupancy.grey, house.grey)
+    assert wide.occupancy.resolution == pytest.approx(2 * house.resolution)
+    assert wide.occupancy.origin[:2] == pytest.approx([2 * x for x in house.origin[:2]])
+    assert wide.occupancy.name == f"{house.name}-wide"
+    assert 1.8 < longest_way(wide) / longest_way(plain) < 2.3
+
+
+def longest_way(assets: MapAssets) -> float:
+    return float(assets.length_cm[assets.length_cm != UNREACHABLE_CM].max())
+
+
+def test_wide_levels_have_as_many_pellets_farther_apart_and_positions_within_the_space() -> None:
+    env = PacManBotVectorEnv(6, map="generated:wide", num_levels=6, settings={"pellets.spacing_m": 4.0})
+    plain = PacManBotVectorEnv(6, map="generated", num_levels=6)
+    assert env.batch.pellet_slots == plain.batch.pellet_slots == 16
+    ways = []
+    for each in (env, plain):
+        each.reset(seed=0)
+        ways.append(each.situation.path_robot[each.situation.mask].max())
+    assert ways[0] > 1.5 * ways[1]
+    for _ in range(20):
+        observation, *_ = env.step(env.action_space.sample())
+        assert env.observation_space.contains(observation)
+    pellets = env.situation.pellets_left
+    assert pellets.min() >= 1
+    assert pellets.max() <= 16
