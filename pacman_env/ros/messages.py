@@ -101,7 +101,7 @@ def number_of(message: Any, low: float, high: float) -> float:
     value = message.data
     if not low <= value <= high:  # nor NaN
         raise BadMessage(f"number {value!r}: must be within {low:g} and {high:g}")
-    return value  # type: ignore[no-any-return]
+    return value
 
 
 def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[int, Position]:
@@ -173,7 +173,7 @@ def transform_of(message: Any) -> tuple[str, str, Pose]:
 
 def seconds_of(time: Any) -> float:
     """A Time or a Duration in s."""
-    return time.sec + time.nanosec * 1e-9  # type: ignore[no-any-return]
+    return time.sec + time.nanosec * 1e-9
 
 
 def _set_pose(pose: Any, x: float, y: float, theta: float) -> None:
