@@ -85,6 +85,7 @@ class Robot:
         self.process: Process = system.start(NODE, **parameters)
         probe.record(topics.ODOMETRY, topics.AMCL_POSE, topics.TF, FAULTS_NOW)
         probe.wait_for(lambda: probe.messages(topics.ODOMETRY), COMPILE_S, "odometry")
+        probe.wait_for(lambda: probe.publisher(FAULT).get_subscription_count() > 0, what="the faults' listener")
         self.client: Any = None
 
     def goal(self, x: float, y: float, **changes: Any) -> Goal:
@@ -426,9 +427,9 @@ def test_fault_nav2_away(probe: Probe, system: System) -> None:
 
 def test_fault_late_acceptance(probe: Probe, system: System) -> None:
     robot = Robot(probe, system)
-    robot.fault("late_acceptance 3.0", ["late_acceptance 3"])
+    robot.fault("late_acceptance 20.0", ["late_acceptance 20"])
     goal = robot.goal(*RIGHT)
-    robot.wait_s(1.5)
+    robot.wait_s(2.0)
     assert not goal.answer.done()
     assert robot.place() == (0.0, 0.0)  # and the world goes on
     assert goal.accepted
