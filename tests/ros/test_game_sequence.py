@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -71,7 +71,14 @@ class Robot:
         return {message.twist.angular.z for message in self.probe.messages(topics.CMD_VEL)}
 
     def pellets(self) -> dict[int, tuple[float, float]]:
-        return pellets_of(self.probe.messages(topics.PELLET_MARKERS)[-1])
+        return pellets_of(self.latest(topics.PELLET_MARKERS))
+
+    def clyde(self) -> tuple[float, float]:
+        return pose_of(self.latest(topics.CLYDE_POSE))[:2]
+
+    def latest(self, topic: topics.Topic) -> Any:
+        """What a topic last said, or will say next."""
+        return self.probe.wait_for(lambda: self.probe.messages(topic)[-1:], what=topic.name)[0]
 
 
 @pytest.fixture
@@ -138,8 +145,8 @@ def test_a_lost_round_comes_out_in_the_recorded_order(robot: Robot, probe: Probe
     pellets = robot.play()
     robot.collect(next(iter(pellets)))
     robot.wait("the pellet's sound", topics.GAME_SOUND, "pellet")
-    here = pose_of(probe.messages(topics.CLYDE_POSE)[-1])[:2]
-    probe.wait_for(lambda: pose_of(probe.messages(topics.CLYDE_POSE)[-1])[:2] != here, what="Clyde to walk")
+    here = robot.clyde()
+    probe.wait_for(lambda: robot.clyde() != here, what="Clyde to walk")
 
     probe.forget()
     probe.publish(topics.GAME_EVENT, "clyde killed", listeners=2)  # the planner names the ghost, then reports
@@ -164,7 +171,7 @@ def test_a_lost_round_comes_out_in_the_recorded_order(robot: Robot, probe: Probe
     probe.wait_for(
         lambda: [m.override_system for m in probe.messages(topics.LIGHT_RING)[-1:]] == released, what="the ring"
     )
-    still = pose_of(probe.messages(topics.CLYDE_POSE)[-1])[:2]
+    still = robot.clyde()
     count = len(probe.heard(topics.CLYDE_POSE))
     probe.wait_for(lambda: len(probe.heard(topics.CLYDE_POSE)) > count + 3, what="more of Clyde")
-    assert pose_of(probe.messages(topics.CLYDE_POSE)[-1])[:2] == still
+    assert robot.clyde() == still
