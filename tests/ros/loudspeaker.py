@@ -1,0 +1,50 @@
+"""The base's loudspeaker, for tests: an action server that plays silently and remembers what it played."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.action import GoalResponse
+
+from pacman_env.game.sounds import MELODIES, frequency_hz
+from pacman_env.ros import topics
+
+_WORDS = {tuple(frequency_hz(note) for note, _ in melody): word for word, melody in MELODIES.items()}
+
+
+class Loudspeaker:
+    """Accepts every melody; one is over when ``finish`` is called, or at once. ``with`` takes it away."""
+
+    def __init__(self, node: Any, *, at_once: bool = False) -> None:
+        self.played: list[str] = []  # by word, in order
+        self.goals: list[Any] = []
+        self.refuse = False
+        self._at_once = at_once
+        self._handles: list[Any] = []
+        self._server = topics.PLAY_NOTES.server(
+            node, self._end, goal_callback=self._answer, handle_accepted_callback=self._begin
+        )
+
+    def __enter__(self) -> Loudspeaker:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._server.destroy()
+
+    def finish(self, number: int = -1) -> None:
+        """The melody with this number, or the last one, is over."""
+        self._handles[number].execute()
+
+    def _answer(self, goal: Any) -> GoalResponse:
+        return GoalResponse.REJECT if self.refuse else GoalResponse.ACCEPT
+
+    def _begin(self, handle: Any) -> None:
+        self.goals.append(handle.request)
+        self.played.append(_WORDS[tuple(note.frequency for note in handle.request.note_sequence.notes)])
+        self._handles.append(handle)
+        if self._at_once:
+            handle.execute()
+
+    def _end(self, handle: Any) -> Any:
+        handle.succeed()
+        return topics.PLAY_NOTES.type.Result(complete=True, iterations_played=1)
