@@ -1,0 +1,246 @@
+"""Messages to plain values and back. What comes in is checked here, so that rules only ever see good numbers.
+
+Poses are (x, y, theta) in m, m, rad, positions (x, y) in m, in the map frame unless another is named; stamps are
+``builtin_interfaces/Time``. Names of topics and words are in ``topics.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+FARTHEST_M = 1000.0  # no map of the game is larger
+UNIT_TOLERANCE = 0.01  # of a quaternion's length
+LONGEST_WORD = 200  # characters
+PELLETS = "pellets"  # namespaces of markers
+GHOSTS = "ghosts"
+PELLET_DIAMETER_M = 0.12
+
+Pose = tuple[float, float, float]
+Position = tuple[float, float]
+Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
+
+
+class BadMessage(ValueError):
+    """A message that no rule may see; says what is wrong with it."""
+
+
+def _position(point: Any) -> Position:
+    for axis in ("x", "y", "z"):
+        value = getattr(point, axis)
+        if not math.isfinite(value):
+            raise BadMessage(f"position {axis} = {value}: must be finite")
+        if abs(value) > FARTHEST_M:
+            raise BadMessage(f"position {axis} = {value:g} m: more than {FARTHEST_M:g} m away")
+    return point.x, point.y
+
+
+def _yaw(quaternion: Any) -> float:
+    x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
+    length = math.hypot(x, y, z, w)
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:  # not: NaN is bad, too
+        raise BadMessage(f"orientation ({x:g}, {y:g}, {z:g}, {w:g}): length {length:g}, must be 1")
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _check_frame(header: Any, frame: str) -> None:
+    if header.frame_id != frame:
+        raise BadMessage(f"frame {header.frame_id!r}: must be {frame!r}")
+
+
+def pose_of(message: Any, frame: str = "map") -> Pose:
+    """The pose in a PoseStamped or a PoseWithCovarianceStamped.
+
+    Raises:
+        BadMessage: another frame, a number that is not finite, farther than 1 km, a quaternion not of length 1.
+    """
+    _check_frame(message.header, frame)
+    pose = getattr(message.pose, "pose", message.pose)  # PoseWithCovariance holds a Pose
+    return *_position(pose.position), _yaw(pose.orientation)
+
+
+def point_of(message: Any, frame: str = "map") -> Position:
+    """The position in a PointStamped.
+
+    Raises:
+        BadMessage: as ``pose_of``.
+    """
+    _check_frame(message.header, frame)
+    return _position(message.point)
+
+
+def word_of(message: Any, words: Collection[str] | None = None) -> str:
+    """The word in a String, trimmed and in lower case.
+
+    Raises:
+        BadMessage: longer than 200 characters, or none of ``words``.
+    """
+    text: str = message.data
+    if len(text) > LONGEST_WORD:
+        raise BadMessage(f"a word of {len(text)} characters, at most {LONGEST_WORD}")
+    word = text.strip().lower()
+    if words is not None and word not in words:
+        raise BadMessage(f"unknown word {text!r}: one of {', '.join(sorted(words))}")
+    return word
+
+
+def number_of(message: Any, low: float, high: float) -> float:
+    """The number in an Int32 or a Float32.
+
+    Raises:
+        BadMessage: not finite, or not within ``low`` to ``high``.
+    """
+    value = message.data
+    if not low <= value <= high:  # nor NaN
+        raise BadMessage(f"number {value!r}: must be within {low:g} and {high:g}")
+    return value
+
+
+def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[int, Position]:
+    """Positions by id of the pellets that a MarkerArray leaves on an empty screen, in the array's order.
+
+    Markers of other namespaces are not looked at.
+
+    Raises:
+        BadMessage: as ``pose_of``, a negative id, more than ``limit`` markers.
+    """
+    if len(message.markers) > limit:
+        raise BadMessage(f"{len(message.markers)} markers: at most {limit}")
+    pellets: dict[int, Position] = {}
+    for marker in message.markers:
+        if marker.action == Marker.DELETEALL:
+            pellets.clear()
+        elif marker.ns == PELLETS:
+            if marker.id < 0:
+                raise BadMessage(f"pellet {marker.id}: ids start at 0")
+            if marker.action == Marker.DELETE:
+                pellets.pop(marker.id, None)
+                continue
+            try:
+                _check_frame(marker.header, frame)
+                pellets[marker.id] = _position(marker.pose.position)
+            except BadMessage as error:
+                raise BadMessage(f"pellet {marker.id}: {error}") from None
+    return pellets
+
+
+def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray[np.float64]:
+    """(N, 2) x, y in m of the finite points of a PointCloud2.
+
+    Raises:
+        BadMessage: another frame, more than ``limit`` points, no float32 x and y, sizes that do not fit the data.
+    """
+    _check_frame(message.header, frame)
+    count = message.width * message.height
+    if count > limit:
+        raise BadMessage(f"{count} points: at most {limit}")
+    offset = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
+    if not {"x", "y"} <= set(offset):
+        raise BadMessage("a cloud without float32 fields x and y")
+    if max(offset["x"], offset["y"]) + 4 > message.point_step or count * message.point_step != len(message.data):
+        raise BadMessage(f"{len(message.data)} bytes are not {count} points of {message.point_step} bytes")
+    order = ">" if message.is_bigendian else "<"
+    layout = np.dtype(
+        {
+            "names": ["x", "y"],
+            "formats": [f"{order}f4"] * 2,
+            "offsets": [offset["x"], offset["y"]],
+            "itemsize": message.point_step,
+        }
+    )
+    cloud = np.frombuffer(bytes(message.data), layout)
+    points = np.column_stack((cloud["x"], cloud["y"])).astype(np.float64)
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def transform_of(message: Any) -> tuple[str, str, Pose]:
+    """Parent frame, child frame and pose of the child in the parent, of a TransformStamped.
+
+    Raises:
+        BadMessage: as ``pose_of``.
+    """
+    pose = *_position(message.transform.translation), _yaw(message.transform.rotation)
+    return message.header.frame_id, message.child_frame_id, pose
+
+
+def seconds_of(time: Any) -> float:
+    """A Time or a Duration in s."""
+    return time.sec + time.nanosec * 1e-9
+
+
+def _set_pose(pose: Any, x: float, y: float, theta: float) -> None:
+    pose.position.x, pose.position.y = float(x), float(y)
+    pose.orientation.z, pose.orientation.w = math.sin(theta / 2), math.cos(theta / 2)
+
+
+def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str = "map") -> Any:
+    """A PoseStamped."""
+    message = PoseStamped(header=Header(stamp=stamp, frame_id=frame))
+    _set_pose(message.pose, x, y, theta)
+    return message
+
+
+def twist_message(v_mps: float, w_radps: float, stamp: Any, frame: str = "base_link") -> Any:
+    """A TwistStamped: forwards and to the left are positive."""
+    message = TwistStamped(header=Header(stamp=stamp, frame_id=frame))
+    message.twist.linear.x, message.twist.angular.z = float(v_mps), float(w_radps)
+    return message
+
+
+def transform_message(parent: str, child: str, pose: Pose, stamp: Any) -> Any:
+    """A TransformStamped."""
+    x, y, theta = pose
+    message = TransformStamped(header=Header(stamp=stamp, frame_id=parent), child_frame_id=child)
+    message.transform.translation.x, message.transform.translation.y = float(x), float(y)
+    message.transform.rotation.z, message.transform.rotation.w = math.sin(theta / 2), math.cos(theta / 2)
+    return message
+
+
+def marker_message(
+    namespace: str, number: int, at: Position, diameter_m: float, colour: Colour, stamp: Any, frame: str = "map"
+) -> Any:
+    """A Marker that adds a sphere, standing on the floor."""
+    marker = Marker(header=Header(stamp=stamp, frame_id=frame), ns=namespace, id=number)
+    marker.type, marker.action = Marker.SPHERE, Marker.ADD
+    _set_pose(marker.pose, *at, 0.0)
+    marker.pose.position.z = diameter_m / 2
+    marker.scale.x = marker.scale.y = marker.scale.z = diameter_m
+    marker.color.r, marker.color.g, marker.color.b = colour
+    marker.color.a = 1.0
+    return marker
+
+
+def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map") -> Any:
+    """A MarkerArray of all pellets there are: DELETEALL, then a sphere each."""
+    clear = Marker(header=Header(stamp=stamp, frame_id=frame), ns=PELLETS, action=Marker.DELETEALL)
+    yellow = (1.0, 1.0, 0.0)
+    spheres = [
+        marker_message(PELLETS, number, at, PELLET_DIAMETER_M, yellow, stamp, frame) for number, at in pellets.items()
+    ]
+    return MarkerArray(markers=[clear, *spheres])
+
+
+def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0, frame: str = "map") -> Any:
+    """A PointCloud2 of (N, 2) x, y in m, all at height ``z``; float32."""
+    data = np.full((len(points), 3), z, dtype="<f4")
+    data[:, :2] = points
+    fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, name in enumerate("xyz")]
+    return PointCloud2(
+        header=Header(stamp=stamp, frame_id=frame),
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=False,
+        point_step=12,
+        row_step=12 * len(points),
+        data=data.tobytes(),
+        is_dense=True,
+    )

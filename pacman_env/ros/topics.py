@@ -1,0 +1,160 @@
+"""Names, types and QoS of everything that the nodes exchange, and the words on the topics.
+
+Names are relative, so that a node's namespace applies. A type is imported when its topic is first used: a node
+needs only the message packages it speaks. What a message must hold is checked in ``messages.py``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from rclpy.action import ActionClient, ActionServer
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from pacman_env.game.round import State
+
+
+def _qos(depth: int, *, latched: bool = False, best_effort: bool = False) -> QoSProfile:
+    return QoSProfile(
+        depth=depth,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+    )
+
+
+LATCHED = _qos(1, latched=True)
+#: Commands come in bursts, and a depth of 1 keeps only the last of one; depth is no part of compatibility, so
+#: nodes with the original's depth can still listen.
+COMMANDS = _qos(32, latched=True)
+EVENTS = _qos(10)
+SENSOR_DATA = _qos(5, best_effort=True)
+TRANSFORMS = _qos(100)
+STATIC_TRANSFORMS = _qos(100, latched=True)
+
+
+def _type(kind: str, name: str) -> Any:
+    package, _, word = name.partition("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), word)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic: its relative name, ``package/Type`` and QoS."""
+
+    name: str
+    type_name: str
+    qos: QoSProfile
+
+    @property
+    def type(self) -> Any:
+        """The message class."""
+        return _type("msg", self.type_name)
+
+    def publisher(self, node: Any) -> Any:
+        """A publisher of ``node`` on this topic."""
+        return node.create_publisher(self.type, self.name, self.qos)
+
+    def subscription(self, node: Any, callback: Callable[[Any], None], **options: Any) -> Any:
+        """A subscription of ``node``; ``options`` go to ``create_subscription``."""
+        return node.create_subscription(self.type, self.name, callback, self.qos, **options)
+
+
+@dataclass(frozen=True)
+class Service:
+    """One service: its relative name and ``package/Type``."""
+
+    name: str
+    type_name: str
+
+    @property
+    def type(self) -> Any:
+        """The service class, with Request and Response."""
+        return _type("srv", self.type_name)
+
+    def client(self, node: Any, **options: Any) -> Any:
+        """A client of ``node``."""
+        return node.create_client(self.type, self.name, **options)
+
+    def server(self, node: Any, callback: Callable[[Any, Any], Any], **options: Any) -> Any:
+        """A server of ``node``; ``callback(request, response)`` returns the response."""
+        return node.create_service(self.type, self.name, callback, **options)
+
+
+@dataclass(frozen=True)
+class Action:
+    """One action: its relative name and ``package/Type``."""
+
+    name: str
+    type_name: str
+
+    @property
+    def type(self) -> Any:
+        """The action class, with Goal, Feedback and Result."""
+        return _type("action", self.type_name)
+
+    def client(self, node: Any, **options: Any) -> Any:
+        """An ``ActionClient`` of ``node``."""
+        return ActionClient(node, self.type, self.name, **options)
+
+    def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
+        """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""
+        return ActionServer(node, self.type, self.name, execute, **options)
+
+
+GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)
+GAME_COMMAND = Topic("game_command", "std_msgs/String", COMMANDS)
+GAME_RESULT = Topic("game_result", "std_msgs/String", LATCHED)
+PELLETS_SPAWNED = Topic("game/pellets_spawned", "std_msgs/Int32", LATCHED)
+PELLETS_COLLECTED = Topic("game/pellets_collected", "std_msgs/Int32", LATCHED)
+SCORE = Topic("game/score", "std_msgs/Int32", LATCHED)
+ROUND = Topic("game/round", "std_msgs/Int32", LATCHED)
+BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
+CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
+
+PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
+REMOVE_PELLET = Topic("remove_pellet", "std_msgs/Int32", EVENTS)
+CLYDE_POSE = Topic("clyde_pose", "geometry_msgs/PoseStamped", EVENTS)
+CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
+CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
+CLICKED_POINT = Topic("clicked_point", "geometry_msgs/PointStamped", EVENTS)  # places Clyde before a round
+GAME_EVENT = Topic("game_event", "std_msgs/String", EVENTS)
+GAME_STATUS = Topic("game_status", "std_msgs/String", EVENTS)
+GAME_LIGHT = Topic("game_light", "std_msgs/String", EVENTS)
+GAME_SOUND = Topic("game_sound", "std_msgs/String", EVENTS)
+LIGHT_RING = Topic("cmd_lightring", "irobot_create_msgs/LightringLeds", EVENTS)
+CMD_VEL = Topic("cmd_vel", "geometry_msgs/TwistStamped", EVENTS)
+
+MAP = Topic("map", "nav_msgs/OccupancyGrid", LATCHED)
+AMCL_POSE = Topic("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", LATCHED)
+INITIAL_POSE = Topic("initialpose", "geometry_msgs/PoseWithCovarianceStamped", EVENTS)
+PLAN = Topic("plan", "nav_msgs/Path", EVENTS)
+ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
+SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)
+TF = Topic("tf", "tf2_msgs/TFMessage", TRANSFORMS)
+TF_STATIC = Topic("tf_static", "tf2_msgs/TFMessage", STATIC_TRANSFORMS)
+CLOCK = Topic("/clock", "rosgraph_msgs/Clock", SENSOR_DATA)  # the one absolute name, as rclpy listens to it
+
+START_GAME = Service("game/start", "std_srvs/Trigger")
+RESET_GAME = Service("game/reset", "std_srvs/Trigger")
+RESET_PELLETS = Service("reset_pellets", "std_srvs/Trigger")
+RESET_CLYDE = Service("reset_clyde", "std_srvs/Trigger")
+CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "nav2_msgs/ClearEntireCostmap")
+
+NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/NavigateToPose")
+PLAY_NOTES = Action("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
+
+GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
+STATE_WORDS = frozenset(get_args(State))
+COMMAND_WORDS = frozenset({"enable", "disable", "reset_round", "return_home"})
+#: ``pellet_collected`` is followed by a colon and the pellet's id.
+STATUS_WORDS = frozenset({"pellet_collected", "death_detected", "game_complete", "home_reached", "home_failed"})
+_OF_GHOSTS = frozenset(f"{ghost} {what}" for ghost in GHOSTS for what in ("caught", "killed"))
+EVENT_WORDS = _OF_GHOSTS | {
+    *("start", "start theatrical", "pellet", "power pellet", "death", "game over", "win", "reset"),
+}
+#: Beside the names of colours, which the light node knows.
+LIGHT_WORDS = _OF_GHOSTS | {"start", "pellet", "power pellet", "pacman", "game over", "win", "off"}
+SOUND_WORDS = frozenset({"start", "pacman_theme", "pellet", "power pellet", "ghost", "death", "win"})

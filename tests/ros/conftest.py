@@ -1,0 +1,48 @@
+"""What every test with ROS gets: a domain of its own, nodes that end with the test, a probe that hears everything."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, System
+
+if os.environ.get("CI") and find_spec("rclpy") is None:
+    raise RuntimeError("rclpy is absent: in CI the tests with ROS must run")
+
+
+@pytest.fixture(scope="session")
+def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """A ROS_DOMAIN_ID that no other test process has, on this machine alone, with quick discovery."""
+    from tests.ros.system import free_domain
+
+    with free_domain() as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("fast_discovery.xml")))
+        patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
+        yield number
+
+
+@pytest.fixture
+def system(domain: int, tmp_path: Path) -> Iterator[System]:
+    """Starts nodes as processes; stops them, one after another, at the end of the test."""
+    from tests.ros.system import System
+
+    with System(tmp_path) as system:
+        yield system
+
+
+@pytest.fixture
+def probe(system: System) -> Iterator[Probe]:
+    """A node of the test process that hears and says everything."""
+    from tests.ros.system import Probe
+
+    with Probe(system) as probe:
+        yield probe

@@ -1,0 +1,51 @@
+"""A node for the tests of ``run``: greets when it is up, and says how it was told to part."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from std_msgs.msg import String
+
+from pacman_env.ros import topics
+from pacman_env.ros.node import GameNode, parameter, run
+
+
+class FarewellNode(GameNode):
+    """Latched ``here`` on ``game_state``; on stop a burst of commands, and a call that is worth waiting for."""
+
+    def __init__(self) -> None:
+        super().__init__("farewell_node")
+        words = parameter(self, "words", 1, "how many words the farewell has", 0, 20)
+        self.pause_s = parameter(self, "pause_s", 0.0, "how long the making takes, s", 0.0, 60.0)
+        parameter(self, "offset", 0.0, "a number without a range")
+        self.call = parameter(self, "call", False, "whether the farewell calls a service")
+        self.commands = topics.GAME_COMMAND.publisher(self)
+        self.words = words
+        self.state = topics.GAME_STATE.publisher(self)
+        self.reset = topics.RESET_GAME.client(self)
+        topics.GAME_EVENT.subscription(self, self._event)
+        self.state.publish(String(data="here"))
+        time.sleep(self.pause_s)
+
+    def _event(self, message: Any) -> None:
+        self.once.warning("event", f"event {message.data}")
+        if message.data == "over":
+            self.once.over("event")
+        if message.data == "fail":
+            raise ZeroDivisionError("a callback that fails")
+
+    def farewell(self) -> Iterable[Any]:
+        for i in range(self.words):
+            self.commands.publish(String(data=f"last {i}"))
+        return [self.reset.call_async(topics.RESET_GAME.type.Request())] if self.call else []
+
+
+def main() -> int:
+    return run(FarewellNode, "farewell_node")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,240 @@
+"""Real nodes in processes of their own, and a node beside them that listens, speaks and waits for conditions."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from pacman_env.ros.topics import Action, Service, Topic
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMESPACE = "/robot_15"
+STOP_S = 15.0
+T = TypeVar("T")
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """A ROS_DOMAIN_ID from 1 to 101, held by a lock; the one in the environment, if any, is tried first."""
+    first = int(os.environ.get("ROS_DOMAIN_ID") or os.getpid())
+    for step in range(101):
+        number = 1 + (first - 1 + step) % 101
+        with open(Path(tempfile.gettempdir()) / f"ros-domain-{number}.lock", "w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield number
+            return
+    raise RuntimeError("all ROS domains from 1 to 101 are taken")
+
+
+@dataclass
+class Process:
+    """One node, running or ended."""
+
+    name: str
+    popen: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def output(self) -> str:
+        """All that it has written so far, stdout and stderr."""
+        return self.log.read_text(errors="replace")
+
+    def send(self, number: int) -> None:
+        """Send a signal."""
+        self.popen.send_signal(number)
+
+    def wait(self, timeout_s: float = STOP_S) -> int:
+        """Its exit status; killed, and the test failed, if it does not end."""
+        try:
+            return self.popen.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self.popen.kill()
+            self.popen.wait()
+            raise AssertionError(f"{self.name} did not end within {timeout_s:g} s:\n{self.output[-3000:]}") from None
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        """Send the signal and wait for the exit status."""
+        if self.popen.poll() is None:
+            self.send(number)
+        return self.wait()
+
+
+@dataclass
+class System:
+    """Processes of one test; ``with`` stops what still runs."""
+
+    folder: Path
+    namespace: str = NAMESPACE
+    processes: list[Process] = field(default_factory=list)
+
+    def start(self, module: str, *arguments: str, **parameters: Any) -> Process:
+        """Start ``python -m module`` in the namespace; ``arguments`` go behind ``--ros-args``."""
+        command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
+        for name, value in parameters.items():
+            command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+        return self.run(module.rpartition(".")[2], command)
+
+    def run(self, name: str, command: list[str]) -> Process:
+        """Start any command, at the checkout's root."""
+        log = self.folder / f"{len(self.processes)}-{name}.log"
+        with open(log, "wb") as output:
+            popen = subprocess.Popen(
+                command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+            )
+        process = Process(name, popen, log)
+        self.processes.append(process)
+        return process
+
+    def ended_badly(self) -> str:
+        """What processes that have failed wrote; empty if none has."""
+        failed = [p for p in self.processes if p.popen.poll() not in (None, 0)]
+        return "\n".join(f"{p.name} ended with {p.popen.returncode}:\n{p.output[-3000:]}" for p in failed)
+
+    def outputs(self) -> str:
+        """The last lines of every process."""
+        return "\n".join(f"--- {p.name}\n{p.output[-1500:]}" for p in self.processes)
+
+    def __enter__(self) -> System:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        for process in self.processes:
+            try:
+                process.stop()
+            except AssertionError:
+                if failure[0] is None:
+                    raise
+
+
+@dataclass(frozen=True)
+class Heard:
+    """One message with its time of arrival, ``time.monotonic`` s."""
+
+    at: float
+    message: Any
+
+
+class Probe:
+    """A node of the test process, in a context of its own; it works only while ``wait_for`` spins it."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.context = Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("probe", namespace=system.namespace, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.all: list[tuple[str, Heard]] = []  # in order of arrival over all topics
+        self._heard: dict[str, list[Heard]] = {}
+        self._publishers: dict[str, Any] = {}
+
+    def __enter__(self) -> Probe:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def record(self, *topics: Topic) -> None:
+        """Listen from now on."""
+        for topic in topics:
+            if topic.name not in self._heard:
+                self._heard[topic.name] = []
+                topic.subscription(self.node, lambda message, name=topic.name: self._hear(name, message))
+
+    def _hear(self, name: str, message: Any) -> None:
+        heard = Heard(time.monotonic(), message)
+        self._heard[name].append(heard)
+        self.all.append((name, heard))
+
+    def heard(self, topic: Topic) -> list[Heard]:
+        """Everything heard on a topic so far, in order of arrival."""
+        return self._heard[topic.name]
+
+    def messages(self, topic: Topic) -> list[Any]:
+        """As ``heard``, without times."""
+        return [heard.message for heard in self._heard[topic.name]]
+
+    def values(self, topic: Topic) -> list[Any]:
+        """The ``data`` of everything heard on a topic."""
+        return [message.data for message in self.messages(topic)]
+
+    def forget(self) -> None:
+        """Drop what was heard so far."""
+        self.all.clear()
+        for heard in self._heard.values():
+            heard.clear()
+
+    def publish(self, topic: Topic, message: Any, listeners: int = 1) -> None:
+        """Publish, once ``listeners`` are there; a plain value becomes the ``data`` of a message."""
+        publisher = self.publisher(topic)
+        self.wait_for(
+            lambda: publisher.get_subscription_count() >= listeners, what=f"{listeners} listeners on {topic.name}"
+        )
+        publisher.publish(message if hasattr(message, "get_fields_and_field_types") else topic.type(data=message))
+
+    def publisher(self, topic: Topic) -> Any:
+        """The probe's publisher on a topic."""
+        if topic.name not in self._publishers:
+            self._publishers[topic.name] = topic.publisher(self.node)
+        return self._publishers[topic.name]
+
+    def call(self, service: Service, request: Any = None, timeout_s: float = 15.0) -> Any:
+        """The answer of a service, once it is there."""
+        client = service.client(self.node)
+        self.wait_for(client.service_is_ready, timeout_s, f"service {service.name}")
+        answer = client.call_async(service.type.Request() if request is None else request)
+        self.wait_for(answer.done, timeout_s, f"the answer of {service.name}")
+        self.node.destroy_client(client)
+        return answer.result()
+
+    def action_client(self, action: Action, timeout_s: float = 15.0) -> Any:
+        """A client of an action whose server is there."""
+        client = action.client(self.node)
+        self.wait_for(client.server_is_ready, timeout_s, f"action {action.name}")
+        return client
+
+    def stamp(self) -> Any:
+        """The time now, as messages have it."""
+        return self.node.get_clock().now().to_msg()
+
+    def spin(self, seconds: float) -> None:
+        """Listen for a while: only for what must *not* happen; else ``wait_for``."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=left)
+
+    def wait_for(self, condition: Callable[[], T], timeout_s: float = 15.0, what: str = "the condition") -> T:
+        """Spin until the condition holds, and return what it returned; fails early if a process has failed."""
+        end = time.monotonic() + timeout_s
+        while not (value := condition()):
+            if failed := self.system.ended_badly():
+                raise AssertionError(f"while waiting for {what}: {failed}")
+            left = end - time.monotonic()
+            if left <= 0:
+                heard = {name: len(of) for name, of in self._heard.items()}
+                raise AssertionError(
+                    f"waited {timeout_s:g} s for {what}; heard {heard}, nodes {sorted(self.node.get_node_names())}\n"
+                    f"{self.system.outputs()}"
+                )
+            self.executor.spin_once(timeout_sec=min(left, 0.05))
+        return value

@@ -1,0 +1,126 @@
+"""The life of a node: bad starts, signals, last messages."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from pacman_env.ros import topics  # noqa: E402
+from pacman_env.ros.node import Once  # noqa: E402
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, Process, System
+
+NODE = "tests.ros.farewell_node"
+
+
+def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Process:
+    process = system.start(NODE, *arguments, **parameters)
+    probe.record(topics.GAME_STATE, topics.GAME_COMMAND)
+    probe.wait_for(lambda: probe.values(topics.GAME_STATE) == ["here"], what="the node")
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_the_last_messages_arrive_after_a_signal_and_the_node_ends_with_status_0(
+    probe: Probe, system: System, number: int
+) -> None:
+    process = up(probe, system, words=20)
+    probe.wait_for(lambda: probe.node.count_publishers(f"{system.namespace}/game_command") == 1, what="the publisher")
+    process.send(number)
+    process.send(number)  # a terminal and a launcher may both send one
+    probe.wait_for(lambda: len(probe.values(topics.GAME_COMMAND)) == 20, what="the farewell")
+    assert probe.values(topics.GAME_COMMAND) == [f"last {i}" for i in range(20)]
+    assert process.stop(number) == 0
+    assert "Traceback" not in process.output
+
+
+def test_the_farewell_waits_for_an_answer(probe: Probe, system: System) -> None:
+    asked = []
+
+    def answer(request: Any, response: Any) -> Any:
+        asked.append(time.monotonic())
+        response.success = True
+        return response
+
+    topics.RESET_GAME.server(probe.node, answer)
+    process = up(probe, system, call=True)
+    process.send(signal.SIGTERM)
+    probe.wait_for(lambda: asked, what="the last call")
+    probe.wait_for(lambda: process.popen.poll() is not None, what="the end")
+    assert process.wait() == 0
+
+
+def test_the_farewell_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
+    process = up(probe, system, call=True)
+    before = time.monotonic()
+    assert process.stop(signal.SIGTERM) == 0
+    assert time.monotonic() - before < 8.0
+
+
+def test_a_failing_callback_ends_the_node_after_its_farewell(probe: Probe, system: System) -> None:
+    process = up(probe, system)
+    probe.publish(topics.GAME_EVENT, "fail")
+    with pytest.raises(AssertionError, match="ZeroDivisionError: a callback that fails"):
+        probe.wait_for(lambda: False, what="the failure")
+    assert process.wait() == 1
+    system.processes.clear()
+    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="the farewell")
+
+
+def test_a_signal_breaks_off_the_making_of_a_node(probe: Probe, system: System) -> None:
+    process = system.start(NODE, pause_s=30.0)
+    probe.record(topics.GAME_STATE)
+    probe.wait_for(lambda: probe.values(topics.GAME_STATE), what="the half-made node")
+    assert process.stop() == 0
+    assert process.output == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["-p", "words:=21"], "words"),
+        (["-p", "words:=many"], "words"),
+        (["-p", "pause_s:=.nan"], "pause_s"),
+        (["-p", "offset:=.inf"], "parameter offset = inf: must be finite"),
+        (["-p", "words"], "words"),
+        (["--", "--fast"], "unknown arguments --fast"),
+    ],
+)
+def test_a_bad_start_is_one_line(system: System, arguments: list[str], complaint: str) -> None:
+    process = system.start(NODE, *arguments)
+    assert process.wait() == 2
+    system.processes.clear()
+    lines = process.output.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("farewell_node: ")
+    assert complaint in lines[0]
+
+
+class Log(list[str]):
+    def warning(self, text: str) -> None:
+        self.append(f"warning {text}")
+
+    def info(self, text: str) -> None:
+        self.append(f"info {text}")
+
+
+def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -> None:
+    log = Log()
+    once = Once(log)
+    for i in range(3):
+        once.warning("pose", f"bad pose {i}")
+    once.warning("map", "no map")
+    assert log == ["warning bad pose 0", "warning no map"]
+    assert once.counts == {"pose": 3, "map": 1}
+    once.summary()
+    assert log[2:] == ["warning pose: 3 times"]
+    once.over("pose")
+    once.over("pose")
+    once.warning("pose", "bad again")
+    assert log[3:] == ["info pose: over, after 3 times", "warning bad again"]
