@@ -52,10 +52,10 @@ class Game:
     def parameters(self, node: str) -> dict[str, Value]:
         """The parameters that ``node`` is started with; all others have their defaults."""
         own: dict[str, dict[str, Value]] = {
-            SIMULATOR: {"map": self.map, "speed": self.speed},
-            "pellet_manager": {"map": self.map},
-            "clyde_ghost_node": {"map": self.map},
-            SELECTOR: {"map": self.map, "policy": self.policy},
+            SIMULATOR: {"map_yaml": self.map, "speed": self.speed},
+            "pellet_manager": {"map_yaml": self.map},
+            "clyde_ghost_node": {"map_yaml": self.map},
+            SELECTOR: {"map_yaml": self.map, "policy": self.policy},
         }
         clock: dict[str, Value] = {"use_sim_time": True} if self.sim and node != SIMULATOR else {}
         return {**own.get(node, {}), **clock, **self.extra.get(node, {})}
