@@ -193,7 +193,9 @@ def _add_ros_group(commands: Any) -> None:
     up = group.add_parser("up", help="start all nodes, show how the game stands, stop them in order")
     up.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
     up.add_argument("--policy", default="ppo", help="who picks the goals: a name or an .onnx file (%(default)s)")
-    up.add_argument("--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only")
+    up.add_argument(
+        "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
+    )
     up.add_argument("--speed", type=_finite, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
     up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
     up.set_defaults(run=_ros_up)

@@ -158,9 +158,7 @@ def test_arguments_of_a_node_keep_their_types() -> None:
 @pytest.fixture(scope="module")
 def nav2() -> dict[str, Any]:
     content = yaml.safe_load((ROOT / "config" / "nav2.yaml").read_text())
-    return {
-        node: (inner.get(node, inner))["ros__parameters"] for node, inner in content.items()
-    }  # costmaps are nested
+    return {node: (inner.get(node, inner))["ros__parameters"] for node, inner in content.items()}  # costmaps are nested
 
 
 def test_the_nav2_file_has_no_alias_which_ros_cannot_read() -> None:
@@ -224,9 +222,7 @@ def test_the_view_shows_topics_of_the_game() -> None:
 
     view = yaml.safe_load((ROOT / "config" / "game.rviz").read_text())
     known = {value.name for value in vars(topics).values() if isinstance(value, topics.Topic)}
-    shown = {
-        display["Topic"]["Value"] for display in view["Visualization Manager"]["Displays"] if "Topic" in display
-    }
+    shown = {display["Topic"]["Value"] for display in view["Visualization Manager"]["Displays"] if "Topic" in display}
     nav2s_own = {"global_costmap/costmap", "local_costmap/costmap", "particle_cloud"}
     assert {topics.MAP.name, topics.PELLET_MARKERS.name, topics.CLYDE_MARKER.name, topics.PLAN.name} <= shown
     assert shown <= known | nav2s_own
