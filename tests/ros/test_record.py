@@ -108,7 +108,7 @@ def test_a_cut_or_changed_bag_is_one_line(bag: Path, tmp_path: Path) -> None:
     for broken in (whole[: len(whole) // 2], whole[:100] + bytes(40) + whole[140:], whole[:-2000] + bytes(2000)):
         path = tmp_path / "broken.mcap"
         path.write_bytes(broken)
-        with pytest.raises(BagError, match="broken.mcap: ") as caught, open_bag(path) as game:
+        with pytest.raises(BagError, match=r"broken\.mcap: ") as caught, open_bag(path) as game:
             list(game.messages(RECORDED))
         assert "\n" not in str(caught.value)
 
