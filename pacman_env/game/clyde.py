@@ -7,6 +7,7 @@ decided in ``ghosts``. No simulator and no ROS here: both call these functions.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -58,6 +59,21 @@ class ClydeCells:
     def cells_in(self, part: int) -> NDArray[np.int32]:
         """Numbers of the cells of a part."""
         return self.part_cells[self.part_start[part] : self.part_start[part + 1]]
+
+    def nearest(self, x: float, y: float) -> tuple[int, float]:
+        """The cell nearest to a place, and how far it is in m."""
+        distance = np.hypot(self.position[:, 0] - x, self.position[:, 1] - y)
+        cell = int(distance.argmin())
+        return cell, float(distance[cell])
+
+    def away_from(self, part: int, places: Iterable[tuple[float, float]], distance_m: float) -> NDArray[np.int32]:
+        """Cells of a part that are at least so far from all the places; where there are none, the farthest one."""
+        cells = self.cells_in(part)
+        nearest = np.full(len(cells), np.inf)
+        for place in places:
+            nearest = np.minimum(nearest, np.hypot(*(self.position[cells] - place).T))
+        far = cells[nearest >= distance_m]
+        return far if len(far) else cells[[nearest.argmax()]]
 
 
 def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:

@@ -206,3 +206,35 @@ def test_on_real_maps_far_targets_are_found_too(name: str) -> None:
         for start, goal in rng.choice(inside, (20, 2)):
             count = find_path(start, goal, cells.graph, *memory, path)
             assert (path[0], path[count - 1]) == (start, goal)
+
+
+# Where he may begin
+
+
+def test_the_nearest_cell_is_found_for_any_place() -> None:
+    _, cells = house()
+    for k in (0, 17, len(cells.position) - 1):
+        x, y = cells.position[k]
+        assert cells.nearest(x + 0.01, y - 0.01)[0] == k
+    cell, distance = cells.nearest(1e3, -1e3)
+    assert distance == pytest.approx(np.hypot(*(cells.position - (1e3, -1e3)).T).min())
+    assert distance == pytest.approx(math.dist(cells.position[cell], (1e3, -1e3)))
+
+
+def test_cells_away_from_places_are_all_those_of_the_part_and_no_others() -> None:
+    cells = pocket_cells()
+    places = [tuple(cells.position[cells.cells_in(0)[0]]), (2.0, 2.0)]
+    found = set(cells.away_from(0, places, 1.5).tolist())
+    for k in range(len(cells.position)):
+        far = min(math.dist(cells.position[k], place) for place in places) >= 1.5
+        assert (k in found) == (far and cells.part[k] == 0)
+    assert 0 < len(found) < len(cells.cells_in(0))
+    assert set(cells.away_from(1, [], 1.5)) == set(cells.cells_in(1))
+
+
+def test_where_no_cell_is_far_enough_the_farthest_is_taken() -> None:
+    cells = pocket_cells()
+    place = tuple(cells.position[cells.cells_in(0)[0]])
+    (cell,) = cells.away_from(0, [place], 100.0)
+    distances = [math.dist(cells.position[k], place) for k in cells.cells_in(0)]
+    assert math.dist(cells.position[cell], place) == max(distances)

@@ -1,0 +1,116 @@
+"""Algorithm 7: what the six LEDs of the light ring show, by light word and time.
+
+Pure functions of time. Which event asks for which light is decided in ``events``; how a ring gets to the robot, and
+how often, is not decided here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+Colour = tuple[int, int, int]  # red, green, blue, 0..255
+Ring = tuple[Colour, ...]  # of the six LEDs
+
+COLOURS: dict[str, Colour] = {
+    "yellow": (255, 180, 0),
+    "red": (255, 0, 0),
+    "blue": (0, 0, 255),
+    "pink": (255, 60, 180),
+    "orange": (255, 80, 0),
+    "white": (255, 255, 255),
+}
+GHOST_COLOURS = {
+    "clyde": COLOURS["orange"],
+    "blinky": COLOURS["red"],
+    "pinky": COLOURS["pink"],
+    "inky": COLOURS["blue"],
+}
+BLACK: Colour = (0, 0, 0)
+_FRAME_S = 0.15
+
+
+@dataclass(frozen=True)
+class Animation:
+    """Rings shown one after the other, from the first again, until the time is over."""
+
+    rings: tuple[Ring, ...]
+    duration_s: float = math.inf  # inf: until the next word
+    then: str | None = None  # the lasting word afterwards; None: the one that was there before
+
+    def at(self, elapsed_s: float) -> Ring:
+        """The ring so long after the beginning."""
+        return self.rings[int(elapsed_s / _FRAME_S) % len(self.rings)]
+
+
+def _all(colour: Colour) -> Ring:
+    return (colour,) * 6
+
+
+def _dimmed(colour: Colour, share: float) -> Colour:
+    red, green, blue = colour
+    return round(red * share), round(green * share), round(blue * share)
+
+
+def _turning(ring: Ring) -> tuple[Ring, ...]:
+    """The pattern wanders once around the ring."""
+    return tuple(ring[6 - k :] + ring[: 6 - k] for k in range(6))
+
+
+def _wave(colour: Colour, ground: Colour) -> tuple[Ring, ...]:
+    beside = _dimmed(colour, 0.5)
+    return _turning((colour, beside, ground, ground, ground, beside))
+
+
+_YELLOW, _RED, _WHITE = COLOURS["yellow"], COLOURS["red"], COLOURS["white"]
+
+#: By light word. ``off`` is none of them: it shows nothing.
+ANIMATIONS: dict[str, Animation] = {
+    **{name: Animation((_all(colour),)) for name, colour in COLOURS.items()},
+    "pacman": Animation(  # his mouth opens and shuts
+        (
+            (_YELLOW, BLACK, BLACK, BLACK, _YELLOW, _YELLOW),
+            (_YELLOW, _YELLOW, BLACK, _YELLOW, _YELLOW, _YELLOW),
+        )
+    ),
+    "start": Animation(_turning((_YELLOW, *GHOST_COLOURS.values(), BLACK)), 8.0, "pacman"),
+    "pellet": Animation((_all(_WHITE), _all(_YELLOW)), 2 * _FRAME_S),
+    "power pellet": Animation((_all(_YELLOW), _all(_WHITE)), 3.0),
+    "game over": Animation(_wave(_RED, _dimmed(_RED, 0.2)), 5.0, "off"),
+    "win": Animation((*_turning((_YELLOW, BLACK, _WHITE) * 2), _all(_WHITE), _all(_YELLOW)), 6.0, "off"),
+    **{f"{g} caught": Animation((_all(c), _all(_YELLOW)), 2.0) for g, c in GHOST_COLOURS.items()},
+    **{f"{g} killed": Animation(_wave(c, _dimmed(_RED, 0.2)), 5.0, "off") for g, c in GHOST_COLOURS.items()},
+}
+LIGHTS = frozenset(ANIMATIONS) | {"off"}
+
+
+@dataclass
+class LightRing:
+    """The ring from word to word: a lasting word stays, an animation that ends is shown over it."""
+
+    _lasting: str = field(default="off", init=False)
+    _word: str = field(default="off", init=False)
+    _since_s: float = field(default=0.0, init=False)
+
+    def command(self, word: str, now: float) -> None:
+        """Show a word from now on.
+
+        Raises:
+            ValueError: it is none of ``LIGHTS``.
+        """
+        if word not in LIGHTS:
+            raise ValueError(f"light {word!r}: not one of {', '.join(sorted(LIGHTS))}")
+        self._word, self._since_s = word, now
+        animation = ANIMATIONS.get(word)
+        if animation is None or animation.duration_s == math.inf:
+            self._lasting = word
+        elif animation.then is not None:
+            self._lasting = animation.then
+
+    def ring(self, now: float) -> Ring | None:
+        """What to show; None: nothing, the ring is the robot's own."""
+        animation = ANIMATIONS.get(self._word)
+        if animation is not None and not 0 <= now - self._since_s < animation.duration_s:  # over, or the clock set back
+            self._word, self._since_s = self._lasting, now
+            animation = ANIMATIONS.get(self._word)
+        return None if animation is None else animation.at(now - self._since_s)

@@ -1,0 +1,28 @@
+"""The robot's motions of Algorithm 6, as functions of time: it turns on the spot, for a few seconds at most."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+Motion = Literal["spin", "shake", "stop"]
+
+SPEED_RADPS = 1.5  # original
+SPIN_S = 8.0  # as long as the start show
+SHAKE_S = 5.0  # as long as the death show
+_SWING_S = 0.25  # from one side to the other; original
+_EDGE_S = 1e-9  # times at which the side changes are hit by sums of periods
+
+
+def angular_velocity(motion: Motion, elapsed_s: float) -> float | None:
+    """rad/s so long after the beginning; None: the motion is over.
+
+    A time before the beginning is over, too: the clock was set back. The shake begins and ends with half a swing, so
+    that it goes as far to the left as to the right.
+    """
+    if motion == "spin":
+        return SPEED_RADPS if 0 <= elapsed_s < SPIN_S else None
+    if motion == "shake":
+        swings = math.floor((elapsed_s + _EDGE_S) / _SWING_S + 0.5)
+        return (SPEED_RADPS if swings % 2 == 0 else -SPEED_RADPS) if 0 <= elapsed_s < SHAKE_S else None
+    return None

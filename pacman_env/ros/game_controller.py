@@ -1,0 +1,147 @@
+"""Node ``game_controller``: the referee of the game (Algorithm 5).
+
+All that it decides is decided by ``game/round.py``; here its inputs come in as messages and services, and its actions
+go out. What an event looks and sounds like is the event mapper's business.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from pacman_env.config import MAX_SPEED_MPS, ClydeConfig
+from pacman_env.game.round import Action, RoundController
+
+from . import topics
+from .messages import BadMessage, number_of, pellets_of, word_of
+from .node import GameNode, parameter, run
+
+NAME = "game_controller"
+_TICK_S = 0.05
+_PUBLISHED = {
+    "command": topics.GAME_COMMAND,
+    "event": topics.GAME_EVENT,
+    "state": topics.GAME_STATE,
+    "result": topics.GAME_RESULT,
+    "score": topics.SCORE,
+    "round": topics.ROUND,
+    "spawned": topics.PELLETS_SPAWNED,
+    "collected": topics.PELLETS_COLLECTED,
+    "clyde_speed": topics.CLYDE_SPEED,
+}
+_CALLED = {"reset_pellets": topics.RESET_PELLETS, "reset_clyde": topics.RESET_CLYDE}
+
+
+class GameController(GameNode):
+    """The state machine of a game, with a clock and a voice."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        clyde = ClydeConfig()
+        self.game = RoundController(
+            clyde=ClydeConfig(
+                speed_mps=parameter(self, "clyde_speed_mps", clyde.speed_mps, "in round 1, m/s", 0.0, MAX_SPEED_MPS),
+                speed_step_mps=parameter(
+                    self, "clyde_speed_step_mps", clyde.speed_step_mps, "faster in each round, m/s", 0.0, MAX_SPEED_MPS
+                ),
+            ),
+            start_show_s=parameter(self, "start_show_s", RoundController.start_show_s, "before a round, s", 0.0, 60.0),
+            death_show_s=parameter(self, "death_show_s", RoundController.death_show_s, "after a death, s", 0.0, 60.0),
+            home_retries=parameter(
+                self, "home_retries", RoundController.home_retries, "more tries to get home", 0, 1000
+            ),
+            home_retry_s=parameter(
+                self, "home_retry_s", RoundController.home_retry_s, "between two of them, s", 0.0, 600.0
+            ),
+        )
+        self._topics = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
+        self._services = {kind: service.client(self) for kind, service in _CALLED.items()}
+        self._due: set[str] = set()  # services to call as soon as they are there
+        topics.GAME_STATUS.subscription(self, self._hear_status)
+        topics.PELLET_MARKERS.subscription(self, self._hear_pellets)
+        topics.BASE_CLYDE_SPEED.subscription(self, self._hear_speed)
+        topics.START_GAME.server(self, lambda request, response: self._answer(self.game.start(self._now()), response))
+        topics.RESET_GAME.server(self, lambda request, response: self._answer(self.game.reset(self._now()), response))
+        self.create_timer(_TICK_S, self._tick)
+        self._do(self.game.announce())
+
+    def _now(self) -> float:
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def _do(self, actions: Iterable[Action]) -> None:
+        """Carry out actions in their order; calls that cannot be made yet are made by the timer."""
+        for action in actions:
+            if action.kind == "ignored":
+                self.once.warning(f"ignored in state {self.game.state}", str(action.value))
+            elif action.kind in _CALLED:
+                self._due.add(action.kind)
+            else:
+                self._topics[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
+        self._call_services()
+
+    def _call_services(self) -> None:
+        for kind in sorted(self._due):
+            client = self._services[kind]
+            if self.game.state == "running":  # too late: the round is on
+                self.once.warning(kind, f"{_CALLED[kind].name}: nobody there, the round goes on without")
+            elif client.service_is_ready():
+                answer = client.call_async(_CALLED[kind].type.Request())
+                answer.add_done_callback(lambda answer, kind=kind: self._hear_answer(answer, kind))
+            else:
+                continue
+            self._due.discard(kind)
+
+    def _hear_answer(self, answer: Any, kind: str) -> None:
+        problem = answer.exception() or (None if answer.result().success else answer.result().message)
+        if problem is not None:
+            self.once.warning(f"{kind} failed", f"{_CALLED[kind].name}: {problem}")
+
+    def _answer(self, actions: Sequence[Action], response: Any) -> Any:
+        """Carry out what a service caused, and say how it went."""
+        refused = [str(action.value) for action in actions if action.kind == "ignored"]
+        self._do(actions)
+        response.success = not refused
+        response.message = refused[0] if refused else f"the game is in state {self.game.state!r}"
+        return response
+
+    def _tick(self) -> None:
+        self._do(self.game.tick(self._now()))
+
+    def _hear_status(self, message: Any) -> None:
+        try:
+            word = word_of(message)
+        except BadMessage as error:
+            self.once.warning("bad status", f"{topics.GAME_STATUS.name}: {error}")
+            return
+        self._do(self.game.status(word, self._now()))
+
+    def _hear_pellets(self, message: Any) -> None:
+        try:
+            pellets = pellets_of(message)
+        except BadMessage as error:
+            self.once.warning("bad pellets", f"{topics.PELLET_MARKERS.name}: {error}")
+            return
+        self._do(self.game.pellets_left(pellets))
+
+    def _hear_speed(self, message: Any) -> None:
+        try:
+            speed = number_of(message, 0.0, MAX_SPEED_MPS)
+        except BadMessage as error:
+            self.once.warning("bad speed", f"{topics.BASE_CLYDE_SPEED.name}: {error}")
+            return
+        self._do(self.game.base_clyde_speed(speed))
+
+    def farewell(self) -> Iterable[Any]:
+        """Without a referee nobody drives, shakes or shines."""
+        self._do([Action("command", "disable"), Action("event", "reset"), Action("state", "menu")])
+        return ()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; the exit status."""
+    return run(GameController, NAME, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,44 @@
+"""The base's loudspeaker, for tests: an action server that plays silently and remembers what it played."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.action import GoalResponse
+from rclpy.task import Future
+
+from pacman_env.game.sounds import MELODIES, frequency_hz
+from pacman_env.ros import topics
+
+_WORDS = {tuple(frequency_hz(note) for note, _ in melody): word for word, melody in MELODIES.items()}
+
+
+class Loudspeaker:
+    """Accepts every melody; one is over when ``finish`` is called, or at once."""
+
+    def __init__(self, node: Any, *, at_once: bool = False) -> None:
+        self.played: list[str] = []  # by word, in order
+        self.goals: list[Any] = []
+        self.refuse = False
+        self._node = node
+        self._at_once = at_once
+        self._ends: list[Future] = []
+        self._server = topics.PLAY_NOTES.server(node, self._play, goal_callback=self._accept)
+
+    def finish(self, number: int = -1) -> None:
+        """The melody with this number, or the last one, is over."""
+        self._ends[number].set_result(None)
+
+    def _accept(self, goal: Any) -> GoalResponse:
+        return GoalResponse.REJECT if self.refuse else GoalResponse.ACCEPT
+
+    async def _play(self, handle: Any) -> Any:
+        notes = handle.request.note_sequence.notes
+        self.goals.append(handle.request)
+        self.played.append(_WORDS[tuple(note.frequency for note in notes)])
+        end = Future(executor=self._node.executor)
+        self._ends.append(end)
+        if not self._at_once:
+            await end
+        handle.succeed()
+        return topics.PLAY_NOTES.type.Result(complete=True, iterations_played=1)
