@@ -124,7 +124,9 @@ def simulated_motion(assets: MapAssets, config: Config, policy: Policy, rounds: 
             if game["end"] != RUNNING:
                 break
             at_s = float(game["step"]) * config.physics_step_s
-            motion.drive((float(game["x"]), float(game["y"]), float(game["heading"])), float(game["left"] + game["right"]) / 2)
+            motion.drive(
+                (float(game["x"]), float(game["y"]), float(game["heading"])), float(game["left"] + game["right"]) / 2
+            )
             if game["amcl_step"] != last_update:
                 last_update = game["amcl_step"]
                 motion.localize(at_s, (float(game["amcl_x"]), float(game["amcl_y"]), float(game["amcl_heading"])))

@@ -82,8 +82,8 @@ class Report:
         statuses = ", ".join(f"{count} {word}" for word, count in self.statuses.items()) or "no status"
         lines = [
             f"{self.bag}: {self.namespace or '/'}, {self.duration_s:.1f} s, rounds {self.rounds}, {statuses}",
-            f"{self.policy} on {self.map}: {self.decisions} decisions, "
-            f"{self.same} as recorded, {other} otherwise, {self.unknown} unknown",
+            f"{self.policy} on {self.map}: {self.decisions} decisions, {self.same} as recorded, {other} otherwise, "
+            + f"{self.unknown} unknown",
         ]
         if self.decision_ms:
             lines.append("decision: {:.2f} ms at 50 %, {:.2f} ms at 99 %, {:.2f} ms at most".format(*self.decision_ms))
@@ -172,7 +172,9 @@ class _Walk:
         if report.rounds == 0:
             raise BagError(f"{self._path}: no round was played in it")
         if report.decisions == 0:
-            raise BagError(f"{self._path}: no decision can be made: it lacks poses, Clyde or pellets of map {report.map}")
+            raise BagError(
+                f"{self._path}: no decision can be made: it lacks poses, Clyde or pellets of map {report.map}"
+            )
 
     def _take(self, recorded: Recorded) -> None:
         message, topic, at_s = recorded.message, recorded.topic, recorded.at_s
