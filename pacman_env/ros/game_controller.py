@@ -55,8 +55,8 @@ class GameController(GameNode):
                 self, "home_retry_s", RoundController.home_retry_s, "between two of them, s", 0.0, 600.0
             ),
         )
-        self._topics = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
-        self._services = {kind: service.client(self) for kind, service in _CALLED.items()}
+        self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
+        self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: set[str] = set()  # services to call as soon as they are there
         topics.GAME_STATUS.subscription(self, self._hear_status)
         topics.PELLET_MARKERS.subscription(self, self._hear_pellets)
@@ -77,12 +77,12 @@ class GameController(GameNode):
             elif action.kind in _CALLED:
                 self._due.add(action.kind)
             else:
-                self._topics[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
+                self._voices[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
         self._call_services()
 
     def _call_services(self) -> None:
         for kind in sorted(self._due):
-            client = self._services[kind]
+            client = self._resets[kind]
             if self.game.state == "running":  # too late: the round is on
                 self.once.warning(kind, f"{_CALLED[kind].name}: nobody there, the round goes on without")
             elif client.service_is_ready():

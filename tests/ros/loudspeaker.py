@@ -14,7 +14,7 @@ _WORDS = {tuple(frequency_hz(note) for note, _ in melody): word for word, melody
 
 
 class Loudspeaker:
-    """Accepts every melody; one is over when ``finish`` is called, or at once."""
+    """Accepts every melody; one is over when ``finish`` is called, or at once. ``with`` takes it away."""
 
     def __init__(self, node: Any, *, at_once: bool = False) -> None:
         self.played: list[str] = []  # by word, in order
@@ -24,6 +24,14 @@ class Loudspeaker:
         self._at_once = at_once
         self._ends: list[Future] = []
         self._server = topics.PLAY_NOTES.server(node, self._play, goal_callback=self._accept)
+
+    def __enter__(self) -> Loudspeaker:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        for end in self._ends:
+            end.set_result(None)
+        self._server.destroy()
 
     def finish(self, number: int = -1) -> None:
         """The melody with this number, or the last one, is over."""

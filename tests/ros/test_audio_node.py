@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,15 +11,21 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.game.sounds import MELODIES, duration_s, frequency_hz  # noqa: E402
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import seconds_of  # noqa: E402
-from tests.ros.loudspeaker import Loudspeaker  # noqa: E402
+from pacman_env.game.sounds import MELODIES, duration_s, frequency_hz
+from pacman_env.ros import topics
+from pacman_env.ros.messages import seconds_of
+from tests.ros.loudspeaker import Loudspeaker
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
 
 NODE = "pacman_env.ros.audio_node"
+
+
+@pytest.fixture
+def speaker(probe: Probe) -> Iterator[Loudspeaker]:
+    with Loudspeaker(probe.node) as speaker:
+        yield speaker
 
 
 def up(probe: Probe, system: System, speaker: Loudspeaker) -> Process:
@@ -38,8 +45,7 @@ def up(probe: Probe, system: System, speaker: Loudspeaker) -> Process:
     return process
 
 
-def test_a_melody_reaches_the_base_note_by_note(probe: Probe, system: System) -> None:
-    speaker = Loudspeaker(probe.node)
+def test_a_melody_reaches_the_base_note_by_note(probe: Probe, system: System, speaker: Loudspeaker) -> None:
     up(probe, system, speaker)
     probe.publish(topics.GAME_SOUND, " Pacman_Theme")
     probe.wait_for(lambda: speaker.played == ["pacman_theme"], what="the theme")
@@ -50,8 +56,7 @@ def test_a_melody_reaches_the_base_note_by_note(probe: Probe, system: System) ->
     assert notes == [(frequency_hz(note), pytest.approx(seconds)) for note, seconds in MELODIES["pacman_theme"]]
 
 
-def test_the_win_melody_plays_after_the_pellet_fault_2(probe: Probe, system: System) -> None:
-    speaker = Loudspeaker(probe.node)
+def test_the_win_melody_plays_after_the_pellet_fault_2(probe: Probe, system: System, speaker: Loudspeaker) -> None:
     up(probe, system, speaker)
     probe.publish(topics.GAME_SOUND, "pellet")
     probe.publish(topics.GAME_SOUND, "win")
@@ -62,8 +67,9 @@ def test_the_win_melody_plays_after_the_pellet_fault_2(probe: Probe, system: Sys
     probe.wait_for(lambda: speaker.played == ["pellet", "win"], what="the win melody")
 
 
-def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(probe: Probe, system: System) -> None:
-    speaker = Loudspeaker(probe.node)
+def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(
+    probe: Probe, system: System, speaker: Loudspeaker
+) -> None:
     up(probe, system, speaker)
     probe.publish(topics.GAME_SOUND, "pellet")
     probe.wait_for(lambda: speaker.played == ["pellet"], what="the pellet")
@@ -77,8 +83,9 @@ def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(probe: Probe,
     assert speaker.played == ["pellet", "death"]
 
 
-def test_a_refused_melody_and_unknown_words_do_not_block_the_next(probe: Probe, system: System) -> None:
-    speaker = Loudspeaker(probe.node)
+def test_a_refused_melody_and_unknown_words_do_not_block_the_next(
+    probe: Probe, system: System, speaker: Loudspeaker
+) -> None:
     process = up(probe, system, speaker)
     speaker.refuse = True
     probe.publish(topics.GAME_SOUND, "ghost")

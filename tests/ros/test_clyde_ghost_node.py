@@ -12,16 +12,16 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped  # noqa: E402
-from std_msgs.msg import Header  # noqa: E402
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
+from std_msgs.msg import Header
 
-from pacman_env.config import ClydeConfig, PelletConfig  # noqa: E402
-from pacman_env.game.clyde import ClydeCells, clyde_cells  # noqa: E402
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.clyde_ghost_node import Wanderer  # noqa: E402
-from pacman_env.ros.messages import points_of, pose_of  # noqa: E402
-from pacman_env.world.occupancy import load_map  # noqa: E402
-from tests.shared import shared_path  # noqa: E402
+from pacman_env.config import ClydeConfig, PelletConfig
+from pacman_env.game.clyde import ClydeCells, clyde_cells
+from pacman_env.ros import topics
+from pacman_env.ros.clyde_ghost_node import Wanderer
+from pacman_env.ros.messages import points_of, pose_of
+from pacman_env.world.occupancy import load_map
+from tests.shared import shared_path
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -58,6 +58,7 @@ def robot(probe: Probe, x: float, y: float, frame: str = "map") -> None:
     message.pose.pose.position.x, message.pose.pose.position.y = x, y
     message.pose.pose.orientation.w = 1.0
     probe.publish(topics.AMCL_POSE, message)
+    probe.publisher(topics.AMCL_POSE).wait_for_all_acked()  # only the latest is kept for him
 
 
 def click(probe: Probe, x: float, y: float, frame: str = "map") -> None:
@@ -128,14 +129,15 @@ def test_he_is_no_obstacle_on_the_way_home_and_after_his_end(probe: Probe, syste
 
 
 def test_he_never_respawns_beside_the_robot_or_its_home_fault_11(probe: Probe, system: System) -> None:
-    up(probe, system)
+    process = up(probe, system)
     area = cells().position[cells().cells_in(0)]
     home, away = tuple(area[100]), tuple(area[len(area) // 2])
     robot(probe, *home)
     probe.wait_for(lambda: apart(at(probe), home) >= 1.5, what="him to leave the robot alone")
+    for bad in ((math.nan, 0.0, "map"), (*at(probe), "odom")):
+        robot(probe, *bad)
+        probe.wait_for(lambda: "amcl_pose: " in process.output, what="the complaint")
     robot(probe, *away)
-    robot(probe, math.nan, 0.0)
-    robot(probe, *at(probe), frame="odom")
     places = set()
     for _ in range(25):
         assert probe.call(topics.RESET_CLYDE).success

@@ -8,10 +8,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from rosgraph_msgs.msg import Clock  # noqa: E402
+from rosgraph_msgs.msg import Clock
 
-from pacman_env.game.events import FEEDBACK  # noqa: E402
-from pacman_env.ros import topics  # noqa: E402
+from pacman_env.game.events import FEEDBACK
+from pacman_env.ros import topics
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -36,13 +36,12 @@ def turns(probe: Probe) -> list[float]:
 
 def test_every_event_is_answered_as_the_rule_says(probe: Probe, system: System) -> None:
     up(probe, system)
-    for event in FEEDBACK:
+    for count, event in enumerate(FEEDBACK, 1):
+        probe.publish(topics.GAME_EVENT, "no such event" if count % 2 else "x" * 1000)
         probe.publish(topics.GAME_EVENT, f" {event.upper()} ")
-        probe.publish(topics.GAME_EVENT, "no such event")
-        probe.publish(topics.GAME_EVENT, "x" * 1000)
+        probe.wait_for(lambda n=count: len(probe.values(topics.GAME_LIGHT)) == n, what=f"the light of {event}")
     lights = [answer.light for answer in FEEDBACK.values()]
     sounds = [answer.sound for answer in FEEDBACK.values() if answer.sound]
-    probe.wait_for(lambda: len(probe.values(topics.GAME_LIGHT)) >= len(lights), what="all lights")
     probe.wait_for(lambda: len(probe.values(topics.GAME_SOUND)) >= len(sounds), what="all sounds")
     assert probe.values(topics.GAME_LIGHT) == lights
     assert probe.values(topics.GAME_SOUND) == sounds

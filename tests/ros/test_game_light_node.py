@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.game.lights import ANIMATIONS, COLOURS  # noqa: E402
-from pacman_env.ros import topics  # noqa: E402
+from pacman_env.game.lights import ANIMATIONS, COLOURS
+from pacman_env.ros import topics
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System

@@ -8,11 +8,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from pacman_env.config import PelletConfig  # noqa: E402
-from pacman_env.game.pellets import generate_pellets  # noqa: E402
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.messages import pellets_of  # noqa: E402
-from pacman_env.world.occupancy import load_map  # noqa: E402
+from pacman_env.config import PelletConfig
+from pacman_env.game.pellets import generate_pellets
+from pacman_env.ros import topics
+from pacman_env.ros.messages import pellets_of
+from pacman_env.world.occupancy import load_map
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System

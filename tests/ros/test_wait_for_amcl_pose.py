@@ -9,10 +9,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import PoseWithCovarianceStamped  # noqa: E402
-from std_msgs.msg import Header  # noqa: E402
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from std_msgs.msg import Header
 
-from pacman_env.ros import topics  # noqa: E402
+from pacman_env.ros import topics
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -41,7 +41,8 @@ def test_a_pose_that_is_none_does_not_count(probe: Probe, system: System) -> Non
     process = system.start(NODE)
     for bad in (pose(math.nan), pose(1.0, frame="odom"), pose(1.0, w=0.0), pose(1e9)):
         probe.publish(topics.AMCL_POSE, bad)
-    probe.spin(0.5)
+        probe.wait_for(lambda: "amcl_pose: " in process.output, what="the complaint")
+        probe.spin(0.2)
     assert process.popen.poll() is None
     probe.publish(topics.AMCL_POSE, pose(1.0))
     ended(probe, process)
