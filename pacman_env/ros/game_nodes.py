@@ -28,6 +28,8 @@ NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
 #: What moves the robot stops first, then the lights: the others may take their time.
 STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", "audio_node", "game_controller")
 
+QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by who started it
+
 Value = str | bool | int | float
 
 
@@ -57,12 +59,12 @@ class Game:
             "clyde_ghost_node": {"map_yaml": self.map},
             SELECTOR: {"map_yaml": self.map, "policy": self.policy},
         }
-        clock: dict[str, Value] = {"use_sim_time": True} if self.sim and node != SIMULATOR else {}
+        clock: dict[str, Value] = {"use_sim_time": True} if self.sim else {}
         return {**own.get(node, {}), **clock, **self.extra.get(node, {})}
 
     def arguments(self, node: str) -> list[str]:
         """What follows the module on the command line of ``node``."""
-        words = ["--ros-args", "-r", f"__ns:={full_namespace(self.namespace)}"]
+        words = ["--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
         for name, value in self.parameters(node).items():
             words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map may be called 1e3
         return words

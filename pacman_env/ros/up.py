@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros.crew import Crew, Lost
-from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
+from pacman_env.ros.game_nodes import GAME, QUIET, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
 from pacman_env.ros.watcher import Watcher
 from pacman_env.sim.assets import map_assets
 from pacman_env.world.occupancy import load_map
@@ -38,7 +38,7 @@ MEANINGS = {
     HAD_TO_KILL: "a node did not stop and was killed",
 }
 POLL_S = 0.1
-LINE_S = 0.5  # how often a terminal's line is written anew
+LINE_S = 0.5  # how often the line is looked at
 _CLEAR = "\r\x1b[K"
 
 
@@ -58,11 +58,13 @@ class Screen:
 
     def show(self, line: Callable[[bool], str]) -> None:
         """The status; ``line(True)`` is with what only time changes, ``line(False)`` without."""
-        if self._terminal and time.monotonic() >= self._due_s:
+        if time.monotonic() < self._due_s:
+            return
+        self._due_s = time.monotonic() + LINE_S
+        if self._terminal:
             self._out.write(_CLEAR + line(True))
             self._out.flush()
-            self._due_s = time.monotonic() + LINE_S
-        elif not self._terminal and line(False) != self._last:
+        elif line(False) != self._last:
             self._last = line(False)
             print(line(True), file=self._out, flush=True)
 
@@ -105,10 +107,10 @@ def up(game: Game, domain: int | None = None, logs: Path | None = None, out: Tex
     screen = Screen(out or sys.stdout)
     logs = logs or user_log_path("pacman_env") / (game.namespace.strip("/").replace("/", "-") or "root")
     logs.mkdir(parents=True, exist_ok=True)
-    os.environ.update(environment(game, domain, logs))
+    os.environ.update(environment(game, domain))
     context = rclpy.Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    watcher = Watcher(full_namespace(game.namespace), game.policy, game.sim)
+    rclpy.init(args=["--ros-args", *QUIET], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    watcher = Watcher(full_namespace(game.namespace), game.policy, game.sim, context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(watcher)
     crew = Crew(logs, dict(os.environ), screen.say)
@@ -133,9 +135,9 @@ def check(game: Game, domain: int | None) -> None:
     make_policy(game.policy)
 
 
-def environment(game: Game, domain: int | None, logs: Path) -> dict[str, str]:
+def environment(game: Game, domain: int | None) -> dict[str, str]:
     """What the processes of a game find in their environment beside that of the caller."""
-    found = {"ROS_LOG_DIR": str(logs), "PYTHONUNBUFFERED": "1"}
+    found = {"PYTHONUNBUFFERED": "1"}
     if domain is not None:
         found["ROS_DOMAIN_ID"] = str(domain)
     if game.sim:

@@ -30,9 +30,9 @@ HALT_S = 1.0  # for Nav2's answer
 class Watcher(Node):
     """Listens to the game under its namespace; spun by whoever made it."""
 
-    def __init__(self, namespace: str, policy: str, sim_time: bool) -> None:
+    def __init__(self, namespace: str, policy: str, sim_time: bool, context: Any = None) -> None:
         clock = Parameter("use_sim_time", Parameter.Type.BOOL, sim_time)
-        super().__init__("pacman_up", namespace=namespace, parameter_overrides=[clock])
+        super().__init__("pacman_up", namespace=namespace, parameter_overrides=[clock], context=context)
         self._policy = policy
         self._values: dict[str, Any] = {}
         for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED):

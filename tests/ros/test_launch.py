@@ -20,7 +20,7 @@ import yaml
 
 from pacman_env import __version__
 from pacman_env.config import Config
-from pacman_env.ros.game_nodes import GAME, NODES, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
+from pacman_env.ros.game_nodes import GAME, NODES, QUIET, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -97,8 +97,8 @@ def test_only_a_pose_starts_the_goal_selector(started: Any) -> None:
 def test_a_simulated_robot_comes_first_and_gives_the_time(started: Any) -> None:
     found = nodes(started(sim="true", speed="4"))
     assert tuple(found) == (SIMULATOR, *GAME, WAIT)
-    assert found[SIMULATOR]["parameters"] == [{"map_yaml": "house", "speed": 4.0}]
-    assert all(o["parameters"][0]["use_sim_time"] for name, o in found.items() if name != SIMULATOR)
+    assert found[SIMULATOR]["parameters"] == [{"map_yaml": "house", "speed": 4.0, "use_sim_time": True}]
+    assert all(o["parameters"][0]["use_sim_time"] for o in found.values())
 
 
 @pytest.mark.parametrize("given", [{"sim": "perhaps"}, {"speed": "2.0"}, {"sim": "true", "speed": "11"}])
@@ -150,8 +150,8 @@ def test_a_bad_namespace_is_refused(name: str) -> None:
 
 def test_arguments_of_a_node_keep_their_types() -> None:
     game = Game("1e3", namespace="r", sim=True, speed=2.0, extra={SELECTOR: {"seed": 7}})
-    assert game.arguments(SIMULATOR)[:3] == ["--ros-args", "-r", "__ns:=/r"]
-    assert game.arguments(SIMULATOR)[3:] == ["-p", 'map_yaml:="1e3"', "-p", "speed:=2.0"]
+    assert game.arguments(SIMULATOR)[:4] == ["--ros-args", *QUIET, "-r", "__ns:=/r"]
+    assert game.arguments(SIMULATOR)[4:] == ["-p", 'map_yaml:="1e3"', "-p", "speed:=2.0", "-p", "use_sim_time:=true"]
     assert game.arguments(SELECTOR)[-4:] == ["-p", "use_sim_time:=true", "-p", "seed:=7"]
 
 
