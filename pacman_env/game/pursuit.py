@@ -121,10 +121,20 @@ class Pursuit:
         self._bars: dict[int, float] = {}
 
     @property
+    def game_state(self) -> str | None:
+        """The game's state, None: nobody has said."""
+        return self._state
+
+    @property
+    def task(self) -> str:
+        """What the last command came to: ``none``, ``play`` or ``home``."""
+        return self._task
+
+    @property
     def driving(self) -> bool:
         """Whether the robot may be driven now: the task fits the game's state, and the node is active."""
         state = {"play": "running", "home": "returning_home"}.get(self._task)
-        return self._active and state is not None and self._state in (state, None)
+        return self._active and state is not None and self._state == state
 
     @property
     def playing(self) -> bool:
@@ -249,15 +259,10 @@ class Pursuit:
     # What Nav2 says
 
     def nav2(self, there: bool, now: float) -> list[Action]:
-        """Whether the action server is there; one that is back may still drive to a goal given up meanwhile."""
-        back = there and not self._nav2_there
+        """Whether the action server is there; without it no goal is pursued."""
         self._nav2_there = there
         if not there:
             self._current = None
-        if back and not self.driving:
-            for sent in self._open.values():
-                sent.cancelled_s = None
-            return self._let_go(now)
         return self._go_on(now)
 
     def accepted(self, number: int, now: float) -> list[Action]:
@@ -308,8 +313,11 @@ class Pursuit:
 
     def _settling(self, now: float) -> bool:
         """A cancel is on its way, which would take a goal sent now along with it."""
-        asked = [sent.cancelled_s for sent in self._open.values() if sent.cancelled_s is not None]
-        return any(now - since < self._cancel_s for since in asked)
+        return any(self._asked(sent, now) for sent in self._open.values())
+
+    def _asked(self, sent: _Sent, now: float) -> bool:
+        """Whether a goal's end was asked for just now."""
+        return sent.cancelled_s is not None and now - sent.cancelled_s < self._cancel_s
 
     def _is_at(self, place: Place) -> bool:
         return self.pose is not None and within(self.pose[0] - place.x, self.pose[1] - place.y, self._tolerance)
@@ -325,7 +333,7 @@ class Pursuit:
     def _let_go(self, now: float) -> list[Action]:
         """Nothing is wanted: cancel what runs; what is not accepted yet is cancelled when it is."""
         self._current = None
-        running = [n for n, sent in self._open.items() if sent.accepted and sent.cancelled_s is None]
+        running = [n for n, sent in self._open.items() if sent.accepted and not self._asked(sent, now)]
         for number in running:
             self._open[number].cancelled_s = now
         return [Action("cancel", number) for number in running]
@@ -351,11 +359,13 @@ class Pursuit:
         return []
 
     def _go_on(self, now: float) -> list[Action]:
-        """What is due without anybody saying so: give up an unanswered goal, drive home."""
+        """What is due without anybody saying so: cancel again, give up an unanswered goal, drive home."""
+        if not self.driving:  # a cancel may have been lost, or Nav2 away
+            return self._let_go(now) if self._nav2_there and not self._settling(now) else []
         current = None if self._current is None else self._open[self._current]
         if current is not None and not current.accepted and now - current.since_s >= self._answer_s:
             return self._failed(current.place, now)
-        if self._task != "home" or not self.driving or current is not None:
+        if self._task != "home" or current is not None:
             return []
         if self.home is not None and self._is_at(self.home):
             return self._home_ended(now, None)

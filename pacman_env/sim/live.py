@@ -69,14 +69,15 @@ class LiveGame:
         assets: the map, prepared under ``config``.
         config: of the robot; ``execution.tick_s`` is the time between decisions.
         seed: of the rounds, for policies that draw.
+        levels: the map stacked before; None: it is stacked anew.
     """
 
-    def __init__(self, assets: MapAssets, config: Config, seed: int = 0) -> None:
+    def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelStack | None = None) -> None:
         self.assets = assets
         self.hold = assets.pellets + assets.refuges
         self.clyde_speed_mps = config.clyde.speed_mps
-        self._tick_s = config.execution.tick_s
-        self._levels = LevelStack(assets, config)
+        self._config = config
+        self._levels = levels or LevelStack(assets, config)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed, wherever it comes from
         a = self._levels.arrays
@@ -205,11 +206,19 @@ class LiveGame:
         g["tick"] += 1
         return situation
 
+    def rehearsal(self) -> Situation:
+        """A situation at the home pose with every pellet, for a policy to warm up on; nothing is remembered of it."""
+        other = LiveGame(self.assets, self._config, levels=self._levels)
+        x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()
+        other.see_clyde(x, y, 0)
+        hx, hy, heading = self.assets.grid.home.tolist()
+        return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()))
+
     def _watch_distance(self, seen: Seen) -> None:
         """The closing speed since the last look; a second look within half a tick keeps the one before."""
         g, x, y = self._games[0], *seen.pose[:2]
         passed_s = math.inf if self._looked_s is None else seen.time_s - self._looked_s
-        if 0 <= passed_s < self._tick_s / 2:
+        if 0 <= passed_s < self._config.execution.tick_s / 2:
             return
         _, distance = kernels.nearest(x, y, self._obstacles[0])
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0

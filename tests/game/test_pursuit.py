@@ -247,11 +247,13 @@ def test_the_old_goal_is_let_go_where_the_new_one_was_rejected_and_nothing_is_ch
     assert words(pursuit.choose(None, 2.5)) == ["cancel 1"]
 
 
-def test_nothing_is_driven_in_the_menu_whatever_is_commanded() -> None:
+@pytest.mark.parametrize("state", ["menu", "starting", None])
+def test_nothing_is_driven_in_the_menu_or_before_the_state_is_known(state: str | None) -> None:
     pursuit = Pursuit(CONFIG, Home(9.0, 9.0, 0.0))
     pursuit.activate(0.0)
     pursuit.nav2(True, 0.0)
-    pursuit.state("menu", 0.0)
+    if state is not None:
+        pursuit.state(state, 0.0)
     for word in ("enable", "return_home", "enable"):
         assert not [a for a in pursuit.command(word, 1.0) if a.kind == "send"]
         assert not [a for a in pursuit.look((0.0, 0.0), None, 1.0) if a.kind == "send"]
@@ -376,7 +378,12 @@ def test_nav2_that_is_back_after_the_end_is_told_to_cancel_again() -> None:
     pursuit.accepted(1, 0.1)
     pursuit.nav2(False, 1.0)
     assert words(pursuit.command("disable", 1.1)) == ["cancel 1", "stop"]
+    assert pursuit.look((0.0, 0.0), None, 2.5) == []
     assert words(pursuit.nav2(True, 3.0)) == ["cancel 1"]
+    assert pursuit.look((0.0, 0.0), None, 3.5) == []
+    assert words(pursuit.look((0.0, 0.0), None, 4.0)) == ["cancel 1"]
+    pursuit.finished(1, CANCELED, 4.1)
+    assert pursuit.look((0.0, 0.0), None, 5.5) == []
 
 
 def test_a_burst_of_commands_loses_none() -> None:
@@ -431,7 +438,7 @@ class Nav2(RuleBasedStateMachine):
 
     def may_drive(self) -> bool:
         state = {"enable": "running", "return_home": "returning_home"}.get(self.task)
-        return self.active and state is not None and self.state in (state, None)
+        return self.active and state is not None and self.state == state
 
     def do(self, actions: list[Action]) -> None:
         for action in actions:

@@ -230,3 +230,15 @@ def test_a_pose_far_from_all_that_can_be_driven_on_is_off_the_map() -> None:
     game = house()
     assert not game.off_the_map(*game.assets.grid.home[:2])
     assert game.off_the_map(400.0, -400.0)
+
+
+def test_a_rehearsal_leaves_nothing_behind() -> None:
+    game = LiveGame(house().assets, config_of())
+    rehearsed = game.rehearsal()
+    assert rehearsed.mask.all()
+    assert game.clyde is None
+    make_policy("lookahead").select(rehearsed)
+    game.see_clyde(2.0, 0.0, 0)
+    first = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
+    assert first.tick[0] == 0
+    assert first.maps is rehearsed.maps

@@ -1,0 +1,113 @@
+"""Nav2's NavigateToPose as numbered goals whose answers come later; nothing here waits, and nothing is decided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.task import Future
+
+from pacman_env.ros import topics
+from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, pose_of
+
+_UNKNOWN_GOAL = 2  # action_msgs/CancelGoal
+_CANCELED = 5  # action_msgs/GoalStatus
+
+
+class NavigationClient:
+    """Sends and cancels goals by number and tells what becomes of them.
+
+    Args:
+        node: of rclpy.
+        accepted: called with the number of a goal that has been taken up.
+        rejected: called with the number of one that has not.
+        finished: called with the number, the status of action_msgs/GoalStatus, and where Nav2 saw the robot last.
+    """
+
+    def __init__(
+        self,
+        node: Any,
+        accepted: Callable[[int], None],
+        rejected: Callable[[int], None],
+        finished: Callable[[int, int, Position | None], None],
+    ) -> None:
+        self._node = node
+        self._client = topics.NAVIGATE_TO_POSE.client(node)
+        self._accepted, self._rejected, self._finished = accepted, rejected, finished
+        self._handles: dict[int, Any] = {}
+        self._unanswered: set[int] = set()
+        self._feedback: tuple[int, Any] | None = None  # of the last goal that sent any
+        self._rest: Future | None = None
+        self.last_status, self.last_error = 0, 0  # of the last goal that ended
+
+    @property
+    def ready(self) -> bool:
+        """Whether the server is there."""
+        return bool(self._client.server_is_ready())
+
+    def send(self, number: int, pose: Pose) -> None:
+        """Send a goal in the map frame."""
+        goal = topics.NAVIGATE_TO_POSE.type.Goal()
+        goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
+        self._unanswered.add(number)
+        sent = self._client.send_goal_async(goal, feedback_callback=partial(self._on_feedback, number))
+        sent.add_done_callback(partial(self._on_answer, number))
+
+    def cancel(self, number: int) -> None:
+        """Ask for the end of a goal that was accepted."""
+        handle = self._handles.get(number)
+        if handle is not None:
+            handle.cancel_goal_async().add_done_callback(partial(self._on_cancel, number))
+
+    def rest(self) -> Future:
+        """Done when every goal sent has been answered and has ended."""
+        self._rest = Future()
+        self._look_for_rest()
+        return self._rest
+
+    def destroy(self) -> None:
+        """No goals any more."""
+        self._client.destroy()
+
+    def _on_feedback(self, number: int, message: Any) -> None:
+        self._feedback = number, message
+
+    def _on_answer(self, number: int, answer: Any) -> None:
+        self._unanswered.discard(number)
+        handle = answer.result()
+        if handle is not None and handle.accepted:
+            self._handles[number] = handle
+            handle.get_result_async().add_done_callback(partial(self._on_result, number))
+            self._accepted(number)
+        else:
+            self._rejected(number)
+        self._look_for_rest()
+
+    def _on_result(self, number: int, answer: Any) -> None:
+        result = answer.result()
+        self._end(number, result.status, getattr(result.result, "error_code", 0))
+
+    def _on_cancel(self, number: int, answer: Any) -> None:
+        if answer.result().return_code == _UNKNOWN_GOAL:  # a server that was started anew; no result will come
+            self._end(number, _CANCELED, 0)
+
+    def _end(self, number: int, status: int, error: int) -> None:
+        if self._handles.pop(number, None) is None:
+            return
+        self.last_status, self.last_error = status, error
+        self._finished(number, status, self._seen_at(number))
+        self._look_for_rest()
+
+    def _seen_at(self, number: int) -> Position | None:
+        if self._feedback is None or self._feedback[0] != number:
+            return None
+        try:
+            x, y, _ = pose_of(self._feedback[1].feedback.current_pose)
+        except BadMessage:
+            return None
+        return x, y
+
+    def _look_for_rest(self) -> None:
+        if self._rest is not None and not self._rest.done() and not self._unanswered and not self._handles:
+            self._rest.set_result(True)
