@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
+import traceback
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -86,27 +87,30 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
                 self._pose_timeout_s,
                 self.once.warning,
             )
+            self._connect(self._selection)
         except _UNUSABLE as error:
             self._fault = str(error)
             self.get_logger().error(self._fault)
             return TransitionCallbackReturn.FAILURE
-        self._connect(self._selection)
+        except Exception:  # rclpy would drop it without a word
+            self.get_logger().error(traceback.format_exc())
+            raise
         return super().on_configure(state)
 
     def _connect(self, selection: Selection) -> None:
-        self._out = {topic: topic.publisher(self) for topic in _PUBLISHED}
+        self._out = {topic.name: topic.publisher(self) for topic in _PUBLISHED}
         self._nav2 = NavigationClient(self, self._on_accepted, self._on_rejected, self._on_finished)
-        heard = {
-            topics.GAME_STATE: selection.on_state,
-            topics.GAME_COMMAND: selection.on_command,
-            topics.PELLET_MARKERS: selection.on_pellets,
-            topics.CLYDE_POSE: selection.on_clyde,
-            topics.CLYDE_SPEED: selection.on_clyde_speed,
-            topics.AMCL_POSE: selection.on_amcl,
-            topics.TF: selection.on_transforms,
-            topics.TF_STATIC: selection.on_static_transforms,
-        }
-        subscriptions = [topic.subscription(self, self._hears(topic, take_in)) for topic, take_in in heard.items()]
+        heard = (
+            (topics.GAME_STATE, selection.on_state),
+            (topics.GAME_COMMAND, selection.on_command),
+            (topics.PELLET_MARKERS, selection.on_pellets),
+            (topics.CLYDE_POSE, selection.on_clyde),
+            (topics.CLYDE_SPEED, selection.on_clyde_speed),
+            (topics.AMCL_POSE, selection.on_amcl),
+            (topics.TF, selection.on_transforms),
+            (topics.TF_STATIC, selection.on_static_transforms),
+        )
+        subscriptions = [topic.subscription(self, self._hears(topic, take_in)) for topic, take_in in heard]
         timer = self.create_timer(_DIAGNOSTICS_S, self._tell_condition)
         self._destroy = [
             self._nav2.destroy,
@@ -218,10 +222,10 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _decide(self) -> None:
         assert self._selection is not None
         self._selection.decide(self._now(), self._do)
-        if self._selection.seen is not None and self._out[SCORES].get_subscription_count() > 0:
+        if self._selection.seen is not None and self._out[SCORES.name].get_subscription_count() > 0:
             situation, chosen = self._selection.seen
             scores = self._selection.policy.scores(situation)
-            self._out[SCORES].publish(score_markers(situation, scores, chosen, self._stamp()))
+            self._out[SCORES.name].publish(score_markers(situation, scores, chosen, self._stamp()))
 
     def _on_accepted(self, number: int) -> None:
         assert self._selection is not None
@@ -250,7 +254,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             "troubles": dict(self.once.counts),
             **self._selection.condition(self._now()),
         }
-        self._out[DIAGNOSTICS].publish(String(data=as_json(condition)))
+        self._out[DIAGNOSTICS.name].publish(String(data=as_json(condition)))
 
     # What is done
 
@@ -267,10 +271,10 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             elif action.kind == "stop":
                 self._stop()
             elif action.kind == "remove":
-                self._out[topics.REMOVE_PELLET].publish(Int32(data=int(action.value)))
+                self._out[topics.REMOVE_PELLET.name].publish(Int32(data=int(action.value)))
             else:
                 topic = topics.GAME_STATUS if action.kind == "status" else topics.GAME_EVENT
-                self._out[topic].publish(String(data=str(action.value)))
+                self._out[topic.name].publish(String(data=str(action.value)))
 
     def _send(self, number: int, place: Place | None) -> None:
         assert self._selection is not None
@@ -284,7 +288,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self.get_logger().info(f"goal {number}: {_words(place)}")
 
     def _stop(self) -> None:
-        self._out[topics.CMD_VEL].publish(twist_message(0.0, 0.0, self._stamp()))
+        self._out[topics.CMD_VEL.name].publish(twist_message(0.0, 0.0, self._stamp()))
 
     def _stamp(self) -> Any:
         return self.get_clock().now().to_msg()

@@ -165,7 +165,7 @@ class Selection:
         """Look at the rules, and choose where a choice is wanted; ``do`` is called with what is to be done."""
         began = time.perf_counter()
         belief, clyde = self._believe(now), self.live.clyde
-        do(self.pursuit.look(belief and belief.pose[:2], clyde, now))
+        do(self.pursuit.look(None if belief is None else belief.pose[:2], clyde, now))
         self.seen = None
         if belief is None or not self.pursuit.wants_choice(now):
             return

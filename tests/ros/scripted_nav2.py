@@ -1,0 +1,118 @@
+"""A small real NavigateToPose server that answers as a script says, and treats goals of others as Nav2 does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.action import CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+
+from pacman_env.ros import topics
+
+
+@dataclass
+class Goal:
+    """One goal that was asked for; ``handle`` is there once it is accepted."""
+
+    x: float
+    y: float
+    handle: Any = None
+    cancelled: bool = False
+    ended: bool = False
+
+    @property
+    def running(self) -> bool:
+        """Accepted and not ended."""
+        return self.handle is not None and not self.ended
+
+
+class ScriptedNav2:
+    """Answers each goal with the next word of ``script``, and with ``accept`` when that is used up.
+
+    Words: ``accept``, ``reject``, ``late`` (accepted when ``let_in`` is called) and ``nothing`` (never answered). A new
+    goal pre-empts the one that runs, which ends aborted; a cancel ends all.
+    """
+
+    def __init__(self, probe: Any, *script: str) -> None:
+        self.script = list(script)
+        self.goals: list[Goal] = []
+        self.refused: list[Goal] = []
+        self._late: list[Future] = []
+        self._asked: list[Goal] = []  # not accepted yet
+        self._server = topics.NAVIGATE_TO_POSE.server(
+            probe.node,
+            lambda handle: None,
+            goal_callback=self._answer,
+            handle_accepted_callback=self._accepted,
+            cancel_callback=self._cancel,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    @property
+    def all(self) -> list[tuple[float, float]]:
+        """Where every goal led that was asked for, whatever became of it."""
+        return [(goal.x, goal.y) for goal in self.goals]
+
+    def running(self) -> list[Goal]:
+        """Goals that the robot is driven to."""
+        return [goal for goal in self.goals if goal.running]
+
+    def let_in(self) -> None:
+        """Accept what waits."""
+        for gate in self._late:
+            gate.set_result(True)
+        self._late.clear()
+
+    def succeed(self, goal: Goal) -> None:
+        """The goal is reached."""
+        self._end(goal, "succeed")
+
+    def abort(self, goal: Goal, error: int = 208) -> None:
+        """No way, or stuck."""
+        self._end(goal, "abort", error)
+
+    def close(self) -> None:
+        """Nav2 goes away."""
+        self._server.destroy()
+
+    async def _answer(self, request: Any) -> GoalResponse:
+        word = self.script.pop(0) if self.script else "accept"
+        position = request.pose.pose.position
+        goal = Goal(position.x, position.y)
+        self.goals.append(goal)
+        if word == "reject":
+            self.refused.append(goal)
+            return GoalResponse.REJECT
+        if word in ("late", "nothing"):
+            gate = Future()
+            if word == "late":
+                self._late.append(gate)
+            await gate
+        self._asked.append(goal)
+        return GoalResponse.ACCEPT
+
+    def _accepted(self, handle: Any) -> None:
+        for goal in self.running():
+            self._end(goal, "abort")
+        self._asked.pop(0).handle = handle
+
+    def _cancel(self, handle: Any) -> CancelResponse:
+        for goal in self.running():
+            goal.cancelled = True
+            goal.ended = True
+            if goal.handle is handle:  # its own state changes when this has returned
+                handle.execute(lambda own: self._finish(own, "canceled"))
+            else:
+                goal.handle.execute(lambda own: self._finish(own, "abort"))
+        return CancelResponse.ACCEPT
+
+    def _end(self, goal: Goal, how: str, error: int = 0) -> None:
+        goal.ended = True
+        goal.handle.execute(lambda own: self._finish(own, how, error))
+
+    @staticmethod
+    def _finish(handle: Any, how: str, error: int = 0) -> Any:
+        getattr(handle, how)()
+        return topics.NAVIGATE_TO_POSE.type.Result(error_code=error)
