@@ -32,7 +32,8 @@ class _Server:
     def __init__(self, node: GameNode, action: topics.Action) -> None:
         self.node, self.action = node, action
         self._group = ReentrantCallbackGroup()  # a goal that waits for its acceptance holds nothing else up
-        self._handles: dict[bytes, tuple[Any, Future]] = {}
+        self._handles: dict[bytes, Any] = {}  # goals that have not ended
+        self._results: dict[bytes, Future] = {}  # goals whose clients have not been told how they ended
         self._server: Any = None
         self.open()
 
@@ -57,23 +58,26 @@ class _Server:
 
     def _take(self, handle: Any) -> None:
         key = bytes(handle.goal_id.uuid)
-        self._handles[key] = handle, Future()
+        self._handles[key], self._results[key] = handle, Future()
         handle.execute()
         self.begin(key, handle.request)
 
     async def _execute(self, handle: Any) -> Any:
-        return await self._handles[bytes(handle.goal_id.uuid)][1]
+        key = bytes(handle.goal_id.uuid)
+        result = await self._results[key]
+        del self._results[key]
+        return result
 
     def end(self, key: bytes, status: int, result: Any) -> None:
         """Tell a goal's client how it ended."""
-        handle, answer = self._handles.pop(key)
+        handle = self._handles.pop(key)
         ways = {GoalStatus.STATUS_SUCCEEDED: handle.succeed, GoalStatus.STATUS_CANCELED: handle.canceled}
         ways.get(status, handle.abort)()
-        answer.set_result(result)
+        self._results[key].set_result(result)
 
     def tell(self, key: bytes, feedback: Any) -> None:
         """Send feedback to a goal's client."""
-        self._handles[key][0].publish_feedback(feedback)
+        self._handles[key].publish_feedback(feedback)
 
     async def _judge(self, request: Any) -> Any:
         try:

@@ -34,9 +34,9 @@ from .sim_faults import Faults
 from .sim_sensors import TRANSFORM_TOLERANCE_NS, Sensors
 
 NAME = "sim_robot"
-LIGHT_RING_SHOWN = topics.Topic("sim/lightring", "std_msgs/String", topics.LATCHED)  # JSON: override_system, leds
+LIGHT_RING_SHOWN = topics.Topic("sim/lightring", "std_msgs/String", topics.COMMANDS)  # JSON: override_system, leds
 AUDIO_SHOWN = topics.Topic("sim/audio", "std_msgs/String", topics.COMMANDS)  # JSON: playing, iterations, notes
-FAULT = topics.Topic("sim/fault", "std_msgs/String", topics.COMMANDS)  # see sim_faults.py
+FAULT = topics.Topic("sim/fault", "std_msgs/String", topics.EVENTS)  # see sim_faults.py
 FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JSON: list of faults
 
 FASTEST = 10.0
@@ -45,7 +45,7 @@ MARK_LASTS_S = 1.0  # what is no longer seen of Clyde, the lidar clears from the
 START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
 
 
-def _poses(text: str, name: str) -> Pose | None:
+def _pose(text: str, name: str) -> Pose | None:
     """``x,y,heading``; empty: None."""
     if not text.strip():
         return None
@@ -82,7 +82,7 @@ class SimRobot(GameNode):
         if self._speed != 1.0 and not self._simulated:
             raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
         config = make_config(preset, **parse_settings(settings.split()))
-        robot = SimulatedRobot(load_map(map_yaml), config, seed, home=_poses(home, "home"), localized=localized)
+        robot = SimulatedRobot(load_map(map_yaml), config, seed, home=_pose(home, "home"), localized=localized)
         self.robot = robot
         _warm_up(robot)
         self._step_ns = round(config.physics_step_s * 1e9)
