@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO
 
 MODULES = "pacman_env.ros"
-PATIENCE_S = 8.0  # how long a node may take to say farewell
+PATIENCE_S = 12.0  # how long a node may take: its farewell, then a middleware that hangs (``node.py``)
 SLOW_START_S = 10.0  # the pause between two starts of a dying node is doubled up to this
 MANY = 5  # deaths ...
 SOON_S = 60.0  # ... within this time: starting it again does not help

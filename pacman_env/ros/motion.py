@@ -57,6 +57,7 @@ class Motion:
     samples: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in QUANTITIES})
     pose: Pose | None = None  # the last that came
     odometry: Pose | None = None  # now, in a frame of its own
+    counts: bool = True  # False: what comes is followed, but no sample
     _pose_s: float = 0.0
     _pose_odometry: Pose | None = None  # when it came
     _clyde: tuple[float, float, float] | None = None  # x, y, when
@@ -72,17 +73,17 @@ class Motion:
         """Odometry has come."""
         self.odometry = odometry
         if speed_mps > DRIVING_MPS:
-            self.samples["speed"].append(speed_mps)
+            self._sample("speed", speed_mps)
 
     def localize(self, at_s: float, pose: Pose) -> None:
         """A pose has come."""
         if self.pose is not None and 0 < at_s - self._pose_s < STANDING_S:
-            self.samples["interval"].append(at_s - self._pose_s)
-            self.samples["distance"].append(math.dist(pose[:2], self.pose[:2]))
+            self._sample("interval", at_s - self._pose_s)
+            self._sample("distance", math.dist(pose[:2], self.pose[:2]))
             if self._pose_odometry is not None and (believed := self.believed) is not None:
                 jump = between(believed, pose)
-                self.samples["jump"].append(math.hypot(*jump[:2]))
-                self.samples["turn"].append(abs(jump[2]))
+                self._sample("jump", math.hypot(*jump[:2]))
+                self._sample("turn", abs(jump[2]))
         self.pose, self._pose_s, self._pose_odometry = pose, at_s, self.odometry
 
     def see_clyde(self, at_s: float, x: float, y: float) -> None:
@@ -90,8 +91,12 @@ class Motion:
         if self._clyde is not None and 0 < at_s - self._clyde[2] < 1.0:
             moved_m = math.dist((x, y), self._clyde[:2])
             if moved_m > 0:
-                self.samples["clyde"].append(moved_m / (at_s - self._clyde[2]))
+                self._sample("clyde", moved_m / (at_s - self._clyde[2]))
         self._clyde = x, y, at_s
+
+    def _sample(self, name: str, value: float) -> None:
+        if self.counts:
+            self.samples[name].append(value)
 
     def forget(self) -> None:
         """Another game: what comes next does not follow from what came last."""

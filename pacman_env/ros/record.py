@@ -23,6 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import full_namespace
+from pacman_env.ros.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.ros.node import GameNode, run
 
 NAME = "pacman_recorder"
@@ -45,6 +46,8 @@ RECORDED = (
     topics.GAME_LIGHT,
     topics.GAME_SOUND,
     topics.CMD_VEL,
+    SCORES,
+    DIAGNOSTICS,
     topics.AMCL_POSE,
     topics.INITIAL_POSE,
     topics.PLAN,

@@ -20,6 +20,7 @@ from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bag import Bag, BagError, Recorded, open_bag
+from pacman_env.ros.goal_scores import SCORES
 from pacman_env.ros.messages import BadMessage, pellets_of, pose_of
 from pacman_env.ros.motion import QUANTITIES, Motion, simulated_motion
 from pacman_env.sim.assets import MapAssets, map_assets
@@ -36,8 +37,9 @@ READ = (
     topics.AMCL_POSE,
     topics.ODOMETRY,
 )
-PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
-PLAN_LATE_S = 1.2  # a choice shows in the first plan after it, this late at most
+#: How long a choice that was seen holds without another, and how late it may show: the goal selector tells each of its
+#: decisions; Nav2 plans anew every second while it has a goal.
+TOLD_S, PLANNED_S = (1.2, 0.3), (2.5, 1.2)
 END_OF_PLAN_M = 0.75  # Nav2 may end a plan beside its goal, half a metre in x and in y
 _LISTED = 20
 
@@ -66,7 +68,7 @@ class Report:
     bad_messages: dict[str, int] = field(default_factory=dict)
     decisions: int = 0
     same: int = 0
-    unknown: int = 0  # decisions with no plan recorded that would tell where the robot was sent
+    unknown: int = 0  # decisions of which nothing recorded tells where the robot was sent
     otherwise: list[Otherwise] = field(default_factory=list)
     decision_ms: list[float] | None = None  # 50 %, 99 %, most
     robot: dict[str, list[float] | None] = field(default_factory=dict)  # 10 %, 50 %, 90 %
@@ -136,8 +138,10 @@ class _Walk:
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
-        self._plans = list(_plans(bag, assets))
-        self._motion = Motion()
+        self._choices, (self._lasts_s, self._late_s) = list(_told(bag)), TOLD_S
+        if not self._choices:  # another planner's game
+            self._choices, (self._lasts_s, self._late_s) = list(_planned(bag, assets)), PLANNED_S
+        self._motion = Motion(counts=False)
         self._running = False
         self._began_s = self._due_s = 0.0
         self._left: set[int] = set()
@@ -204,9 +208,11 @@ class _Walk:
         if running and not self._running:
             self._report.rounds += 1
             self._began_s = self._due_s = at_s
+            self._motion.counts = True
             self._live.begin()
             self._policy.reset(np.ones(1, dtype=np.bool_))
         elif not running:
+            self._motion.counts = False  # shows and the way home are no driving for pellets
             self._gone.clear()
             self._differs = None
         self._running = running
@@ -227,8 +233,8 @@ class _Walk:
         chosen = int(self._policy.select(situation)[0])
         self._elapsed_ms.append((time.perf_counter() - began) * 1e3)
         self._report.decisions += 1
-        recorded = self._recorded(at_s + PLAN_LATE_S)
-        if not self._plans:
+        recorded = self._recorded(at_s + self._late_s)
+        if not self._choices:
             self._report.unknown += 1
             return
         recorded = self._live.hold if recorded < 0 else recorded
@@ -246,7 +252,7 @@ class _Walk:
 
     def _recorded(self, at_s: float) -> int:
         """The candidate that the robot was sent to, -1: none."""
-        before = [candidate for when, candidate in self._plans if at_s - PLAN_LASTS_S < when <= at_s]
+        before = [candidate for when, candidate in self._choices if at_s - self._lasts_s < when <= at_s]
         return before[-1] if before else -1
 
     def _name(self, candidate: int) -> str:
@@ -257,7 +263,13 @@ class _Walk:
         return f"{kind} at ({goal.x:.2f}, {goal.y:.2f})"
 
 
-def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
+def _told(bag: Bag) -> Iterator[tuple[float, int]]:
+    """When the goal selector decided, and for which candidate; -1: hold, or none with a score."""
+    for recorded in bag.messages((SCORES,)):
+        yield recorded.at_s, chosen_of(recorded.message)
+
+
+def _planned(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
     """When Nav2 planned, and to which candidate; -1: to none, such as home."""
     for recorded in bag.messages((topics.PLAN,)):
         if recorded.message.poses:
@@ -265,6 +277,14 @@ def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
             away = np.hypot(assets.goal_xy[:, 0] - end.x, assets.goal_xy[:, 1] - end.y)
             nearest = int(away.argmin())
             yield recorded.at_s, nearest if away[nearest] <= END_OF_PLAN_M else -1
+
+
+def chosen_of(markers: Any) -> int:
+    """The candidate that a MarkerArray of scores shows in green; -1: none."""
+    for marker in markers.markers:
+        if marker.color.g > 0.5 > max(marker.color.r, marker.color.b):
+            return int(marker.id)
+    return -1
 
 
 def _stamp_ns(message: Any) -> int:

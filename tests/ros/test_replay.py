@@ -24,7 +24,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bag import BagError
 from pacman_env.ros.motion import Motion, between, moved, simulated_motion
-from pacman_env.ros.replay import replay
+from pacman_env.ros.replay import chosen_of, replay
 from pacman_env.sim.assets import map_assets
 from pacman_env.sim.batch import GameBatch
 
@@ -253,6 +253,22 @@ def test_a_bag_without_a_round_says_so(tmp_path: Path) -> None:
         idle.say(topics.GAME_STATE, 0.0, data="menu")
     with pytest.raises(BagError, match="no round was played"):
         replay(tmp_path / "idle", "house", "nearest")
+
+
+def test_the_candidate_shown_as_chosen_is_the_one_read() -> None:
+    from builtin_interfaces.msg import Time
+
+    from pacman_env.ros.goal_scores import score_markers
+
+    config = make_config()
+    batch = GameBatch(map_assets("house", config), config)
+    batch.reset(np.array([0]), np.array([3], dtype=np.uint64))
+    situation = batch.situation()
+    scores = make_policy("lookahead").scores(situation)
+    finite = np.flatnonzero(np.isfinite(scores[0]))
+    for chosen in (*finite[:3].tolist(), batch.hold):
+        assert chosen_of(score_markers(situation, scores, chosen, Time())) == chosen
+    assert chosen_of(score_markers(situation, np.full_like(scores, -np.inf), batch.hold, Time())) == -1
 
 
 poses = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3))
