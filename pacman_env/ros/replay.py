@@ -81,11 +81,11 @@ class Report:
     def render(self) -> str:
         """As text."""
         other = self.decisions - self.same - self.unknown
+        same = f"{self.same} as recorded, {other} otherwise, {self.unknown} unknown"
         statuses = ", ".join(f"{count} {word}" for word, count in self.statuses.items()) or "no status"
         lines = [
             f"{self.bag}: {self.namespace or '/'}, {self.duration_s:.1f} s, rounds {self.rounds}, {statuses}",
-            f"{self.policy} on {self.map}: {self.decisions} decisions, {self.same} as recorded, {other} otherwise, "
-            + f"{self.unknown} unknown",
+            f"{self.policy} on {self.map}: {self.decisions} decisions, {same}",
         ]
         if self.decision_ms:
             lines.append("decision: {:.2f} ms at 50 %, {:.2f} ms at 99 %, {:.2f} ms at most".format(*self.decision_ms))

@@ -5,6 +5,8 @@ A participant of its own beside the game's nodes; it publishes nothing until the
 
 from __future__ import annotations
 
+import contextlib
+import json
 import time
 from typing import Any
 
@@ -12,6 +14,7 @@ from action_msgs.srv import CancelGoal
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from pacman_env.ros.goal_scores import DIAGNOSTICS
 from pacman_env.ros.topics import (
     AMCL_POSE,
     CMD_VEL,
@@ -37,6 +40,8 @@ class Watcher(Node):
         self._values: dict[str, Any] = {}
         for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED):
             topic.subscription(self, lambda message, name=topic.name: self._values.update({name: message.data}))
+        DIAGNOSTICS.subscription(self, self._on_diagnostics)
+        self._nav2_away = False
         self._pose_ns: int | None = None
         AMCL_POSE.subscription(self, self._on_pose)
         self._cmd_vel: Any = None
@@ -65,6 +70,7 @@ class Watcher(Node):
             f"pellets {value(PELLETS_COLLECTED)}/{value(PELLETS_SPAWNED)}",
             "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known",
             self._policy,
+            *(["Nav2 is away"] if self._nav2_away else []),
         ]
         result = self._values.get(GAME_RESULT.name)
         return "  ".join([*parts, result] if result else parts)
@@ -88,6 +94,12 @@ class Watcher(Node):
             self._cmd_vel = CMD_VEL.publisher(self)
         self._cmd_vel.publish(CMD_VEL.type())
         spin(0.05)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        with contextlib.suppress(ValueError, AttributeError):  # of another goal selector: it need not be ours
+            condition = json.loads(message.data)
+            self._policy = str(condition.get("policy", self._policy))
+            self._nav2_away = condition.get("nav2") is False
 
     def _on_pose(self, message: Any) -> None:
         stamp = message.header.stamp
