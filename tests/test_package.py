@@ -17,7 +17,7 @@ import pacman_env
 from pacman_env.world.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ("pacman_env", "maps", "pyproject.toml", "README.md", "LICENSE")
+SOURCES = ("pacman_env", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
 
 #: Run with the installed wheel first on the path: where things come from, and a game on each map.
 PLAY = """

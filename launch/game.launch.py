@@ -1,0 +1,59 @@
+"""All nodes of a game: `ros2 launch pacman_env game.launch.py map:=/path/map.yaml policy:=ppo namespace:=robot_15`.
+
+Localization and Nav2 are launched beside it (docs/robot.md). The goal selector starts when the robot has a pose. On
+Ctrl-C `launch` stops all nodes at once; `pacman-env ros up` does it in order, the robot first.
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from pacman_env.ros.game_nodes import GAME, NAMESPACE, SELECTOR, SIMULATOR, WAIT, Game
+
+ARGUMENTS = (
+    ("map", "house", "a map's YAML, or a shipped map's name; the one that localization uses"),
+    ("policy", "ppo", "who picks the goals: a policy's name or an .onnx file"),
+    ("namespace", NAMESPACE, "of the robot"),
+    ("sim", "false", "true: a simulated robot takes the real one's place"),
+    ("speed", "1.0", "of the simulated robot's clock, 1 to 10"),
+)
+
+
+def _nodes(context):
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    if given["sim"].lower() not in ("true", "false"):
+        raise ValueError(f"sim:={given['sim']}: must be true or false")
+    sim, speed = given.pop("sim").lower() == "true", float(given.pop("speed"))
+    game = Game(**given, sim=sim, speed=speed)
+
+    def node(name, **options):
+        return Node(
+            package="pacman_env",
+            executable=name,
+            name=name,
+            namespace=game.namespace,
+            parameters=[game.parameters(name)],
+            output="screen",
+            **options,
+        )
+
+    def localized(event, context):
+        if event.returncode == 0:
+            return [node(SELECTOR, respawn=True, respawn_delay=2.0)]
+        return [EmitEvent(event=Shutdown(reason="the robot is not localized"))]
+
+    wait = node(WAIT)
+    return [
+        *(node(name, respawn=True, respawn_delay=2.0) for name in (*((SIMULATOR,) if sim else ()), *GAME)),
+        RegisterEventHandler(OnProcessExit(target_action=wait, on_exit=localized)),
+        wait,
+    ]
+
+
+def generate_launch_description():
+    """The arguments and, once they are known, the nodes."""
+    declared = [DeclareLaunchArgument(name, default_value=value, description=text) for name, value, text in ARGUMENTS]
+    return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])

@@ -1,0 +1,37 @@
+"""What colcon needs beyond pyproject.toml to make this checkout an ament_python package.
+
+Ubuntu 24.04's setuptools (68) does not know a licence that is a plain string in pyproject.toml, and colcon cannot read
+``requires-python`` there: so both are here.
+"""
+
+import sys
+from pathlib import Path
+
+from setuptools import setup
+
+NAME = "pacman_env"
+#: The nodes as commands of `ros2 run`; tests/ros/test_launch.py holds this list to the package's.
+NODES = (
+    "sim_robot",
+    "pellet_manager",
+    "audio_node",
+    "game_light_node",
+    "clyde_ghost_node",
+    "game_event_mapper",
+    "game_controller",
+    "wait_for_amcl_pose",
+    "goal_selector",
+)
+SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
+
+commands = [f"pacman-env = {NAME}.cli:main"]
+data_files = []
+if not {"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv):  # pip's way: no ten commands on a user's path
+    commands += [f"{node} = {NAME}.ros.{node}:main" for node in NODES]
+    data_files = [
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *((f"share/{NAME}/{path.parent}", [str(path)]) for pattern in SHARED for path in sorted(Path().glob(pattern))),
+    ]
+
+setup(license="MIT", python_requires=">=3.11", entry_points={"console_scripts": commands}, data_files=data_files)
