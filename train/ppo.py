@@ -76,7 +76,7 @@ def parse(argv: Sequence[str]) -> Arguments:
         args=rest,
         default=default,
         prog="train.ppo",
-        description="Train a planner with MaskablePPO on generated houses. --quick: two minutes on two cores;"
+        description="Train a planner with MaskablePPO on generated houses. --quick: a minute and a half on two cores;"
         " --config FILE: hyperparameters from another file.",
     )
 
