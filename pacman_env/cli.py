@@ -197,6 +197,7 @@ def _add_ros_group(commands: Any) -> None:
         "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
     )
     up.add_argument("--speed", type=_finite, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
+    up.add_argument("--start", action="store_true", help="begin the first round as soon as the robot is localized")
     up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
     up.set_defaults(run=_ros_up)
     record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
@@ -206,10 +207,11 @@ def _add_ros_group(commands: Any) -> None:
     for parser in (up, record):
         parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
         parser.add_argument("--domain-id", type=_not_negative, help="ROS_DOMAIN_ID (that of the environment)")
-    replay = group.add_parser("replay", help="what a policy would have done in a recorded game; needs no ROS")
+    replay = group.add_parser("replay", help="what a policy would have done in a recorded game")
     replay.add_argument("bag", type=Path, help="a bag's folder or its .mcap file")
     replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map of the game")
     replay.add_argument("--policy", default="ppo", help="a name or an .onnx file (%(default)s)")
+    replay.add_argument("--namespace", help="which robot's game (the only one in the bag)")
     replay.add_argument("--json", action="store_true", help="print the report as JSON")
     replay.set_defaults(run=_ros_replay)
 
@@ -220,7 +222,7 @@ def _ros_up(arguments: argparse.Namespace) -> int:
     game = Game(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed)
     with _what_ros_needs():
         from pacman_env.ros.up import up
-    return up(game, arguments.domain_id, arguments.logs)
+    return up(game, arguments.domain_id, arguments.logs, arguments.start)
 
 
 def _ros_record(arguments: argparse.Namespace) -> int:
@@ -232,7 +234,7 @@ def _ros_record(arguments: argparse.Namespace) -> int:
 def _ros_replay(arguments: argparse.Namespace) -> int:
     with _what_ros_needs():
         from pacman_env.ros.replay import replay
-    report = replay(arguments.bag, arguments.map, arguments.policy)
+    report = replay(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
     print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
     return 0
 

@@ -97,7 +97,7 @@ def test_the_packages_commands_run(
         assert main(arguments) == 0
         assert capsys.readouterr().out
         return
-    names = [word for word in arguments if not word.startswith("-")][: 2 if arguments[0] == "map" else 1]
+    names = [word for word in arguments if not word.startswith("-")][: 2 if arguments[0] in ("map", "ros") else 1]
     with pytest.raises(SystemExit, match="0"):
         main([*names, "--help"])
     help_text = capsys.readouterr().out

@@ -87,13 +87,16 @@ class Asked:
         self.yes = True
 
 
-def up(game: Game, domain: int | None = None, logs: Path | None = None, out: TextIO | None = None) -> int:
+def up(
+    game: Game, domain: int | None = None, logs: Path | None = None, start: bool = False, out: TextIO | None = None
+) -> int:
     """Play until SIGINT or SIGTERM; to be called in the main thread.
 
     Args:
         game: what to start, and where.
         domain: ROS_DOMAIN_ID; None: that of the environment.
         logs: folder for the nodes' output; None: the user's, by namespace.
+        start: begin the first round as soon as the robot is localized.
         out: where to write, standard output by default.
 
     Returns:
@@ -117,7 +120,7 @@ def up(game: Game, domain: int | None = None, logs: Path | None = None, out: Tex
     screen.say(f"game on {full_namespace(game.namespace)}, logs in {logs}")
     try:
         with Asked() as asked:
-            return _play(game, crew, watcher, executor, screen, asked)
+            return _play(game, crew, watcher, executor, screen, asked, start)
     finally:
         watcher.destroy_node()
         rclpy.shutdown(context=context)
@@ -145,7 +148,7 @@ def environment(game: Game, domain: int | None) -> dict[str, str]:
     return found
 
 
-def _play(game: Game, crew: Crew, watcher: Watcher, executor: Any, screen: Screen, asked: Asked) -> int:
+def _play(game: Game, crew: Crew, watcher: Watcher, executor: Any, screen: Screen, asked: Asked, start: bool) -> int:
     status = 0
     try:
         for name in (*((SIMULATOR,) if game.sim else ()), *GAME, WAIT):
@@ -160,6 +163,8 @@ def _play(game: Game, crew: Crew, watcher: Watcher, executor: Any, screen: Scree
                     status = NO_POSE
                     break
                 crew.start(SELECTOR, game.arguments(SELECTOR))
+            if start and SELECTOR in crew and watcher.start_game():
+                start = False
             if SELECTOR in crew.tend():
                 watcher.halt(executor.spin_once)  # nobody watches over its goal any more
             screen.show(watcher.line)

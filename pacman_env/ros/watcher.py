@@ -1,6 +1,7 @@
 """What an operator sees of a running game: the topics that say how it stands, as one line; and the robot's halt.
 
-A participant of its own beside the game's nodes; it publishes nothing until the robot is to stand still.
+A participant of its own beside the game's nodes; it says nothing until it is asked to start the game or to halt
+the robot.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pacman_env.ros.topics import (
     PELLETS_SPAWNED,
     ROUND,
     SCORE,
+    START_GAME,
 )
 
 HALT_S = 1.0  # for Nav2's answer
@@ -45,6 +47,7 @@ class Watcher(Node):
         self._pose_ns: int | None = None
         AMCL_POSE.subscription(self, self._on_pose)
         self._cmd_vel: Any = None
+        self._starter: Any = None
 
     @property
     def state(self) -> str | None:
@@ -74,6 +77,15 @@ class Watcher(Node):
         ]
         result = self._values.get(GAME_RESULT.name)
         return "  ".join([*parts, result] if result else parts)
+
+    def start_game(self) -> bool:
+        """Ask the referee to start; False where there is none yet."""
+        if self._starter is None:
+            self._starter = START_GAME.client(self)
+        if not self._starter.service_is_ready():
+            return False
+        self._starter.call_async(START_GAME.type.Request())
+        return True
 
     def halt(self, spin: Any) -> None:
         """Cancel every goal that Nav2 pursues, whoever sent it, and command zero velocity.

@@ -44,11 +44,8 @@ def pid_of(name: str) -> int | None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 def test_a_game_is_brought_up_kept_up_and_ended_in_order(system: Any, probe: Any, tmp_path: Path) -> None:
-    up = bring_up(system, tmp_path, "--policy", "nearest")
+    up = bring_up(system, tmp_path, "--policy", "nearest", "--start")
     probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL)
-    log = tmp_path / "logs" / f"{SELECTOR}.log"
-    probe.wait_for(lambda: log.exists() and "policy nearest" in log.read_text(), PATIENCE_S, "the goal selector")
-    assert probe.call(topics.START_GAME, timeout_s=60.0).success
     probe.wait_for(
         lambda: any(word.startswith("pellet_collected") for word in probe.values(topics.GAME_STATUS)),
         PATIENCE_S,

@@ -1,0 +1,25 @@
+"""The reference of the robot's side is what the nodes say of themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from eval.robot_reference import main
+from pacman_env.ros.game_nodes import NODES
+
+
+def test_the_committed_page_is_what_the_nodes_say(domain: int, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    assert main(["--check", str(page)]) == 1
+    assert main([str(page)]) == 0
+    assert main(["--check"]) == 0, "run scripts/robot_reference"
+    text = page.read_text()
+    for node in NODES:
+        assert f"\n## {node}\n" in text
+    for line in text.splitlines():
+        assert not (line.startswith("| `") and line.count("|") == 6 and line.endswith("|  |")), line
