@@ -38,7 +38,7 @@ class Selection:
         map_name: a YAML file, or the name of a shipped map.
         policy: a name of the registry, or an .onnx file.
         home: the home pose; None: the first one in menu, or the map's.
-        min_dwell_s: a goal is pursued at least this long before another is preferred to it.
+        min_dwell_s: a pellet is pursued at least this long before another is preferred to it.
         pose_timeout_s: a transform older than this gives way to the latched pose.
         warn: called with the kind of a trouble and what to say about it.
 
