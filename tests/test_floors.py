@@ -23,12 +23,17 @@ FLOORS = (
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SAME_FLOOR_BUT_STRANGERS = {("world", "game"), ("game", "world")}
+#: Packages of ROS beside rclpy.
+MESSAGES = (
+    *("action_msgs", "builtin_interfaces", "geometry_msgs", "irobot_create_msgs", "nav2_msgs", "nav_msgs"),
+    *("rcl_interfaces", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "tf2_msgs", "visualization_msgs"),
+)
 #: Outside package: the only rooms that may import it.
 ONLY_IN = {
     "pymunk": {"world.physics"},
     "gymnasium": {"envs"},
     "pettingzoo": {"envs"},
-    "rclpy": {"ros"},
+    **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     "torch": set(),
     "stable_baselines3": {"envs.sb3_vec_env"},
     "sb3_contrib": set(),

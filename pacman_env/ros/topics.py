@@ -9,12 +9,10 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any
 
 from rclpy.action import ActionClient, ActionServer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-from pacman_env.game.round import State
 
 
 def _qos(depth: int, *, latched: bool = False, best_effort: bool = False) -> QoSProfile:
@@ -147,7 +145,7 @@ NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/NavigateToPose")
 PLAY_NOTES = Action("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
 
 GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
-STATE_WORDS = frozenset(get_args(State))
+STATE_WORDS = frozenset({"menu", "returning_home", "starting", "running", "dying", "complete"})
 COMMAND_WORDS = frozenset({"enable", "disable", "reset_round", "return_home"})
 #: ``pellet_collected`` is followed by a colon and the pellet's id.
 STATUS_WORDS = frozenset({"pellet_collected", "death_detected", "game_complete", "home_reached", "home_failed"})

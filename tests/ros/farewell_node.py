@@ -14,7 +14,7 @@ from pacman_env.ros.node import GameNode, parameter, run
 
 
 class FarewellNode(GameNode):
-    """Latched ``here`` on ``game_state``; on stop a burst of commands, and a call that is worth waiting for."""
+    """Says where it is on ``game_state``; on stop a burst of commands, and a call that is worth waiting for."""
 
     def __init__(self) -> None:
         super().__init__("farewell_node")
@@ -27,8 +27,16 @@ class FarewellNode(GameNode):
         self.state = topics.GAME_STATE.publisher(self)
         self.reset = topics.RESET_GAME.client(self)
         topics.GAME_EVENT.subscription(self, self._event)
-        self.state.publish(String(data="here"))
+        self.state.publish(String(data="making"))
         time.sleep(self.pause_s)
+        self.greeting = self.create_timer(0.01, self._greet)
+
+    def _greet(self) -> None:
+        """Say that the node spins, and finds the service that it may have to call."""
+        if not self.call or self.reset.service_is_ready():
+            self.greeting.cancel()
+            self.commands.publish(String(data="first"))  # whoever hears it will hear the last one
+            self.state.publish(String(data="here"))
 
     def _event(self, message: Any) -> None:
         self.once.warning("event", f"event {message.data}")

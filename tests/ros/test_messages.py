@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Float32, Header, Int32, String
 from visualization_msgs.msg import Marker
 
+from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.messages import (
     BadMessage,
@@ -216,3 +217,7 @@ def test_every_type_that_is_named_exists(entry: Any) -> None:
     package, _, name = entry.type_name.partition("/")
     assert entry.type.__name__ == name
     assert entry.type.__module__.startswith(f"{package}.")
+
+
+def test_the_states_are_those_of_the_rules() -> None:
+    assert set(get_args(State)) == topics.STATE_WORDS
