@@ -27,6 +27,7 @@ GHOST_COLOURS = {
     "inky": COLOURS["blue"],
 }
 BLACK: Colour = (0, 0, 0)
+_YELLOW, _RED, _WHITE = COLOURS["yellow"], COLOURS["red"], COLOURS["white"]
 _FRAME_S = 0.15
 
 
@@ -62,17 +63,16 @@ def _wave(colour: Colour, ground: Colour) -> tuple[Ring, ...]:
     return _turning((colour, beside, ground, ground, ground, beside))
 
 
-_YELLOW, _RED, _WHITE = COLOURS["yellow"], COLOURS["red"], COLOURS["white"]
+def _mouth(width: int) -> Ring:
+    """Yellow but for a gap around the first LED."""
+    dark = range(-(width // 2), width - width // 2)
+    return tuple(BLACK if {k, k - 6} & set(dark) else _YELLOW for k in range(6))
+
 
 #: By light word. ``off`` is none of them: it shows nothing.
 ANIMATIONS: dict[str, Animation] = {
     **{name: Animation((_all(colour),)) for name, colour in COLOURS.items()},
-    "pacman": Animation(  # his mouth opens and shuts
-        (
-            (_YELLOW, BLACK, BLACK, BLACK, _YELLOW, _YELLOW),
-            (_YELLOW, _YELLOW, BLACK, _YELLOW, _YELLOW, _YELLOW),
-        )
-    ),
+    "pacman": Animation((_mouth(0), _mouth(1), _mouth(3), _mouth(1))),  # it opens and shuts
     "start": Animation(_turning((_YELLOW, *GHOST_COLOURS.values(), BLACK)), 8.0, "pacman"),
     "pellet": Animation((_all(_WHITE), _all(_YELLOW)), 2 * _FRAME_S),
     "power pellet": Animation((_all(_YELLOW), _all(_WHITE)), 3.0),

@@ -33,6 +33,7 @@ class GameEventMapper(GameNode):
         self._timer = self.create_timer(_PERIOD_S, self._move)
         self._timer.cancel()
         topics.GAME_EVENT.subscription(self, self._hear)
+        topics.GAME_COMMAND.subscription(self, self._hear_command)
 
     def _now(self) -> float:
         return float(self.get_clock().now().nanoseconds) * 1e-9
@@ -53,6 +54,11 @@ class GameEventMapper(GameNode):
             self._motion, self._since_s = answer.motion, self._now()
             self._timer.reset()
             self._move()
+
+    def _hear_command(self, message: Any) -> None:
+        """From now on the planner drives: a show that is longer than the referee's must not go on."""
+        if self._motion != "stop" and message.data in ("enable", "return_home"):
+            self._stop()
 
     def _move(self) -> None:
         turn = angular_velocity(self._motion, self._now() - self._since_s)

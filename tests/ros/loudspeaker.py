@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.action import GoalResponse
-from rclpy.task import Future
 
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
@@ -20,33 +19,32 @@ class Loudspeaker:
         self.played: list[str] = []  # by word, in order
         self.goals: list[Any] = []
         self.refuse = False
-        self._node = node
         self._at_once = at_once
-        self._ends: list[Future] = []
-        self._server = topics.PLAY_NOTES.server(node, self._play, goal_callback=self._accept)
+        self._handles: list[Any] = []
+        self._server = topics.PLAY_NOTES.server(
+            node, self._end, goal_callback=self._answer, handle_accepted_callback=self._begin
+        )
 
     def __enter__(self) -> Loudspeaker:
         return self
 
     def __exit__(self, *failure: object) -> None:
-        for end in self._ends:
-            end.set_result(None)
         self._server.destroy()
 
     def finish(self, number: int = -1) -> None:
         """The melody with this number, or the last one, is over."""
-        self._ends[number].set_result(None)
+        self._handles[number].execute()
 
-    def _accept(self, goal: Any) -> GoalResponse:
+    def _answer(self, goal: Any) -> GoalResponse:
         return GoalResponse.REJECT if self.refuse else GoalResponse.ACCEPT
 
-    async def _play(self, handle: Any) -> Any:
-        notes = handle.request.note_sequence.notes
+    def _begin(self, handle: Any) -> None:
         self.goals.append(handle.request)
-        self.played.append(_WORDS[tuple(note.frequency for note in notes)])
-        end = Future(executor=self._node.executor)
-        self._ends.append(end)
-        if not self._at_once:
-            await end
+        self.played.append(_WORDS[tuple(note.frequency for note in handle.request.note_sequence.notes)])
+        self._handles.append(handle)
+        if self._at_once:
+            handle.execute()
+
+    def _end(self, handle: Any) -> Any:
         handle.succeed()
         return topics.PLAY_NOTES.type.Result(complete=True, iterations_played=1)

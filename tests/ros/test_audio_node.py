@@ -78,6 +78,7 @@ def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(
     probe.wait_for(lambda: speaker.played == ["pellet", "death"], what="the next melody")
     assert time.monotonic() - begun > duration_s("pellet")
     speaker.finish(-2)  # the end of the first comes after all: it is not that of the second
+    probe.spin(0.5)
     probe.publish(topics.GAME_SOUND, "pellet")
     probe.spin(0.5)
     assert speaker.played == ["pellet", "death"]

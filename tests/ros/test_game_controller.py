@@ -169,6 +169,7 @@ def test_messages_that_make_no_sense_change_nothing_and_do_not_fill_the_log(prob
     probe.publish(topics.PELLET_MARKERS, markers_of({5: (1.0, 0.0)}, probe.stamp(), frame="odom"))
     status(probe, "pellet_collected:2")
     probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the one good status")
+    probe.wait_for(lambda: "pellet" in probe.values(topics.GAME_EVENT), what="its event")
     assert probe.values(topics.PELLETS_SPAWNED)[-1] == 3
     assert probe.values(topics.GAME_EVENT) == ["reset", "start theatrical", "pellet"]
     assert probe.values(topics.GAME_STATE)[-1] == "running"
@@ -185,6 +186,6 @@ def test_the_robot_is_told_to_stop_before_the_referee_leaves_fault_13(
     process.send(number)
     probe.wait_for(lambda: process.popen.poll() is not None, what="the end")
     wait_state(probe, "menu")
+    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND)[-1] == "disable", what="the last command")
+    probe.wait_for(lambda: probe.values(topics.GAME_EVENT)[-1] == "reset", what="the last event")
     assert process.wait() == 0
-    assert probe.values(topics.GAME_COMMAND)[-1] == "disable"
-    assert probe.values(topics.GAME_EVENT)[-1] == "reset"

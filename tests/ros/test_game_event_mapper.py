@@ -91,6 +91,22 @@ def test_events_in_a_row_prolong_nothing_and_a_reset_stops_at_once(probe: Probe,
     assert len(turns(probe)) == count
 
 
+def test_a_motion_ends_when_the_planner_takes_over(probe: Probe, system: System) -> None:
+    up(probe, system)
+    for event, command in (("start theatrical", "enable"), ("death", "return_home")):
+        probe.forget()
+        probe.publish(topics.GAME_COMMAND, "disable")
+        probe.publish(topics.GAME_EVENT, event)
+        probe.wait_for(lambda: len(turns(probe)) > 5, what="the motion")
+        assert 0.0 not in turns(probe)
+        probe.publish(topics.GAME_COMMAND, command)
+        probe.wait_for(lambda: turns(probe)[-1] == 0.0, what="the stop")
+        probe.publish(topics.GAME_COMMAND, command)
+        count = len(turns(probe))
+        probe.spin(0.3)
+        assert len(turns(probe)) == count  # the planner's commands are not disturbed
+
+
 def test_the_robot_stands_after_ctrl_c_fault_13(probe: Probe, system: System) -> None:
     process = up(probe, system)
     probe.publish(topics.GAME_EVENT, "death")
