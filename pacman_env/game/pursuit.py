@@ -82,7 +82,7 @@ class Pursuit:
     Args:
         config: pick-up, death and back-off; the goal tolerance.
         home: where ``return_home`` leads; may be set later.
-        min_dwell_s: a goal is pursued at least this long before another is preferred to it.
+        min_dwell_s: a pellet is pursued at least this long before another is preferred to it.
         answer_s: a goal without an answer for this long is given up.
         cancel_s: how long a new goal waits for the end of a cancelled one, which would take it along.
         away_s: how long the way home waits for Nav2, or for a pose, before it has failed.
@@ -245,7 +245,7 @@ class Pursuit:
             return []
         chosen = -1 if place is None else place.candidate
         pursued = self.pursued
-        if self._current is not None and chosen != pursued and now - self._switched_s < self.min_dwell_s:
+        if self._dwells(place, now):
             return []
         if place is not None and place.pellet is None and self.at_rest and self._is_at(place):
             return []  # Nav2 would end such a goal at once, and be sent it again
@@ -310,6 +310,13 @@ class Pursuit:
         return []
 
     # What follows
+
+    def _dwells(self, place: Place | None, now: float) -> bool:
+        """Another pellet has to wait; a place to wait at has not, for that is how a robot gets away."""
+        if self._current is None or place is None or now - self._switched_s >= self.min_dwell_s:
+            return False
+        current = self._open[self._current].place
+        return current.pellet is not None and place.pellet is not None and place.candidate != current.candidate
 
     def _settling(self, now: float) -> bool:
         """A cancel is on its way, which would take a goal sent now along with it."""

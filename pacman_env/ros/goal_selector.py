@@ -52,7 +52,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._rate = parameter(self, "decision_rate", 2.0, "decisions per second", 0.5, 10.0)
-        text = "a goal is pursued at least this long before another is preferred to it, s"
+        text = "a pellet is pursued at least this long before another is preferred to it, s"
         self._min_dwell_s = parameter(self, "min_dwell_s", 1.0, text, 0.0, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"
         self._pose_timeout_s = parameter(self, "pose_timeout_s", 1.0, text, 0.1, 10.0)

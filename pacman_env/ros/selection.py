@@ -38,7 +38,7 @@ class Selection:
         map_name: a YAML file, or the name of a shipped map.
         policy: a name of the registry, or an .onnx file.
         home: the home pose; None: the first one in menu, or the map's.
-        min_dwell_s: a goal is pursued at least this long before another is preferred to it.
+        min_dwell_s: a pellet is pursued at least this long before another is preferred to it.
         pose_timeout_s: a transform older than this gives way to the latched pose.
         warn: called with the kind of a trouble and what to say about it.
 
@@ -96,6 +96,7 @@ class Selection:
 
     def on_state(self, message: Any, now: float) -> list[Action]:
         """``game_state``."""
+        self._believe(now)
         return self.pursuit.state(word_of(message, topics.STATE_WORDS), now)
 
     def on_command(self, message: Any, now: float) -> list[Action]:
@@ -104,6 +105,7 @@ class Selection:
         if word == "reset_round" or (word == "enable" and self.pursuit.task != "play"):
             self.live.begin()
             self.policy.reset(_ONE)
+        self._believe(now)
         return self.pursuit.command(word, now)
 
     def on_pellets(self, message: Any, now: float) -> list[Action]:
@@ -153,6 +155,8 @@ class Selection:
             self._warn("off the map", f"{belief.source}: ({x:.2f}, {y:.2f}) is off the map")
             belief = None
         self._belief = belief
+        if belief is not None:
+            self.pursuit.pose = belief.pose[:2]
         state = self.pursuit.game_state
         if self.pursuit.home is None and belief is not None and state is not None:
             # After a start in the middle of a round the pose is anywhere.

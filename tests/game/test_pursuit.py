@@ -90,10 +90,19 @@ def test_a_cancel_that_is_never_answered_holds_nothing_up_for_long() -> None:
     assert words(pursuit.choose(FAR, 3.0)) == ["send 2"]
 
 
-def test_goals_do_not_alternate_within_the_dwell_time() -> None:
+def test_pellets_do_not_alternate_within_the_dwell_time() -> None:
     pursuit = running(min_dwell_s=1.0)
     sent = [words(pursuit.choose((NEAR, FAR)[k % 2], 0.3 * k)) for k in range(8)]
     assert [k for k, actions in enumerate(sent) if actions] == [0, 5]
+
+
+def test_the_dwell_time_delays_no_flight_and_no_return() -> None:
+    pursuit = running(min_dwell_s=10.0)
+    pursuit.choose(NEAR, 0.0)
+    assert words(pursuit.choose(REFUGE, 0.5)) == ["send 2"]
+    assert words(pursuit.choose(FAR, 1.0)) == ["send 3"]
+    pursuit.accepted(3, 1.1)
+    assert words(pursuit.choose(None, 1.5)) == ["cancel 3"]
 
 
 def test_the_dwell_time_does_not_delay_what_follows_a_goal_that_has_ended() -> None:

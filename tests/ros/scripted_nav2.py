@@ -39,6 +39,8 @@ class ScriptedNav2:
         self.script = list(script)
         self.goals: list[Goal] = []
         self.refused: list[Goal] = []
+        self._probe = probe
+        self._ending = 0  # goals whose end is under way
         self._late: list[Future] = []
         self._asked: list[Goal] = []  # not accepted yet
         self._server = topics.NAVIGATE_TO_POSE.server(
@@ -74,7 +76,11 @@ class ScriptedNav2:
         self._end(goal, "abort", error)
 
     def close(self) -> None:
-        """Nav2 goes away."""
+        """Nav2 goes away, once it has ended what it was to end."""
+        for _ in range(100):
+            if self._ending == 0:
+                break
+            self._probe.executor.spin_once(timeout_sec=0.1)
         self._server.destroy()
 
     async def _answer(self, request: Any) -> GoalResponse:
@@ -101,18 +107,15 @@ class ScriptedNav2:
     def _cancel(self, handle: Any) -> CancelResponse:
         for goal in self.running():
             goal.cancelled = True
-            goal.ended = True
-            if goal.handle is handle:  # its own state changes when this has returned
-                handle.execute(lambda own: self._finish(own, "canceled"))
-            else:
-                goal.handle.execute(lambda own: self._finish(own, "abort"))
+            self._end(goal, "canceled" if goal.handle is handle else "abort")
         return CancelResponse.ACCEPT
 
     def _end(self, goal: Goal, how: str, error: int = 0) -> None:
         goal.ended = True
+        self._ending += 1
         goal.handle.execute(lambda own: self._finish(own, how, error))
 
-    @staticmethod
-    def _finish(handle: Any, how: str, error: int = 0) -> Any:
+    def _finish(self, handle: Any, how: str, error: int) -> Any:
+        self._ending -= 1
         getattr(handle, how)()
         return topics.NAVIGATE_TO_POSE.type.Result(error_code=error)
