@@ -41,7 +41,7 @@ FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JS
 
 FASTEST = 10.0
 CATCH_UP_S = 0.5  # of wall time; what is late by more than that is left out
-MARK_LASTS_S = 1.0  # what is no longer seen of Clyde, the lidar clears from the costmap
+MARK_LASTS_S = 2.0  # what is no longer seen of Clyde, the lidar clears from the costmap
 START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
 
 
