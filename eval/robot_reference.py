@@ -59,7 +59,7 @@ def describe(name: str) -> Described:
         if inspect.isclass(one) and one.__module__ == module.__name__ and _is_node(one)
     )
     with _noted_actions() as actions:
-        node = made()
+        node: Any = made()
     try:
         found = Described((inspect.getdoc(module) or "").split("\n\n")[0].replace("\n", " ").replace("``", "`"))
         found.parameters = [_parameter(node, one) for one in _declared(node)]

@@ -42,6 +42,11 @@ class Bag:
         self.namespace = self._namespace(namespace)  # "" or "/robot_15"
         self.duration_s = reader.duration / 1e9
 
+    def has(self, topic: Topic) -> bool:
+        """Whether a message on this topic was recorded."""
+        name = f"{self.namespace}/{topic.name}"
+        return any(connection.topic == name and connection.msgcount for connection in self._reader.connections)
+
     def messages(self, topics: Collection[Topic]) -> Iterator[Recorded]:
         """The messages on these topics.
 

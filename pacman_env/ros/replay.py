@@ -36,10 +36,10 @@ READ = (
     topics.CLYDE_SPEED,
     topics.AMCL_POSE,
     topics.ODOMETRY,
+    SCORES,
 )
-#: How long a choice that was seen holds without another, and how late it may show: the goal selector tells each of its
-#: decisions; Nav2 plans anew every second while it has a goal.
-TOLD_S, PLANNED_S = (1.2, 0.3), (2.5, 1.2)
+PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
+PLAN_LATE_S = 1.2  # a choice shows in the first plan after it, this late at most
 END_OF_PLAN_M = 0.75  # Nav2 may end a plan beside its goal, half a metre in x and in y
 _LISTED = 20
 
@@ -138,9 +138,9 @@ class _Walk:
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
-        self._choices, (self._lasts_s, self._late_s) = list(_told(bag)), TOLD_S
-        if not self._choices:  # another planner's game
-            self._choices, (self._lasts_s, self._late_s) = list(_planned(bag, assets)), PLANNED_S
+        self._tells = bag.has(SCORES)  # else it is another planner's game
+        self._told = -1  # the choice before
+        self._plans = [] if self._tells else list(_plans(bag, assets))
         self._motion = Motion(counts=False)
         self._running = False
         self._began_s = self._due_s = 0.0
@@ -153,10 +153,17 @@ class _Walk:
         self._differs: tuple[str, str] | None = None
 
     def take(self, recorded: Recorded) -> None:
-        """One message; decisions that were due before it come first."""
-        while self._running and self._due_s <= recorded.at_s:
-            self._decide(self._due_s)
-            self._due_s += self._tick_s
+        """One message. Decisions are those of the recorded goal selector, or due every half second before it."""
+        if self._tells:
+            if self._running and recorded.topic == SCORES.name:
+                chosen = chosen_of(recorded.message)
+                self._decide(recorded.at_s, self._told, chosen)
+                self._told = chosen
+        else:
+            while self._running and self._due_s <= recorded.at_s:
+                chosen_soon = self._planned(self._due_s + PLAN_LATE_S) if self._plans else None
+                self._decide(self._due_s, self._planned(self._due_s), chosen_soon)
+                self._due_s += self._tick_s
         try:
             self._take(recorded)
         except BadMessage as error:
@@ -209,6 +216,7 @@ class _Walk:
             self._report.rounds += 1
             self._began_s = self._due_s = at_s
             self._motion.counts = True
+            self._told = -1
             self._live.begin()
             self._policy.reset(np.ones(1, dtype=np.bool_))
         elif not running:
@@ -217,7 +225,8 @@ class _Walk:
             self._differs = None
         self._running = running
 
-    def _decide(self, at_s: float) -> None:
+    def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
+        """``pursued``: where the robot was going, ``recorded``: what was chosen; -1: nothing, None: not known."""
         pose, left = self._motion.believed, self._left - self._gone
         if pose is None or self._live.clyde is None or not left or self._live.off_the_map(*pose[:2]):
             return
@@ -226,15 +235,14 @@ class _Walk:
             pose=pose,
             left=left,
             velocity=self._velocity,
-            pursued=self._recorded(at_s),
+            pursued=pursued,
         )
         situation = self._live.situation(seen)
         began = time.perf_counter()
         chosen = int(self._policy.select(situation)[0])
         self._elapsed_ms.append((time.perf_counter() - began) * 1e3)
         self._report.decisions += 1
-        recorded = self._recorded(at_s + self._late_s)
-        if not self._choices:
+        if recorded is None:
             self._report.unknown += 1
             return
         recorded = self._live.hold if recorded < 0 else recorded
@@ -250,9 +258,9 @@ class _Walk:
             self._report.otherwise.append(Otherwise(at_s, 1, *differs))
         self._differs = differs
 
-    def _recorded(self, at_s: float) -> int:
-        """The candidate that the robot was sent to, -1: none."""
-        before = [candidate for when, candidate in self._choices if at_s - self._lasts_s < when <= at_s]
+    def _planned(self, at_s: float) -> int:
+        """The candidate that Nav2 planned to, -1: none."""
+        before = [candidate for when, candidate in self._plans if at_s - PLAN_LASTS_S < when <= at_s]
         return before[-1] if before else -1
 
     def _name(self, candidate: int) -> str:
@@ -263,13 +271,7 @@ class _Walk:
         return f"{kind} at ({goal.x:.2f}, {goal.y:.2f})"
 
 
-def _told(bag: Bag) -> Iterator[tuple[float, int]]:
-    """When the goal selector decided, and for which candidate; -1: hold, or none with a score."""
-    for recorded in bag.messages((SCORES,)):
-        yield recorded.at_s, chosen_of(recorded.message)
-
-
-def _planned(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
+def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
     """When Nav2 planned, and to which candidate; -1: to none, such as home."""
     for recorded in bag.messages((topics.PLAN,)):
         if recorded.message.poses:

@@ -7,6 +7,7 @@ the robot.
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import time
 from typing import Any
@@ -41,7 +42,7 @@ class Watcher(Node):
         self._policy = policy
         self._values: dict[str, Any] = {}
         for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED):
-            topic.subscription(self, lambda message, name=topic.name: self._values.update({name: message.data}))
+            topic.subscription(self, functools.partial(self._on_value, topic.name))
         DIAGNOSTICS.subscription(self, self._on_diagnostics)
         self._nav2_away = False
         self._pose_ns: int | None = None
@@ -106,6 +107,9 @@ class Watcher(Node):
             self._cmd_vel = CMD_VEL.publisher(self)
         self._cmd_vel.publish(CMD_VEL.type())
         spin(0.05)
+
+    def _on_value(self, name: str, message: Any) -> None:
+        self._values[name] = message.data
 
     def _on_diagnostics(self, message: Any) -> None:
         with contextlib.suppress(ValueError, AttributeError):  # of another goal selector: it need not be ours

@@ -23,6 +23,7 @@ from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bag import BagError
+from pacman_env.ros.goal_scores import SCORES
 from pacman_env.ros.motion import Motion, between, moved, simulated_motion
 from pacman_env.ros.replay import chosen_of, replay
 from pacman_env.sim.assets import map_assets
@@ -76,7 +77,7 @@ def pose(x: float, y: float, heading: float = 0.0) -> Any:
     )
 
 
-def markers(pellets: dict[int, tuple[float, float]]) -> list[Any]:
+def markers(pellets: dict[int, tuple[float, float]], green: int | None = None) -> list[Any]:
     zero = of("geometry_msgs/Vector3", x=0.0, y=0.0, z=0.0)
     none = of("builtin_interfaces/Duration", sec=0, nanosec=0)
 
@@ -90,7 +91,7 @@ def markers(pellets: dict[int, tuple[float, float]]) -> list[Any]:
             action=action,
             pose=pose(x, y),
             scale=zero,
-            color=of("std_msgs/ColorRGBA", r=0.0, g=0.0, b=0.0, a=1.0),
+            color=of("std_msgs/ColorRGBA", r=0.0, g=float(number == green), b=0.0, a=1.0),
             lifetime=none,
             frame_locked=False,
             points=[],
@@ -107,8 +108,8 @@ def markers(pellets: dict[int, tuple[float, float]]) -> list[Any]:
     return [marker(0, 3), *(marker(number, 0, *at) for number, at in pellets.items())]
 
 
-def write_round(path: Path, policy_name: str, plans: bool = True, odometry: bool = True) -> None:
-    """Half a minute of a round on the map ``house``, as a robot would say it."""
+def write_round(path: Path, policy_name: str, plans: bool = True, odometry: bool = True, scores: bool = False) -> None:
+    """Half a minute of a round on the map ``house``, as a robot would say it; ``scores``: as our goal selector does."""
     config = make_config(**{"execution.tick_s": 0.1, "execution.check_period_s": 0.1})
     assets = map_assets("house", config)
     batch = GameBatch(assets, config)
@@ -161,6 +162,9 @@ def write_round(path: Path, policy_name: str, plans: bool = True, odometry: bool
                 bag.say(topics.GAME_STATE, at_s, data="running")
             if tick % 5 == 0:
                 choice = policy.select(batch.situation())
+                if scores:
+                    shown = {c: tuple(assets.goal_xy[c].tolist()) for c in range(assets.pellets)}
+                    bag.say(SCORES, at_s, markers=markers(shown, int(choice[0])))
             if plans and choice[0] != batch.hold:
                 way = of(
                     "geometry_msgs/PoseStamped", header=header(at_s), pose=pose(*assets.goal_xy[choice[0]].tolist())
@@ -185,6 +189,15 @@ def test_the_policy_that_played_chooses_as_recorded(bag: Path) -> None:
     assert report.unknown == 0
     assert report.bad_messages == {}
     assert report.same >= 0.9 * report.decisions  # the plan that shows a choice may come a tick late
+
+
+def test_decisions_that_the_goal_selector_told_are_met_exactly(tmp_path: Path) -> None:
+    write_round(tmp_path / "game", "nearest", plans=False, scores=True)
+    report = replay(tmp_path / "game", "house", "nearest")
+    assert report.same == report.decisions == TICKS
+    other = replay(tmp_path / "game", "house", "random")
+    assert other.decisions == TICKS
+    assert other.same < TICKS
 
 
 def test_another_policy_is_reported_where_it_differs(bag: Path) -> None:
