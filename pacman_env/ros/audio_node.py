@@ -15,7 +15,7 @@ from rclpy.duration import Duration
 from pacman_env.game.sounds import MELODIES, SoundQueue, frequency_hz
 
 from . import topics
-from .messages import BadMessage, word_of
+from .messages import word_of
 from .node import GameNode, run
 
 NAME = "audio_node"
@@ -39,22 +39,14 @@ class AudioNode(GameNode):
         self._queue = SoundQueue()
         self._number = 0  # of the melody that sounds: answers about earlier ones come too late
         self._player = topics.PLAY_NOTES.client(self)
-        topics.GAME_SOUND.subscription(self, self._hear)
+        self.listen(topics.GAME_SOUND, self._hear, "bad sound")
         self.create_timer(_TICK_S, self._tick)
 
-    def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds) * 1e-9
-
     def _hear(self, message: Any) -> None:
-        try:
-            word = word_of(message, MELODIES)
-        except BadMessage as error:
-            self.once.warning("bad sound", f"{topics.GAME_SOUND.name}: {error}")
-            return
-        self._play(self._queue.ask(word, self._now()))
+        self._play(self._queue.ask(word_of(message, MELODIES), self.now_s()))
 
     def _tick(self) -> None:
-        if self._queue.overdue(self._now()):
+        if self._queue.overdue(self.now_s()):
             self.once.warning("no end", f"{topics.PLAY_NOTES.name}: the end of a melody was never reported")
             self._over(self._number)
 
@@ -79,7 +71,7 @@ class AudioNode(GameNode):
 
     def _over(self, number: int) -> None:
         if number == self._number:
-            self._play(self._queue.ended(self._now()))
+            self._play(self._queue.ended(self.now_s()))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pacman_env.ros.messages import BadMessage, Pose, pose_of, seconds_of, transform_of
+from pacman_env.sim.poses import compose
 from pacman_env.world.localization import wrap
 
 BASE, MAP = "base_link", "map"
@@ -94,7 +95,7 @@ class BelievedPose:
             link = self._links.get(frame)
             if link is None:
                 return None
-            pose, heard_s, frame = _compose(link.pose, pose), min(heard_s, link.heard_s), link.parent
+            pose, heard_s, frame = compose(link.pose, pose), min(heard_s, link.heard_s), link.parent
             if frame == MAP:
                 return pose, heard_s
         return None
@@ -112,11 +113,3 @@ class BelievedPose:
             else:
                 self._velocity = (0.0, 0.0)
         self._odometry = pose, stamp_s
-
-
-def _compose(parent: Pose, child: Pose) -> Pose:
-    """The pose in the frame in which ``parent`` is given."""
-    cos, sin = math.cos(parent[2]), math.sin(parent[2])
-    x = parent[0] + cos * child[0] - sin * child[1]
-    y = parent[1] + sin * child[0] + cos * child[1]
-    return x, y, float(wrap(parent[2] + child[2]))

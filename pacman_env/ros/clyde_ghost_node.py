@@ -137,20 +137,16 @@ class ClydeGhostNode(GameNode):
         self._marker = topics.CLYDE_MARKER.publisher(self)
         self._obstacle = topics.CLYDE_OBSTACLE.publisher(self)
         self._costmap = topics.CLEAR_GLOBAL_COSTMAP.client(self)
-        topics.GAME_STATE.subscription(self, self._hear_state)
-        topics.CLYDE_SPEED.subscription(self, self._hear_speed)
-        topics.AMCL_POSE.subscription(self, self._hear_robot)
-        topics.CLICKED_POINT.subscription(self, self._hear_click)
+        self.listen(topics.GAME_STATE, self._hear_state, "bad state")
+        self.listen(topics.CLYDE_SPEED, self._hear_speed, "bad speed")
+        self.listen(topics.AMCL_POSE, self._hear_robot, "bad robot pose")
+        self.listen(topics.CLICKED_POINT, self._hear_click, "bad click")
         topics.RESET_CLYDE.server(self, self._reset)
         self.create_timer(config.update_period_s, self._update)
         self.get_logger().info(f"Clyde on {map.name}, seed {seed}")
 
     def _hear_state(self, message: Any) -> None:
-        try:
-            state = word_of(message, topics.STATE_WORDS)
-        except BadMessage as error:
-            self.once.warning("bad state", f"{topics.GAME_STATE.name}: {error}")
-            return
+        state = word_of(message, topics.STATE_WORDS)
         if state == "running":
             self._chosen = None
         if state == "returning_home" != self._state:
@@ -158,17 +154,10 @@ class ClydeGhostNode(GameNode):
         self._state = state
 
     def _hear_speed(self, message: Any) -> None:
-        try:
-            self.clyde.set_speed(number_of(message, 0.0, MAX_SPEED_MPS))
-        except BadMessage as error:
-            self.once.warning("bad speed", f"{topics.CLYDE_SPEED.name}: {error}")
+        self.clyde.set_speed(number_of(message, 0.0, MAX_SPEED_MPS))
 
     def _hear_robot(self, message: Any) -> None:
-        try:
-            x, y, _ = pose_of(message)
-        except BadMessage as error:
-            self.once.warning("bad robot pose", f"{topics.AMCL_POSE.name}: {error}")
-            return
+        x, y, _ = pose_of(message)
         first, self._robot = self._robot is None, (x, y)
         if first:
             self._home = self._robot
@@ -176,15 +165,11 @@ class ClydeGhostNode(GameNode):
                 self._respawn()  # where the robot is was not known before
 
     def _hear_click(self, message: Any) -> None:
-        try:
-            cell, distance = self.clyde.cells.nearest(*point_of(message))
-            if self._state == "running":
-                raise BadMessage("Clyde can be placed only before a round")
-            if distance > _CLICK_M:
-                raise BadMessage(f"Clyde cannot be there: {distance:.2f} m from the nearest place wide enough for him")
-        except BadMessage as error:
-            self.once.warning("bad click", f"{topics.CLICKED_POINT.name}: {error}")
-            return
+        cell, distance = self.clyde.cells.nearest(*point_of(message))
+        if self._state == "running":
+            raise BadMessage("Clyde can be placed only before a round")
+        if distance > _CLICK_M:
+            raise BadMessage(f"Clyde cannot be there: {distance:.2f} m from the nearest place wide enough for him")
         self.once.over("bad click")
         self._chosen = cell
         self._respawn()
@@ -205,7 +190,7 @@ class ClydeGhostNode(GameNode):
     def _update(self) -> None:
         if self._state == "running":
             self.clyde.step()
-            now = self.get_clock().now().nanoseconds * 1e-9
+            now = self.now_s()
             apart = math.dist(self._cleared_at, self.clyde.pose[:2])
             if self._clear_s and apart >= _CLEAR_DISTANCE_M and not 0 <= now - self._cleared_s < self._clear_s:
                 self._clear_costmap()
@@ -225,7 +210,7 @@ class ClydeGhostNode(GameNode):
         if self._clear_s and not waiting and self._costmap.service_is_ready():
             self._clearing = self._costmap.call_async(topics.CLEAR_GLOBAL_COSTMAP.type.Request())
             self._cleared_at = self.clyde.pose[:2]
-            self._cleared_s = self.get_clock().now().nanoseconds * 1e-9
+            self._cleared_s = self.now_s()
 
     def farewell(self) -> Iterable[Any]:
         """No obstacle is left behind where nobody is any more."""

@@ -14,7 +14,7 @@ from pacman_env.config import MAX_SPEED_MPS, ClydeConfig
 from pacman_env.game.round import Action, RoundController
 
 from . import topics
-from .messages import BadMessage, number_of, pellets_of, word_of
+from .messages import number_of, pellets_of, word_of
 from .node import GameNode, parameter, run
 
 NAME = "game_controller"
@@ -58,16 +58,13 @@ class GameController(GameNode):
         self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: set[str] = set()  # services to call as soon as they are there
-        topics.GAME_STATUS.subscription(self, self._hear_status)
-        topics.PELLET_MARKERS.subscription(self, self._hear_pellets)
-        topics.BASE_CLYDE_SPEED.subscription(self, self._hear_speed)
-        topics.START_GAME.server(self, lambda request, response: self._answer(self.game.start(self._now()), response))
-        topics.RESET_GAME.server(self, lambda request, response: self._answer(self.game.reset(self._now()), response))
+        self.listen(topics.GAME_STATUS, self._hear_status, "bad status")
+        self.listen(topics.PELLET_MARKERS, self._hear_pellets, "bad pellets")
+        self.listen(topics.BASE_CLYDE_SPEED, self._hear_speed, "bad speed")
+        topics.START_GAME.server(self, lambda request, response: self._answer(self.game.start(self.now_s()), response))
+        topics.RESET_GAME.server(self, lambda request, response: self._answer(self.game.reset(self.now_s()), response))
         self.create_timer(_TICK_S, self._tick)
         self._do(self.game.announce())
-
-    def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _do(self, actions: Iterable[Action]) -> None:
         """Carry out actions in their order; calls that cannot be made yet are made by the timer."""
@@ -106,31 +103,16 @@ class GameController(GameNode):
         return response
 
     def _tick(self) -> None:
-        self._do(self.game.tick(self._now()))
+        self._do(self.game.tick(self.now_s()))
 
     def _hear_status(self, message: Any) -> None:
-        try:
-            word = word_of(message)
-        except BadMessage as error:
-            self.once.warning("bad status", f"{topics.GAME_STATUS.name}: {error}")
-            return
-        self._do(self.game.status(word, self._now()))
+        self._do(self.game.status(word_of(message), self.now_s()))
 
     def _hear_pellets(self, message: Any) -> None:
-        try:
-            pellets = pellets_of(message)
-        except BadMessage as error:
-            self.once.warning("bad pellets", f"{topics.PELLET_MARKERS.name}: {error}")
-            return
-        self._do(self.game.pellets_left(pellets))
+        self._do(self.game.pellets_left(pellets_of(message)))
 
     def _hear_speed(self, message: Any) -> None:
-        try:
-            speed = number_of(message, 0.0, MAX_SPEED_MPS)
-        except BadMessage as error:
-            self.once.warning("bad speed", f"{topics.BASE_CLYDE_SPEED.name}: {error}")
-            return
-        self._do(self.game.base_clyde_speed(speed))
+        self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
 
     def farewell(self) -> Iterable[Any]:
         """Without a referee nobody drives, shakes or shines."""

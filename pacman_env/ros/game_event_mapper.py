@@ -13,7 +13,7 @@ from pacman_env.game.events import FEEDBACK
 from pacman_env.game.motion import Motion, angular_velocity
 
 from . import topics
-from .messages import BadMessage, twist_message, word_of
+from .messages import twist_message, word_of
 from .node import GameNode, run
 
 NAME = "game_event_mapper"
@@ -32,18 +32,11 @@ class GameEventMapper(GameNode):
         self._since_s = 0.0
         self._timer = self.create_timer(_PERIOD_S, self._move)
         self._timer.cancel()
-        topics.GAME_EVENT.subscription(self, self._hear)
+        self.listen(topics.GAME_EVENT, self._hear, "bad event")
         topics.GAME_COMMAND.subscription(self, self._hear_command)
 
-    def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds) * 1e-9
-
     def _hear(self, message: Any) -> None:
-        try:
-            answer = FEEDBACK[word_of(message, FEEDBACK)]
-        except BadMessage as error:
-            self.once.warning("bad event", f"{topics.GAME_EVENT.name}: {error}")
-            return
+        answer = FEEDBACK[word_of(message, FEEDBACK)]
         if answer.light is not None:
             self._light.publish(topics.GAME_LIGHT.type(data=answer.light))
         if answer.sound is not None:
@@ -51,7 +44,7 @@ class GameEventMapper(GameNode):
         if answer.motion == "stop":
             self._stop()
         elif answer.motion is not None and answer.motion != self._motion:  # repeated events prolong nothing
-            self._motion, self._since_s = answer.motion, self._now()
+            self._motion, self._since_s = answer.motion, self.now_s()
             self._timer.reset()
             self._move()
 
@@ -61,7 +54,7 @@ class GameEventMapper(GameNode):
             self._stop()
 
     def _move(self) -> None:
-        turn = angular_velocity(self._motion, self._now() - self._since_s)
+        turn = angular_velocity(self._motion, self.now_s() - self._since_s)
         if turn is None:
             self._stop()
         else:

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from pacman_env.game.lights import BLACK, LIGHTS, LightRing, Ring
 
 from . import topics
-from .messages import BadMessage, word_of
+from .messages import word_of
 from .node import GameNode, run
 
 NAME = "game_light_node"
@@ -35,22 +35,15 @@ class GameLightNode(GameNode):
         self._ring = topics.LIGHT_RING.publisher(self)
         self._timer = self.create_timer(_PERIOD_S, self._show)
         self._timer.cancel()
-        topics.GAME_LIGHT.subscription(self, self._hear)
-
-    def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds) * 1e-9
+        self.listen(topics.GAME_LIGHT, self._hear, "bad light")
 
     def _hear(self, message: Any) -> None:
-        try:
-            self._lights.command(word_of(message, LIGHTS), self._now())
-        except BadMessage as error:
-            self.once.warning("bad light", f"{topics.GAME_LIGHT.name}: {error}")
-            return
+        self._lights.command(word_of(message, LIGHTS), self.now_s())
         self._timer.reset()
         self._show(anew=True)
 
     def _show(self, anew: bool = False) -> None:
-        now = self._now()
+        now = self.now_s()
         ring = self._lights.ring(now)
         if anew or ring != self._shown or not 0 <= now - self._shown_s < _REPEAT_S:
             self._publish(ring)

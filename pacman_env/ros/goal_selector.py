@@ -10,6 +10,7 @@ import math
 import sys
 import traceback
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -22,7 +23,7 @@ from pacman_env.game.pursuit import Action, Home, Place
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
 from pacman_env.ros.goal_scores import DIAGNOSTICS, SCORES, as_json, score_markers
-from pacman_env.ros.messages import BadMessage, Position, twist_message
+from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.navigation_client import NavigationClient
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.selection import Selection
@@ -110,7 +111,9 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             (topics.TF, selection.on_transforms),
             (topics.TF_STATIC, selection.on_static_transforms),
         )
-        subscriptions = [topic.subscription(self, self._hears(topic, take_in)) for topic, take_in in heard]
+        subscriptions = [
+            self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
+        ]
         timer = self.create_timer(_DIAGNOSTICS_S, self._tell_condition)
         self._destroy = [
             self._nav2.destroy,
@@ -119,18 +122,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             *[lambda one=one: self.destroy_publisher(one) for one in self._out.values()],
         ]
 
-    def _hears(self, topic: topics.Topic, take_in: Callable[[Any, float], list[Action]]) -> Callable[[Any], None]:
-        """A callback; what is bad about a message reaches the log and nothing else."""
-
-        def hear(message: Any) -> None:
-            try:
-                actions = take_in(message, self._now())
-            except BadMessage as error:
-                self.once.warning(f"bad {topic.name}", f"{topic.name}: {error}")
-            else:
-                self._do(actions)
-
-        return hear
+    def _take(self, take_in: Callable[[Any, float], list[Action]], message: Any) -> None:
+        self._do(take_in(message, self.now_s()))
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to decide."""
@@ -161,7 +154,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self.destroy_timer(self._timer)
             self._timer = None
         if self._selection is not None:
-            self._do(self._selection.pursuit.deactivate(self._now()))
+            self._do(self._selection.pursuit.deactivate(self.now_s()))
 
     def _disconnect(self) -> None:
         for destroy in self._destroy:
@@ -202,12 +195,9 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     # Decisions
 
-    def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds * 1e-9)
-
     def _tick(self) -> None:
         assert self._selection is not None
-        now, pursuit = self._now(), self._selection.pursuit
+        now, pursuit = self.now_s(), self._selection.pursuit
         if self._fresh:  # what was latched has been heard by now, and is acted on as a whole
             self._fresh = False
             self._do(pursuit.activate(now))
@@ -221,7 +211,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _decide(self) -> None:
         assert self._selection is not None
-        self._selection.decide(self._now(), self._do)
+        self._selection.decide(self.now_s(), self._do)
         if self._selection.seen is not None and self._out[SCORES.name].get_subscription_count() > 0:
             situation, chosen = self._selection.seen
             scores = self._selection.policy.scores(situation)
@@ -229,16 +219,16 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _on_accepted(self, number: int) -> None:
         assert self._selection is not None
-        self._do(self._selection.pursuit.accepted(number, self._now()))
+        self._do(self._selection.pursuit.accepted(number, self.now_s()))
 
     def _on_rejected(self, number: int) -> None:
         assert self._selection is not None
         self.get_logger().warning(f"goal {number} was rejected")
-        self._do(self._selection.on_rejected(number, self._now()))
+        self._do(self._selection.on_rejected(number, self.now_s()))
 
     def _on_finished(self, number: int, status: int, seen: Position | None) -> None:
         assert self._selection is not None
-        actions = self._selection.on_finished(number, status, self._now(), seen)
+        actions = self._selection.on_finished(number, status, self.now_s(), seen)
         self._do(actions)
         if any(action.kind == "remove" for action in actions):  # no reason to wait for the next tick
             self._decide()
@@ -252,7 +242,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             "last_status": self._nav2.last_status,
             "last_error_code": self._nav2.last_error,
             "troubles": dict(self.once.counts),
-            **self._selection.condition(self._now()),
+            **self._selection.condition(self.now_s()),
         }
         self._out[DIAGNOSTICS.name].publish(String(data=as_json(condition)))
 
@@ -296,7 +286,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _pretend(self, action: Action) -> None:
         """As a shadow: say what would be done, and believe that Nav2 does it."""
         assert self._selection is not None
-        pursuit, now = self._selection.pursuit, self._now()
+        pursuit, now = self._selection.pursuit, self.now_s()
         if action.kind == "send":
             self.get_logger().info(f"shadow: goal {action.value}: {_words(action.place)}")
             self._do(pursuit.accepted(int(action.value), now))

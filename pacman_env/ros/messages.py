@@ -171,6 +171,11 @@ def transform_of(message: Any) -> tuple[str, str, Pose]:
     return message.header.frame_id, message.child_frame_id, pose
 
 
+def nanoseconds_of(stamp: Any) -> int:
+    """A builtin_interfaces Time as whole nanoseconds."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
 def seconds_of(time: Any) -> float:
     """A Time or a Duration in s."""
     return time.sec + time.nanosec * 1e-9

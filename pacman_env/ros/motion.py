@@ -15,9 +15,9 @@ from pacman_env.config import Config
 from pacman_env.policies.base import Policy
 from pacman_env.sim.assets import MapAssets
 from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.poses import Pose, compose, relative
 from pacman_env.sim.records import RUNNING
 
-Pose = tuple[float, float, float]  # m, m, rad
 DRIVING_MPS = 0.05  # slower is standing
 STANDING_S = 5.0  # a longer pause between two poses is no cadence: AMCL is silent while the robot stands
 MOST_S = 300.0  # of a simulated game
@@ -31,23 +31,6 @@ QUANTITIES = {
     "turn": "turn of a pose against odometry, rad",
     "clyde": "Clyde's speed as seen, m/s",
 }
-
-
-def between(start: Pose, end: Pose) -> Pose:
-    """``end`` as seen from ``start``."""
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    c, s = math.cos(start[2]), math.sin(start[2])
-    return c * dx + s * dy, c * dy - s * dx, math.remainder(end[2] - start[2], math.tau)
-
-
-def moved(start: Pose, step: Pose) -> Pose:
-    """``start`` after a step that is given as seen from there; the inverse of :func:`between`."""
-    c, s = math.cos(start[2]), math.sin(start[2])
-    return (
-        start[0] + c * step[0] - s * step[1],
-        start[1] + s * step[0] + c * step[1],
-        math.remainder(start[2] + step[2], math.tau),
-    )
 
 
 @dataclass
@@ -67,7 +50,7 @@ class Motion:
         """The last pose carried on by odometry, as TF has it; None before the first."""
         if self.pose is None or self.odometry is None or self._pose_odometry is None:
             return self.pose
-        return moved(self.pose, between(self._pose_odometry, self.odometry))
+        return compose(self.pose, relative(self._pose_odometry, self.odometry))
 
     def drive(self, odometry: Pose, speed_mps: float) -> None:
         """Odometry has come."""
@@ -81,7 +64,7 @@ class Motion:
             self._sample("interval", at_s - self._pose_s)
             self._sample("distance", math.dist(pose[:2], self.pose[:2]))
             if self._pose_odometry is not None and (believed := self.believed) is not None:
-                jump = between(believed, pose)
+                jump = relative(believed, pose)
                 self._sample("jump", math.hypot(*jump[:2]))
                 self._sample("turn", abs(jump[2]))
         self.pose, self._pose_s, self._pose_odometry = pose, at_s, self.odometry

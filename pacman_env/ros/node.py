@@ -23,6 +23,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from .messages import BadMessage
+
 FAREWELL_S = 2.0  # for answers and acknowledgements together
 TEARDOWN_S = 5  # many participants that leave at once can hang inside FastDDS
 POLL_S = 0.2  # a signal is seen this late at most
@@ -37,6 +39,27 @@ class GameNode(Node):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self.once = Once(self.get_logger())
+
+    def now_s(self) -> float:
+        """The node's time, s."""
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def listen(self, topic: Any, take: Callable[[Any], object], trouble: str) -> Any:
+        """A subscription whose bad messages reach the log once, as that kind of trouble, and nothing else.
+
+        Args:
+            topic: one of ``topics.py``.
+            take: called with each message; what it raises as BadMessage is said.
+            trouble: the key of :class:`Once`.
+        """
+
+        def hear(message: Any) -> None:
+            try:
+                take(message)
+            except BadMessage as error:
+                self.once.warning(trouble, f"{topic.name}: {error}")
+
+        return topic.subscription(self, hear)
 
     def farewell(self) -> Iterable[Any]:
         """Publish what must be said last: stop, lights off. Called once, before the context is shut down.

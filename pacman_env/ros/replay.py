@@ -21,7 +21,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bag import Bag, BagError, Recorded, open_bag
 from pacman_env.ros.goal_scores import SCORES
-from pacman_env.ros.messages import BadMessage, pellets_of, pose_of
+from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
 from pacman_env.ros.motion import QUANTITIES, Motion, simulated_motion
 from pacman_env.sim.assets import MapAssets, map_assets
 from pacman_env.sim.live import LiveGame, Seen
@@ -201,10 +201,10 @@ class _Walk:
             self._live.clyde_speed_mps = message.data
         elif topic == topics.CLYDE_POSE.name:
             x, y, _ = pose_of(message)
-            self._live.see_clyde(x, y, _stamp_ns(message))
-            self._motion.see_clyde(_stamp_ns(message) / 1e9, x, y)
+            self._live.see_clyde(x, y, nanoseconds_of(message.header.stamp))
+            self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
         elif topic == topics.AMCL_POSE.name:
-            self._motion.localize(_stamp_ns(message) / 1e9, pose_of(message))
+            self._motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
         elif topic == topics.ODOMETRY.name:
             twist = message.twist.twist
             self._velocity = twist.linear.x, twist.angular.z
@@ -287,8 +287,3 @@ def chosen_of(markers: Any) -> int:
         if marker.color.g > 0.5 > max(marker.color.r, marker.color.b):
             return int(marker.id)
     return -1
-
-
-def _stamp_ns(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

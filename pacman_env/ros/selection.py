@@ -20,7 +20,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.believed_pose import Belief, BelievedPose
 from pacman_env.ros.goal_scores import DecisionTimes
-from pacman_env.ros.messages import Pose, Position, number_of, pellets_of, pose_of, word_of
+from pacman_env.ros.messages import Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
 from pacman_env.sim.assets import map_assets
 from pacman_env.sim.live import LiveGame, Pellets, Seen
 from pacman_env.sim.situation import Situation
@@ -119,7 +119,7 @@ class Selection:
     def on_clyde(self, message: Any, now: float) -> list[Action]:
         """``clyde_pose``."""
         x, y, _ = pose_of(message)
-        stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        stamp_ns = nanoseconds_of(message.header.stamp)
         self.live.see_clyde(x, y, stamp_ns or int(now * 1e9))
         return []
 

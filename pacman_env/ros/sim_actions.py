@@ -6,6 +6,7 @@ What becomes of goals is decided in ``sim/navigation.py``; here they are taken i
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +27,7 @@ MOST_NOTES = 1000
 LONGEST_S = 600.0  # of a sequence
 
 
-class _Server:
+class _Server(ABC):
     """An action server whose goals end when they are told to."""
 
     def __init__(self, node: GameNode, action: topics.Action) -> None:
@@ -90,17 +91,17 @@ class _Server:
     def _cancel(self, handle: Any) -> Any:
         return CancelResponse.ACCEPT if self.cancel(bytes(handle.goal_id.uuid)) else CancelResponse.REJECT
 
+    @abstractmethod
     async def check(self, request: Any) -> None:
         """Raise BadMessage for what is no goal."""
-        raise NotImplementedError
 
+    @abstractmethod
     def begin(self, key: bytes, request: Any) -> None:
         """A goal was accepted."""
-        raise NotImplementedError
 
+    @abstractmethod
     def cancel(self, key: bytes) -> bool:
         """A goal is to be cancelled; False: it cannot be."""
-        raise NotImplementedError
 
 
 class NavigateServer(_Server):

@@ -13,7 +13,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 
 from . import topics
-from .messages import BadMessage, pose_of
+from .messages import pose_of
 from .node import BAD_START, GameNode, parameter
 
 NAME = "wait_for_amcl_pose"
@@ -28,14 +28,10 @@ class PoseWaiter(GameNode):
         super().__init__(NAME)
         self.found = False
         self.timeout_s = parameter(self, "timeout_s", 0.0, "give up after this time, s; 0: never", 0.0, 86400.0)
-        topics.AMCL_POSE.subscription(self, self._hear)
+        self.listen(topics.AMCL_POSE, self._hear, "bad pose")
 
     def _hear(self, message: Any) -> None:
-        try:
-            x, y, theta = pose_of(message)
-        except BadMessage as error:
-            self.once.warning("bad pose", f"{topics.AMCL_POSE.name}: {error}")
-            return
+        x, y, theta = pose_of(message)
         self.get_logger().info(f"robot at ({x:.2f}, {y:.2f}), heading {theta:.2f}")
         self.found = True
 

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pacman_env.ros.goal_scores import DIAGNOSTICS
+from pacman_env.ros.messages import nanoseconds_of
 from pacman_env.ros.topics import (
     AMCL_POSE,
     CMD_VEL,
@@ -118,5 +119,4 @@ class Watcher(Node):
             self._nav2_away = condition.get("nav2") is False
 
     def _on_pose(self, message: Any) -> None:
-        stamp = message.header.stamp
-        self._pose_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        self._pose_ns = nanoseconds_of(message.header.stamp)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ..world.localization import wrap
+
 Pose = tuple[float, float, float]  # x, y in m, heading in rad
 
 
@@ -19,6 +21,6 @@ def inverse(a: Pose) -> Pose:
     return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], wrap(-a[2])
 
 
-def wrap(angle: float) -> float:
-    """The same angle in [-pi, pi)."""
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+def relative(a: Pose, b: Pose) -> Pose:
+    """The pose ``b`` as seen from ``a``, both given in one frame: ``compose(a, relative(a, b))`` is ``b``."""
+    return compose(inverse(a), b)

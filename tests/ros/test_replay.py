@@ -24,10 +24,11 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bag import BagError
 from pacman_env.ros.goal_scores import SCORES
-from pacman_env.ros.motion import Motion, between, moved, simulated_motion
+from pacman_env.ros.motion import Motion, simulated_motion
 from pacman_env.ros.replay import chosen_of, replay
 from pacman_env.sim.assets import map_assets
 from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.poses import compose, relative
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_S = 2.0  # of the round, since the bag began
@@ -289,7 +290,7 @@ poses = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3))
 
 @given(poses, poses)
 def test_a_step_taken_back_leads_where_it_came_from(start: Any, end: Any) -> None:
-    there = moved(start, between(start, end))
+    there = compose(start, relative(start, end))
     assert there[:2] == pytest.approx(end[:2], abs=1e-9)
     assert math.remainder(there[2] - end[2], math.tau) == pytest.approx(0.0, abs=1e-9)
 
