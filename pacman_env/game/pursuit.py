@@ -338,9 +338,16 @@ class Pursuit:
         return [Action("send", self._sent, place)]
 
     def _let_go(self, now: float) -> list[Action]:
-        """Nothing is wanted: cancel what runs; what is not accepted yet is cancelled when it is."""
+        """Nothing is wanted: cancel what runs.
+
+        What is not accepted yet is cancelled when it is, or by its number after ``answer_s``: the answer may be lost.
+        """
         self._current = None
-        running = [n for n, sent in self._open.items() if sent.accepted and not self._asked(sent, now)]
+        running = [
+            number
+            for number, sent in self._open.items()
+            if (sent.accepted or now - sent.since_s >= self._answer_s) and not self._asked(sent, now)
+        ]
         for number in running:
             self._open[number].cancelled_s = now
         return [Action("cancel", number) for number in running]

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient, ActionServer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -96,6 +97,10 @@ class Action:
     def client(self, node: Any, **options: Any) -> Any:
         """An ``ActionClient`` of ``node``."""
         return ActionClient(node, self.type, self.name, **options)
+
+    def cancel_client(self, node: Any, **options: Any) -> Any:
+        """A client of ``node`` for action_msgs/CancelGoal: for goals of which no handle is at hand."""
+        return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""

@@ -12,7 +12,6 @@ import json
 import time
 from typing import Any
 
-from action_msgs.srv import CancelGoal
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -95,12 +94,12 @@ class Watcher(Node):
         Args:
             spin: called with a timeout in seconds until the answer is there.
         """
-        client = self.create_client(CancelGoal, f"{NAVIGATE_TO_POSE.name}/_action/cancel_goal")
+        client = NAVIGATE_TO_POSE.cancel_client(self)
         end = time.monotonic() + HALT_S
         while not client.service_is_ready() and time.monotonic() < end:
             spin(0.05)
         if client.service_is_ready():
-            answer = client.call_async(CancelGoal.Request())  # all zero: every goal
+            answer = client.call_async(client.srv_type.Request())  # all zero: every goal
             while not answer.done() and time.monotonic() < end:
                 spin(0.05)
         self.destroy_client(client)

@@ -200,6 +200,18 @@ def test_a_goal_without_an_answer_is_given_up() -> None:
     assert words(pursuit.accepted(1, 6.0)) == ["cancel 1"]
 
 
+def test_a_goal_without_an_answer_is_cancelled_after_the_end_all_the_same() -> None:
+    pursuit = running(answer_s=5.0)
+    pursuit.choose(NEAR, 0.0)
+    assert words(pursuit.command("disable", 4.0)) == ["stop"]
+    assert words(pursuit.look(None, None, 4.9)) == []
+    assert words(pursuit.look(None, None, 5.0)) == ["cancel 1"]
+    assert words(pursuit.look(None, None, 5.5)) == []
+    assert words(pursuit.look(None, None, 6.0)) == ["cancel 1"]
+    pursuit.finished(1, CANCELED, 6.1)
+    assert words(pursuit.look(None, None, 9.0)) == []
+
+
 def test_results_of_old_and_of_unknown_goals_mean_nothing() -> None:
     pursuit = running()
     pursuit.choose(NEAR, 0.0)
