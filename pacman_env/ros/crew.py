@@ -77,6 +77,11 @@ class Crew:
         process = self._members[name].process
         return None if process is None else process.poll()
 
+    def pid(self, name: str) -> int | None:
+        """Its process, None while it waits to be started again."""
+        process = self._members[name].process
+        return None if process is None else process.pid
+
     def dismiss(self, name: str) -> None:
         """Forget a node whose work is done."""
         del self._members[name]

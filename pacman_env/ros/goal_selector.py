@@ -47,7 +47,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         GameNode.__init__(self, NAME)
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
-        self.declare_parameter("policy", "lookahead", ParameterDescriptor(description=text))
+        self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
         self._map = parameter(self, "map_yaml", "house", "the map: a YAML file, or the name of a shipped map")
         text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)

@@ -23,6 +23,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from .footprint import settle
 from .messages import BadMessage
 
 FAREWELL_S = 2.0  # for answers and acknowledgements together
@@ -175,6 +176,7 @@ def _live(make: Callable[[], GameNode], name: str, arguments: list[str], stop: _
             )
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
+        settle()
         stop.spinning = True
         executor = SingleThreadedExecutor()
         executor.add_node(node)
