@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from pacman_env.game.lights import ANIMATIONS
 from pacman_env.game.motion import SPEED_RADPS
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
-from pacman_env.ros.messages import seconds_of
+from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
 from tests.ros.system import Probe, System
 from tests.ros.whole_game import CAGE, CLOSET, GOALS, PELLETS, Recording, Said, Table
@@ -198,19 +197,16 @@ class Motion:
         self.kind = "spin" if set(self.turns) == {SPEED_RADPS} else "shake"
 
 
-@cache
 def motions(game: Recording) -> list[Motion]:
-    """In order; another begins where no command to turn came for a second."""
+    """In order: what was told the wheels from a spin's or a shake's event on, until the next one's."""
     said = game.on(topics.CMD_VEL)
-    parts: list[list[int]] = []
-    for k, one in enumerate(said):
-        if one.message.twist.angular.z:
-            stamp = seconds_of(one.message.header.stamp)
-            if parts and stamp - seconds_of(said[parts[-1][-1]].message.header.stamp) < 1.0:
-                parts[-1].append(k)
-            else:
-                parts.append([k])
-    return [Motion([said[k] for k in part], said[part[-1] + 1]) for part in parts]
+    turns = [k for k, one in enumerate(said) if one.message.twist.angular.z]
+    begins = [0.0, *(at for at, line in story(game) if line in ("event start theatrical", "event clyde killed"))]
+    parts = [
+        [k for k in turns if begin < said[k].at < end]
+        for begin, end in zip(begins, [*begins[1:], math.inf], strict=True)
+    ]
+    return [Motion([said[k] for k in part], said[part[-1] + 1]) for part in parts if part]
 
 
 def slack_s(game: Recording) -> float:
@@ -240,9 +236,7 @@ def test_the_robot_spins_before_a_round_and_shakes_after_a_death(game: Recording
         sides = {"spin": {SPEED_RADPS}, "shake": {SPEED_RADPS, -SPEED_RADPS}}[motion.kind]
         assert set(motion.turns) == sides
         assert motion.turns[0] == SPEED_RADPS
-        assert motion.stamps[-1] - motion.stamps[0] <= golden["seconds"][motion.kind]  # never beyond its time
-    event = [when(game, "event start theatrical"), *(at for at, line in story(game) if line == "event clyde killed")]
-    assert all(at < motion.at for at, motion in zip(event, motions(game), strict=True))
+        assert motion.stamps[-1] - motion.stamps[0] < golden["seconds"][motion.kind] + 0.1  # never beyond its time
     assert all(said.message.twist.linear.x == 0.0 for said in game.on(topics.CMD_VEL))
 
 
@@ -281,6 +275,22 @@ def test_the_robot_stands_while_it_may_not_drive(game: Recording) -> None:
             for said in game.on(topics.ODOMETRY):
                 if begin < said.at < end and game.clock(said.at) > game.clock(begin) + 1.0 + slack_s(game):
                     assert abs(said.message.twist.twist.linear.x) < 0.01, word
+
+
+def test_clyde_walks_only_while_the_game_runs(game: Recording) -> None:
+    _, begin, end = next(state for state in game.states if state[0] == "running")
+    poses: dict[str, set[Any]] = {"before": set(), "running": set(), "after": set()}
+    for said in game.on(topics.CLYDE_POSE):
+        if game.clock(said.at) - game.clock(begin) < 0:
+            part = "before"
+        elif said.at > end and game.clock(said.at) - game.clock(end) > slack_s(game):
+            part = "after"
+        else:
+            part = "running"
+        poses[part].add(pose_of(said.message)[:2])
+    assert len(poses["before"]) <= 2  # where he was, and where the reset put him
+    assert len(poses["running"]) > 5
+    assert len(poses["after"]) <= 2  # likewise
 
 
 # What is left

@@ -10,7 +10,7 @@ import bisect
 import dataclasses
 import json
 import math
-from collections.abc import Callable
+import time
 from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import attrgetter
@@ -96,20 +96,27 @@ class Tape:
 
     def __init__(self, probe: Probe) -> None:
         self.said: list[Said] = []
+        self._last: dict[str, Any] = {}
         for topic in HEARD:
-            qos = QoSProfile(depth=1000, durability=topic.qos.durability, reliability=topic.qos.reliability)
+            qos = QoSProfile(depth=2000, durability=topic.qos.durability, reliability=topic.qos.reliability)
             dataclasses.replace(topic, qos=qos).subscription(probe.node, partial(self._hear, topic.name))
 
     def _hear(self, topic: str, message: Any, info: dict[str, Any]) -> None:
         self.said.append(Said(info["source_timestamp"] * 1e-9, topic, message))
+        self._last[topic] = message
 
     def last(self, topic: topics.Topic) -> Any:
         """The message that arrived last, None: none."""
-        return next((said.message for said in reversed(self.said) if said.topic == topic.name), None)
+        return self._last.get(topic.name)
 
     def value(self, topic: topics.Topic) -> Any:
         """Its ``data``."""
         return getattr(self.last(topic), "data", None)
+
+    @property
+    def behind_s(self) -> float:
+        """How long ago that was published which was heard last."""
+        return time.time() - self.said[-1].at
 
 
 class Recording:
@@ -225,16 +232,11 @@ class Table:
         before[GOALS.name] = {bytes(goal.goal_info.goal_id.uuid) for goal in known}
         begin = len(tape.said)
         assert probe.call(topics.START_GAME).success
-        over = self._over(begin)
-        probe.wait_for(over, GAME_S, "the game to be over")
+        for state in ("running", "menu"):
+            probe.wait_for(lambda state=state: tape.value(topics.GAME_STATE) == state, GAME_S, f"state {state}")
+        probe.wait_for(lambda: tape.value(topics.GAME_LIGHT) == "off", what="the light to go off")
         probe.wait_for(self._resting, what="the robot to rest")
         probe.wait_for(lambda: tape.value(topics.PELLETS_SPAWNED) == PELLETS, what="the pellets to be back")
         probe.spin(0.5)  # what comes now must not come
+        probe.wait_for(lambda: tape.behind_s < 0.05, what="the last messages")
         return Recording(tape.said[begin:], before)
-
-    def _over(self, begin: int) -> Callable[[], bool]:
-        def over() -> bool:
-            states = [said.value for said in self.tape.said[begin:] if said.topic == topics.GAME_STATE.name]
-            return "running" in states and states[-1] == "menu" and self.tape.value(topics.GAME_LIGHT) == "off"
-
-        return over
