@@ -96,18 +96,19 @@ class Tape:
 
     def __init__(self, probe: Probe) -> None:
         self.said: list[Said] = []
-        self._last: dict[str, Any] = {}
+        self._last: dict[str, Said] = {}
         for topic in HEARD:
             qos = QoSProfile(depth=2000, durability=topic.qos.durability, reliability=topic.qos.reliability)
             dataclasses.replace(topic, qos=qos).subscription(probe.node, partial(self._hear, topic.name))
 
     def _hear(self, topic: str, message: Any, info: dict[str, Any]) -> None:
-        self.said.append(Said(info["source_timestamp"] * 1e-9, topic, message))
-        self._last[topic] = message
+        self._last[topic] = said = Said(info["source_timestamp"] * 1e-9, topic, message)
+        self.said.append(said)
 
     def last(self, topic: topics.Topic) -> Any:
         """The message that arrived last, None: none."""
-        return self._last.get(topic.name)
+        said = self._last.get(topic.name)
+        return None if said is None else said.message
 
     def value(self, topic: topics.Topic) -> Any:
         """Its ``data``."""
@@ -115,8 +116,8 @@ class Tape:
 
     @property
     def behind_s(self) -> float:
-        """How long ago that was published which was heard last."""
-        return time.time() - self.said[-1].at
+        """How long ago the odometry heard last was published: of nothing else comes so much."""
+        return time.time() - self._last[topics.ODOMETRY.name].at
 
 
 class Recording:
@@ -238,5 +239,5 @@ class Table:
         probe.wait_for(self._resting, what="the robot to rest")
         probe.wait_for(lambda: tape.value(topics.PELLETS_SPAWNED) == PELLETS, what="the pellets to be back")
         probe.spin(0.5)  # what comes now must not come
-        probe.wait_for(lambda: tape.behind_s < 0.05, what="the last messages")
+        probe.wait_for(lambda: tape.behind_s < 0.4, what="the last messages")
         return Recording(tape.said[begin:], before)
