@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pacman_env.config import MAX_SPEED_MPS, ClydeConfig
-from pacman_env.game.round import Action, RoundController
+from pacman_env.game.round import Action, RoundController, round_complete
 
 from . import topics
 from .messages import number_of, pellets_of, word_of
@@ -55,6 +55,7 @@ class GameController(GameNode):
                 self, "home_retry_s", RoundController.home_retry_s, "between two of them, s", 0.0, 600.0
             ),
         )
+        round_complete(0, 0)  # compiled now, not while a pellet waits for its answer
         self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: set[str] = set()  # services to call as soon as they are there

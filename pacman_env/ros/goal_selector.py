@@ -108,7 +108,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             (topics.CLYDE_POSE, selection.on_clyde),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
-            (topics.TF, selection.on_transforms),
+            (topics.NEWEST_TF, selection.on_transforms),
             (topics.TF_STATIC, selection.on_static_transforms),
         )
         subscriptions = [
