@@ -21,7 +21,7 @@ from pacman_env.ros.messages import cloud_message, markers_of, pose_message, twi
 from pacman_env.ros.sim_robot import FAULT
 
 NAN = math.nan
-FOREIGN_PELLET = 4711
+FOREIGN_PELLET = 47_110  # on no map, nor in any report that is sent here
 _WORDS = (topics.GAME_STATE, topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_STATUS)
 _FEEDBACK = (topics.GAME_LIGHT, topics.GAME_SOUND)
 _OTHERS = (

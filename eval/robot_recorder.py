@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from eval.robot_interference import Interference
-from eval.robot_witness import Record, Sample
+from eval.robot_witness import ENDED, Record, Sample
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import QUIET, SELECTOR
 from pacman_env.ros.goal_scores import DIAGNOSTICS
@@ -63,6 +63,7 @@ class Recorder:
         self.condition: dict[str, Any] = {}  # the goal selector's
         self.heard_wall_s = time.monotonic()  # when the robot was heard last
         self._stamp_s: float | None = None
+        self._over: set[str] = set()  # goals of games before, which the server goes on to list
         for topic in _PLAIN:
             self._listen(topic, lambda message, name=topic.name: (name, message.data))
         self._listen(topics.CMD_VEL, lambda message: ("turn", message.twist.angular.z))
@@ -104,7 +105,8 @@ class Recorder:
         dataclasses.replace(topic, qos=qos).subscription(self.node, hear or record)
 
     def _statuses(self, message: GoalStatusArray) -> tuple[str, Any]:
-        return "goals", {bytes(s.goal_info.goal_id.uuid).hex(): s.status for s in message.status_list}
+        goals = {bytes(s.goal_info.goal_id.uuid).hex(): s.status for s in message.status_list}
+        return "goals", {key: status for key, status in goals.items() if key not in self._over}
 
     def _log(self, message: Log) -> tuple[str, Any] | None:
         if message.name.rpartition(".")[2] == SELECTOR and _GOAL.match(message.msg):
@@ -128,6 +130,9 @@ class Recorder:
 
     def forget(self) -> None:
         """Another game begins; what is latched stays known."""
+        for record in self.records:
+            if record.topic == "goals":
+                self._over |= {key for key, status in record.value.items() if status in ENDED}
         latched = {r.topic: r for r in self.records if r.topic in {t.name for t in LATCHED}}
         self.records = list(latched.values())
         self.track = self.track[-1:]

@@ -35,6 +35,7 @@ INTERFERENCES = (*RESETS, *NONSENSE)
 
 #: How long after its beginning something happens in a state at most, s; later than most games stay in it, never.
 _LATEST_S = {"menu": 3.0, "returning_home": 10.0, "starting": 8.0, "running": 40.0, "dying": 5.0}
+_SHARES = (0.15, 0.2, 0.15, 0.4, 0.1)  # of the states, in what is drawn
 _LASTS_S = (2.0, 5.0, 15.0, 40.0)
 _TOGETHER = 0.3  # share of faults that begin with the one before
 _RESET = 0.15  # share of games that are broken off
@@ -104,7 +105,9 @@ def schedule(seed: int) -> Schedule:
 
 
 def _step(rng: np.random.Generator, kind: str) -> Step:
-    state = str(rng.choice(STATES, p=(0.15, 0.2, 0.15, 0.4, 0.1)))
+    state = str(rng.choice(STATES, p=_SHARES))
+    if kind.startswith("start") and state in ("menu", "returning_home"):
+        state = "running"  # in the menu it would be allowed, and so where the menu may come at any moment
     return Step(state, round(float(rng.uniform(0.0, _LATEST_S[state])), 1), kind)
 
 
