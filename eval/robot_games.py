@@ -62,13 +62,14 @@ class Verdict:
     outcome: str = "never"
     robot_s: float = 0.0
     wall_s: float = 0.0
+    lag_s: float = 0.0  # how late the witness heard something at most
     violations: list[str] = field(default_factory=list)
 
     def line(self) -> str:
         """One row."""
         faults = [kind for kind in self.happened if kind in FAULTS]
         return (
-            f"{self.seed:5d} {self.ground:14} {self.policy:11} {self.outcome:11} {self.robot_s:6.0f} {self.wall_s:5.0f}"
+            f"{self.seed:5d} {self.ground:14} {self.policy:11} {self.outcome:11} {self.robot_s:6.0f} {self.wall_s:5.0f} {self.lag_s:5.2f}"
             f" {', '.join(faults) or '-'}; {len(self.happened) - len(faults)} interferences"
         )
 
@@ -142,7 +143,6 @@ class Played:
 
     def play(self) -> Verdict:
         """The verdict."""
-        began, began_s = time.monotonic(), self._recorder.time_s
         self._recorder.forget()
         found = self.verdict.violations
         try:
@@ -150,12 +150,13 @@ class Played:
         except Silent as silent:
             found.append(str(silent))
         e = self.evidence
-        e.records, e.track = self._recorder.records, self._recorder.track
+        e.records, e.track, e.lag_s = self._recorder.records, self._recorder.track, self._recorder.lag_s
         e.troubles += list(self._ends.values())
         found += violations(e) + self._system.troubles()
         self.verdict.outcome = outcome(e)
-        self.verdict.robot_s = self._recorder.time_s - began_s
-        self.verdict.wall_s = time.monotonic() - began
+        self.verdict.robot_s = self._recorder.time_s - e.time_s(e.started)
+        self.verdict.wall_s = (time.time_ns() - e.started) * 1e-9
+        self.verdict.lag_s = e.lag_s
         return self.verdict
 
     def _game(self) -> list[str]:
@@ -334,7 +335,7 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.monotonic()
     if arguments.json:
         prepare(arguments.json)
-    print(f"{'seed':>5} {'ground':14} {'policy':11} {'outcome':11} {'robot':>6} {'wall':>5} faults, interferences")
+    print(f"{'seed':>5} {'ground':14} {'policy':11} {'outcome':11} {'robot':>6} {'wall':>5} {'lag':>5} faults, interferences")
     if arguments.jobs == 1:
         verdicts = play(seeds, arguments.speed, folder, arguments.domain)
     else:

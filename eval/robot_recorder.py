@@ -59,6 +59,7 @@ class Recorder:
         self.time_s = 0.0  # the robot's
         self.state: str | None = None
         self.state_since_s = 0.0
+        self.lag_s = 0.0  # wall time that a message needed at most
         self.faults: list[str] | None = None
         self.condition: dict[str, Any] = {}  # the goal selector's
         self.heard_wall_s = time.monotonic()  # when the robot was heard last
@@ -119,6 +120,7 @@ class Recorder:
             self.time_s += stamp_s - self._stamp_s
         self._stamp_s = stamp_s
         self.heard_wall_s = time.monotonic()
+        self.lag_s = max(self.lag_s, (time.time_ns() - info["source_timestamp"]) * 1e-9)
         position = message.pose.pose.position
         self.track.append(Sample(info["source_timestamp"], self.time_s, position.x, position.y))
 
@@ -136,6 +138,7 @@ class Recorder:
         latched = {r.topic: r for r in self.records if r.topic in {t.name for t in LATCHED}}
         self.records = list(latched.values())
         self.track = self.track[-1:]
+        self.lag_s = 0.0
 
     # Speaking
 

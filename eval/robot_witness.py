@@ -26,8 +26,10 @@ NEXT = {
     "complete": {"returning_home"},
     "dying": {"returning_home"},
 }
-#: s of wall time in which what one process said may not have reached another yet: scheduling on a busy machine.
-CROSSING_S = 0.5
+#: s of wall time in which what one process says may cross what another one says; at ten times speed that is 2 s of the
+#: robot's time. Messages need a millisecond, but a process may have to wait for a core, and acts on what it hears with
+#: its next tick. How long the witness itself had to wait in that game comes on top.
+CROSSING_S = 0.2
 TICK_S = 0.1  # of the robot's time: the coarser of the two timers that end a show
 CANCEL_S = 5.0  # of the robot's time: a cancel that was lost is sent again after 1 s
 FASTEST_MPS = 0.306
@@ -74,6 +76,7 @@ class Evidence:
     track: list[Sample] = field(default_factory=list)
     resets: list[int] = field(default_factory=list)  # when game/reset was called, ns
     forged_reports: list[int] = field(default_factory=list)  # when a false report of the pellets was sent, ns
+    lag_s: float = 0.0  # wall time that the witness needed at most to hear something
     troubles: list[tuple[float, float]] = field(default_factory=list)  # robot's time in which faults were active
 
     def of(self, topic: str) -> list[Record]:
@@ -102,7 +105,20 @@ class Evidence:
     @property
     def crossing_ns(self) -> int:
         """Tolerance for messages that cross one another."""
-        return round(CROSSING_S * 1e9)
+        return round((CROSSING_S + self.lag_s) * 1e9)
+
+    @property
+    def crossing_s(self) -> float:
+        """The same in the robot's time."""
+        return self.crossing_ns * 1e-9 * self.speed
+
+    @property
+    def speed(self) -> float:
+        """The robot's time in wall time, at least 1."""
+        if len(self.track) < 2:
+            return 1.0
+        first, last = self.track[0], self.track[-1]
+        return max(1.0, (last.time_s - first.time_s) / max(1e-9, (last.at - first.at) * 1e-9))
 
     def states(self) -> list[tuple[int, str]]:
         """When each state began, without repetitions; the words that are states only."""
@@ -163,19 +179,12 @@ def _transitions(e: Evidence) -> Iterator[str]:
 
 
 def _shows(e: Evidence) -> Iterator[str]:
-    tolerance = CROSSING_S * _speed(e) + TICK_S
+    tolerance = e.crossing_s + TICK_S
     for state, lasts in SHOWS.items():
         for begin, end in e.intervals((state,)):
             lasted = e.time_s(end) - e.time_s(begin)
             if lasted > lasts + tolerance:
                 yield f"{state} lasted {lasted:.1f} s, not {lasts:g} s"
-
-
-def _speed(e: Evidence) -> float:
-    """The robot's time in wall time, at least 1."""
-    if len(e.track) < 2:
-        return 1.0
-    return max(1.0, (e.track[-1].time_s - e.track[0].time_s) / max(1e-9, (e.track[-1].at - e.track[0].at) * 1e-9))
 
 
 def _goals(e: Evidence) -> Iterator[str]:
@@ -200,20 +209,20 @@ def _goals(e: Evidence) -> Iterator[str]:
         for stood, until in e.intervals(NEXT.keys() - DRIVING):
             since, until = e.time_s(max(begin, stood)), e.time_s(min(end, until))
             free = until - max([since, *(b for a, b in e.troubles if b >= since and a <= until)])
-            if free > CANCEL_S + CROSSING_S * _speed(e):
+            if free > CANCEL_S + e.crossing_s:
                 yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
 
 
 def _motion(e: Evidence) -> Iterator[str]:
     """The robot stands where nobody drives; each goal that is accepted late moves it once more."""
-    a_start = FASTEST_MPS * (CROSSING_S * _speed(e) + 2 * TICK_S) + BRAKING_M
+    a_start = FASTEST_MPS * (e.crossing_s + 2 * TICK_S) + BRAKING_M
     goals = sorted(_first_seen(e).values())
     for begin, end in e.intervals(NEXT.keys() - DRIVING):
         places = [(s.x, s.y) for s in e.track if begin <= s.at <= end]
         if not places:
             continue
         moved = max(math.dist(places[0], place) for place in places)
-        late = sum(begin <= at <= end for at in goals)
+        late = sum(begin <= at < end for at in goals)
         if moved > a_start * (1 + late) + STANDING_M:
             yield f"the robot moved {moved:.2f} m while nobody was to drive"
 
@@ -229,7 +238,7 @@ def _first_seen(e: Evidence) -> dict[str, int]:
 def _turns(e: Evidence) -> Iterator[str]:
     """Spin and shake: where, how fast and for how long the event mapper turned the robot."""
     shows = e.intervals(SHOWS)
-    tolerance_s = CROSSING_S * _speed(e) + TICK_S
+    tolerance_s = e.crossing_s + TICK_S
     turn: list[Record] = []
     for record in [*e.of("turn"), Record(e.track[-1].at if e.track else 0, "turn", 0.0)]:
         if record.value != 0.0:
@@ -276,7 +285,7 @@ def _scores(e: Evidence) -> Iterator[str]:
 
 def _near_forged(e: Evidence, at: int) -> bool:
     """Whether a false report of the pellets was all that the referee knew: the next true one comes within 1 s."""
-    wall_ns = round((1.0 / _speed(e) + 2 * CROSSING_S) * 1e9)
+    wall_ns = round(1e9 / e.speed) + 2 * e.crossing_ns
     return any(0 <= at - forged <= wall_ns for forged in e.forged_reports)
 
 
