@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -37,6 +38,7 @@ BRAKING_M = FASTEST_MPS**2 / (2 * 0.9)
 STANDING_M = 0.05
 OUTCOMES = ("complete", "lost")
 _SEEN = {"complete": "complete", "lost": "dying"}  # states
+_COLLECTED = re.compile(r"pellet_collected:(\d{1,9})", re.ASCII)
 ENDED = frozenset({4, 5, 6})  # action_msgs/GoalStatus
 
 
@@ -264,13 +266,11 @@ def _scores(e: Evidence) -> Iterator[str]:
     running = e.intervals(("running",))
     sure, perhaps = set(), set()
     for record in e.of("game_status"):
-        name, _, number = str(record.value).partition(":")
-        if name != "pellet_collected" or not number.isdigit() or int(number) not in e.own_pellets:
-            continue
-        if _inside(record.at, running, e.crossing_ns):
-            perhaps.add(int(number))
-        if _inside(record.at, running, 0) and all(end - record.at > e.crossing_ns for _, end in running):
-            sure.add(int(number))
+        pellet = _own_pellet(e, record.value)
+        if pellet is not None and _inside(record.at, running, e.crossing_ns):
+            perhaps.add(pellet)
+            if _inside(record.at, running, 0) and all(end - record.at > e.crossing_ns for _, end in running):
+                sure.add(pellet)
     words = [state for _, state in e.states()]
     counted = _last_before_end(e, "game/pellets_collected")
     if not len(sure) <= counted <= len(perhaps):
@@ -281,6 +281,12 @@ def _scores(e: Evidence) -> Iterator[str]:
     if "complete" in words and not any(_near_forged(e, at) for at, s in e.states() if s == "complete"):
         if counted != len(e.own_pellets):
             yield f"the round was complete with {counted} of {len(e.own_pellets)} pellets"
+
+
+def _own_pellet(e: Evidence, word: str) -> int | None:
+    """The pellet that a status reports as collected."""
+    found = _COLLECTED.fullmatch(word)
+    return int(found[1]) if found and int(found[1]) in e.own_pellets else None
 
 
 def _near_forged(e: Evidence, at: int) -> bool:
