@@ -16,7 +16,6 @@ import argparse
 import math
 import multiprocessing
 import os
-import re
 import shutil
 import sys
 import tempfile
@@ -30,13 +29,10 @@ from typing import Any
 from eval.arguments import at_least
 from eval.command import status_of
 from eval.files import prepare, write_json
-from eval.robot_schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step, ground_of, part_of_map, schedule
+from eval.robot_schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step, schedule
+from eval.robot_system import System
 from eval.robot_witness import Evidence, outcome, violations
 from pacman_env.cli import Parser
-from pacman_env.config import make_config
-from pacman_env.game.pellets import generate_pellets
-from pacman_env.ros.crew import Crew, Lost
-from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game
 from pacman_env.ros.sim_faults import FAULTS
 
 VIOLATED = 1  # exit status
@@ -44,11 +40,9 @@ LIMIT_S = 600.0  # of the robot's time after the last fault: longer games are br
 STILL_S = 120.0  # of the robot's time without any progress while nothing is wrong: the game hangs
 MOTION_M = 0.5  # is progress (Nav2's own measure)
 SETTLE_S = 3.0  # of the robot's time, in the menu after a game
-START_WALL_S = 300.0  # of a system, the first one compiles
 ANSWER_WALL_S = 20.0
 SILENT_WALL_S = 20.0
 OUTCOMES = ("complete", "lost", "reset", "home failed", "never")
-_BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
 
 
 @dataclass
@@ -62,71 +56,16 @@ class Verdict:
     outcome: str = "never"
     robot_s: float = 0.0
     wall_s: float = 0.0
-    lag_s: float = 0.0  # how late the witness heard something at most
+    lag_s: float = 0.0  # wall time that a process had to wait for a core at most
     violations: list[str] = field(default_factory=list)
 
     def line(self) -> str:
         """One row."""
         faults = [kind for kind in self.happened if kind in FAULTS]
         return (
-            f"{self.seed:5d} {self.ground:14} {self.policy:11} {self.outcome:11} {self.robot_s:6.0f} {self.wall_s:5.0f} {self.lag_s:5.2f}"
-            f" {', '.join(faults) or '-'}; {len(self.happened) - len(faults)} interferences"
+            f"{self.seed:5d} {self.ground:14} {self.policy:11} {self.outcome:11} {self.robot_s:6.0f} {self.wall_s:5.0f}"
+            f" {self.lag_s:5.2f} {', '.join(faults) or '-'}; {len(self.happened) - len(faults)} interferences"
         )
-
-
-class System:
-    """All processes of a game on one ground, and the witness; ``with`` starts and stops them."""
-
-    def __init__(self, seed: int, speed: float, folder: Path) -> None:
-        name, within_m = ground_of(seed)
-        ground = part_of_map(name, within_m)
-        self.ground = name if math.isinf(within_m) else f"{name}, {within_m:g} m"
-        self.pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
-        extra: dict[str, Any] = {SIMULATOR: {"seed": seed}, "clyde_ghost_node": {"seed": seed}}
-        self._game = Game(str(ground.save(folder / "ground.yaml")), "nearest", sim=True, speed=speed, extra=extra)
-        self._folder = folder
-        self._read: dict[Path, int] = {}  # bytes of the logs
-        self.said: list[str] = []  # by the crew
-
-    def __enter__(self) -> System:
-        from eval.robot_recorder import Recorder
-        from pacman_env.ros.game_nodes import full_namespace
-        from pacman_env.ros.up import environment
-
-        self._crew = Crew(self._folder, {**os.environ, **environment(self._game, None)}, self.said.append)
-        self.recorder = Recorder(full_namespace(self._game.namespace))
-        try:
-            for name in (SIMULATOR, *GAME, WAIT):
-                self._crew.start(name, self._game.arguments(name))
-            if not self.recorder.wait_for(lambda: self._crew.status(WAIT) is not None, START_WALL_S):
-                raise Lost(f"the robot is not localized: {self._crew.last_words(SIMULATOR)}")
-            self._crew.dismiss(WAIT)
-            self._crew.start(SELECTOR, self._game.arguments(SELECTOR))
-            if not self.recorder.wait_for(lambda: self.recorder.ready() or self._crew.tend(), START_WALL_S):
-                raise Lost(f"the game does not come up, see {self._folder}")
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self.said += [f"{name} did not stop and was killed" for name in self._crew.stop(STOP_ORDER)]
-        self.recorder.close()
-
-    def troubles(self) -> list[str]:
-        """Processes that have ended, and bad words in the logs, since the last call."""
-        try:
-            found = [f"{name} ended" for name in self._crew.tend()]
-        except Lost as lost:
-            found = [str(lost)]
-        found += self.said
-        self.said.clear()
-        for path in sorted(self._folder.glob("*.log")):
-            text = path.read_bytes()
-            new = text[self._read.get(path, 0) :].decode(errors="replace")
-            self._read[path] = len(text)
-            found += [f"{path.stem}: {line.strip()}" for line in new.splitlines() if _BAD_WORDS.search(line)]
-        return found
 
 
 class Played:
@@ -144,15 +83,18 @@ class Played:
     def play(self) -> Verdict:
         """The verdict."""
         self._recorder.forget()
+        self._lateness = self._system.lateness()
         found = self.verdict.violations
         try:
             found += self._game()
         except Silent as silent:
             found.append(str(silent))
         e = self.evidence
-        e.records, e.track, e.lag_s = self._recorder.records, self._recorder.track, self._recorder.lag_s
+        e.records, e.track, e.lag_s = self._recorder.records, self._recorder.track, self._lateness.longest_s
         e.troubles += list(self._ends.values())
         found += violations(e) + self._system.troubles()
+        if found:
+            write_json(self._system.folder / f"evidence-{self._plan.seed}.json", asdict(e))
         self.verdict.outcome = outcome(e)
         self.verdict.robot_s = self._recorder.time_s - e.time_s(e.started)
         self.verdict.wall_s = (time.time_ns() - e.started) * 1e-9
@@ -238,6 +180,7 @@ class Played:
         recorder.heard_wall_s = time.monotonic()
         while not until():
             recorder.spin_once()
+            self._lateness.look()
             if time.monotonic() - recorder.heard_wall_s > SILENT_WALL_S:
                 raise Silent("the simulated robot is silent")
             if happen:
@@ -335,7 +278,8 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.monotonic()
     if arguments.json:
         prepare(arguments.json)
-    print(f"{'seed':>5} {'ground':14} {'policy':11} {'outcome':11} {'robot':>6} {'wall':>5} {'lag':>5} faults, interferences")
+    head = f"{'seed':>5} {'ground':14} {'policy':11} {'outcome':11} {'robot':>6} {'wall':>5} {'lag':>5}"
+    print(f"{head} faults, interferences")
     if arguments.jobs == 1:
         verdicts = play(seeds, arguments.speed, folder, arguments.domain)
     else:

@@ -51,7 +51,7 @@ class Interference:
             "click not finite": self._click,
             "unknown words": lambda: self._words("make me a sandwich"),
             "endless words": lambda: self._words("pellet_collected:" + "9" * 100_000),
-            "unknown statuses": lambda: self._statuses("pellet_collected:", "pellet_collected:-1", "home_reached:7", ""),
+            "unknown statuses": lambda: self._statuses("pellet_collected:", "pellet_collected:-1", "home_reached:7"),
             "foreign pellet": self._foreign_pellet,
             "statuses out of place": self._out_of_place,
             "no markers": lambda: self._markers(0),

@@ -6,6 +6,7 @@ What is right or wrong with it is judged in ``robot_witness.py``.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import re
@@ -20,7 +21,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
@@ -38,9 +39,14 @@ LATCHED = (
     *(topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED),
 )
 _PLAIN = (*LATCHED, topics.GAME_COMMAND, topics.GAME_STATUS, topics.GAME_EVENT)
-_JUMP_S = 1.5  # a longer step of the stamps is a jump of the clock, a shorter one may be messages that were lost
+PERIOD_S = 0.01  # of wall time between two looks at what has come; of the odometry only the latest is looked at
+JUMP_S = 8.0  # a longer step of the odometry's stamps is a jump of the clock, a shorter one may be a busy machine
 _GOAL = re.compile(r"goal \d+: ")
 _STATUS = topics.Topic("navigate_to_pose/_action/status", "action_msgs/GoalStatusArray", topics.LATCHED)
+
+
+def _data(name: str, message: Any) -> tuple[str, Any]:
+    return name, message.data
 
 
 class Recorder:
@@ -48,32 +54,31 @@ class Recorder:
 
     def __init__(self, namespace: str) -> None:
         self.context = Context()
-        rclpy.init(
-            args=["--ros-args", *QUIET], context=self.context, signal_handler_options=SignalHandlerOptions.NO
-        )
+        rclpy.init(args=["--ros-args", *QUIET], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("witness", namespace=namespace, context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
+        # Its messages are taken without an executor, which needs longer for each than the robot for the next.
+        self._ear = rclpy.create_node("witness_ear", namespace=namespace, context=self.context)
+        self._heard: list[tuple[Any, Callable[[Any, int], None]]] = []
         self.records: list[Record] = []
         self.track: list[Sample] = []
         self.time_s = 0.0  # the robot's
         self.state: str | None = None
         self.state_since_s = 0.0
-        self.lag_s = 0.0  # wall time that a message needed at most
         self.faults: list[str] | None = None
         self.condition: dict[str, Any] = {}  # the goal selector's
         self.heard_wall_s = time.monotonic()  # when the robot was heard last
         self._stamp_s: float | None = None
         self._over: set[str] = set()  # goals of games before, which the server goes on to list
         for topic in _PLAIN:
-            self._listen(topic, lambda message, name=topic.name: (name, message.data))
-        self._listen(topics.CMD_VEL, lambda message: ("turn", message.twist.angular.z))
-        self._listen(_STATUS, self._statuses)
-        everything = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-        self._listen(topics.Topic("/rosout", "rcl_interfaces/Log", everything), self._log)
-        self._listen(topics.ODOMETRY, None, self._odometry)
-        FAULTS_NOW.subscription(self.node, self._hear_faults)
-        DIAGNOSTICS.subscription(self.node, self._hear_condition)
+            self._record(topic, functools.partial(_data, topic.name))
+        self._record(topics.CMD_VEL, lambda message: ("turn", message.twist.angular.z))
+        self._record(_STATUS, self._statuses)
+        self._record(topics.Topic("/rosout", "rcl_interfaces/Log", topics.EVENTS), self._log)
+        self._listen(topics.ODOMETRY, self._odometry, depth=1)
+        self._listen(FAULTS_NOW, lambda message, at: setattr(self, "faults", json.loads(message.data)))
+        self._listen(DIAGNOSTICS, lambda message, at: setattr(self, "condition", json.loads(message.data)))
         self._start = topics.START_GAME.client(self.node)
         self._reset = topics.RESET_GAME.client(self.node)
         self._set = self.node.create_client(SetParameters, f"{SELECTOR}/set_parameters")
@@ -85,25 +90,34 @@ class Recorder:
         """Leave."""
         self._executor.shutdown()
         self.node.destroy_node()
+        self._ear.destroy_node()
         self.context.try_shutdown()
 
     # Hearing
 
-    def _listen(
-        self,
-        topic: topics.Topic,
-        value: Callable[[Any], tuple[str, Any] | None] | None,
-        hear: Callable[[Any, Any], None] | None = None,
-    ) -> None:
-        def record(message: Any, info: Any) -> None:
-            found = value(message) if value is not None else None
-            if found is not None:
-                self.records.append(Record(info["source_timestamp"], *found))
-                if found[0] == topics.GAME_STATE.name and found[1] in topics.STATE_WORDS and found[1] != self.state:
-                    self.state, self.state_since_s = found[1], self.time_s
+    def _listen(self, topic: topics.Topic, hear: Callable[[Any, int], None], depth: int = DEPTH) -> None:
+        """``hear`` is called with each message and when it left its publisher, ns of the wall's clock."""
+        qos = QoSProfile(depth=depth, durability=topic.qos.durability, reliability=topic.qos.reliability)
+        subscription = dataclasses.replace(topic, qos=qos).subscription(self._ear, lambda message: None)
+        self._heard.append((subscription, hear))
 
-        qos = QoSProfile(depth=DEPTH, durability=topic.qos.durability, reliability=topic.qos.reliability)
-        dataclasses.replace(topic, qos=qos).subscription(self.node, hear or record)
+    def _record(self, topic: topics.Topic, value: Callable[[Any], tuple[str, Any] | None]) -> None:
+        def record(message: Any, at: int) -> None:
+            found = value(message)
+            if found is None:
+                return
+            self.records.append(Record(at, *found))
+            if found[0] == topics.GAME_STATE.name and found[1] in topics.STATE_WORDS and found[1] != self.state:
+                self.state, self.state_since_s = found[1], self.time_s
+
+        self._listen(topic, record)
+
+    def _take(self) -> None:
+        """All messages that have come."""
+        for subscription, hear in self._heard:
+            with subscription.handle:
+                while taken := subscription.handle.take_message(subscription.msg_type, False):
+                    hear(taken[0], taken[1]["source_timestamp"])
 
     def _statuses(self, message: GoalStatusArray) -> tuple[str, Any]:
         goals = {bytes(s.goal_info.goal_id.uuid).hex(): s.status for s in message.status_list}
@@ -114,21 +128,14 @@ class Recorder:
             return "sent", message.msg
         return None
 
-    def _odometry(self, message: Any, info: Any) -> None:
+    def _odometry(self, message: Any, at: int) -> None:
         stamp_s = seconds_of(message.header.stamp)
-        if self._stamp_s is not None and 0.0 < stamp_s - self._stamp_s < _JUMP_S:
+        if self._stamp_s is not None and 0.0 < stamp_s - self._stamp_s < JUMP_S:
             self.time_s += stamp_s - self._stamp_s
         self._stamp_s = stamp_s
         self.heard_wall_s = time.monotonic()
-        self.lag_s = max(self.lag_s, (time.time_ns() - info["source_timestamp"]) * 1e-9)
         position = message.pose.pose.position
-        self.track.append(Sample(info["source_timestamp"], self.time_s, position.x, position.y))
-
-    def _hear_faults(self, message: Any) -> None:
-        self.faults = json.loads(message.data)
-
-    def _hear_condition(self, message: Any) -> None:
-        self.condition = json.loads(message.data)
+        self.track.append(Sample(at, self.time_s, position.x, position.y))
 
     def forget(self) -> None:
         """Another game begins; what is latched stays known."""
@@ -138,13 +145,14 @@ class Recorder:
         latched = {r.topic: r for r in self.records if r.topic in {t.name for t in LATCHED}}
         self.records = list(latched.values())
         self.track = self.track[-1:]
-        self.lag_s = 0.0
 
     # Speaking
 
     def spin_once(self) -> None:
-        """Hear one message, if there is any soon."""
-        self._executor.spin_once(timeout_sec=0.05)
+        """Hear what has come."""
+        time.sleep(PERIOD_S)
+        self._take()
+        self._executor.spin_once(timeout_sec=0.0)
 
     def wait_for(self, condition: Callable[[], Any], wall_s: float) -> bool:
         """Spin until the condition holds; False: it did not in that time."""
@@ -183,10 +191,7 @@ class Recorder:
 
     def set_base_speed(self, speed_mps: float) -> None:
         """Clyde's speed in round 1."""
-        self._base_speed.publish(self._base_speed_message(speed_mps))
-
-    def _base_speed_message(self, speed_mps: float) -> Any:
-        return topics.BASE_CLYDE_SPEED.type(data=speed_mps)
+        self._base_speed.publish(topics.BASE_CLYDE_SPEED.type(data=speed_mps))
 
     def fault(self, words: str) -> None:
         """Begin or end one."""
@@ -200,15 +205,19 @@ class Recorder:
         """Topics on which someone who comes now does not hear what was said last."""
         expected = {r.topic: r.value for r in sorted(self.records, key=lambda r: r.at)}
         heard: dict[str, list[Any]] = {topic.name: [] for topic in LATCHED}
-        subscriptions = [
-            topic.subscription(self.node, lambda message, name=topic.name: heard[name].append(message.data))
-            for topic in LATCHED
-        ]
+        before = len(self._heard)
+
+        def hear(name: str, message: Any, at: int) -> None:
+            heard[name].append(message.data)
+
+        for topic in LATCHED:
+            self._listen(topic, functools.partial(hear, topic.name), depth=1)
 
         def missing() -> list[str]:
             return [name for name, values in heard.items() if expected.get(name, math.nan) not in values]
 
         self.wait_for(lambda: not missing(), wall_s)
-        for subscription in subscriptions:
-            self.node.destroy_subscription(subscription)
+        for subscription, _ in self._heard[before:]:
+            self._ear.destroy_subscription(subscription)
+        del self._heard[before:]
         return missing()

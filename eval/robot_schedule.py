@@ -19,8 +19,8 @@ STATES = ("menu", "returning_home", "starting", "running", "dying")
 POLICIES = ("clyde_aware", "lookahead", "ppo", "nearest", "random")
 #: Maps, and how much of them around home is played on, m; small ones, so that a game ends soon.
 GROUNDS = (
-    *(("house", 3.0), ("house", 4.0), ("loop", 3.5), ("maze", 4.0), ("open_plan", 3.0), ("open_plan", 3.0)),
-    *(("house", math.inf), ("loop", math.inf)),
+    *(("house", 3.0), ("house", 4.0), ("loop", 3.0), ("loop", 3.5), ("maze", 3.0), ("maze", 4.0)),
+    *(("open_plan", 2.5), ("open_plan", 3.0), ("house", math.inf)),
 )
 RESETS = ("reset", "start", "start and leave")
 #: Messages that no node may take for good, by name; ``robot_interference.py`` makes them.
@@ -91,9 +91,7 @@ def schedule(seed: int) -> Schedule:
     rng = np.random.default_rng([seed, 0])
     calm = rng.random() < _CALM
     faults = _faults(rng, 0 if calm else int(rng.integers(1, 5)))
-    others = [
-        _step(rng, str(rng.choice(NONSENSE + RESETS[1:]))) for _ in range(0 if calm else int(rng.integers(0, 5)))
-    ]
+    others = [_step(rng, str(rng.choice(NONSENSE + RESETS[1:]))) for _ in range(0 if calm else int(rng.integers(0, 5)))]
     resets = [_step(rng, "reset")] if not calm and rng.random() < _RESET else []
     return Schedule(
         seed=seed,
@@ -124,8 +122,8 @@ def _faults(rng: np.random.Generator, count: int) -> list[Step]:
 
 
 def _numbers(rng: np.random.Generator, kind: str) -> list[float]:
-    if kind == "clock_jump":  # not back to before the start, where the clock would stand
-        return [float(rng.choice([2.0, 30.0, 1000.0, -2.0, -10.0]))]
+    if kind == "clock_jump":  # not back to before the start, where the clock would stand; and far enough to be seen
+        return [float(rng.choice([10.0, 30.0, 1000.0, -10.0, -20.0]))]
     if kind == "pose_jump":
         return [*rng.uniform(-1.5, 1.5, 2).tolist(), float(rng.uniform(-3.1, 3.1))]
     return rng.uniform(0.0, 6.0, len(FAULTS[kind])).tolist()

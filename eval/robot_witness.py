@@ -8,6 +8,7 @@ of the robot's time, which no jump of the simulated clock touches.
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
 import re
 from collections.abc import Collection, Iterator, Sequence
@@ -29,9 +30,9 @@ NEXT = {
 }
 #: s of wall time in which what one process says may cross what another one says; at ten times speed that is 2 s of the
 #: robot's time. Messages need a millisecond, but a process may have to wait for a core, and acts on what it hears with
-#: its next tick. How long the witness itself had to wait in that game comes on top.
+#: its next tick. How long one of them did wait for a core in that game comes on top.
 CROSSING_S = 0.2
-TICK_S = 0.1  # of the robot's time: the coarser of the two timers that end a show
+TICK_S = 0.2  # of the robot's time: of the timers that end a show, and of the samples
 CANCEL_S = 5.0  # of the robot's time: a cancel that was lost is sent again after 1 s
 FASTEST_MPS = 0.306
 BRAKING_M = FASTEST_MPS**2 / (2 * 0.9)
@@ -78,7 +79,7 @@ class Evidence:
     track: list[Sample] = field(default_factory=list)
     resets: list[int] = field(default_factory=list)  # when game/reset was called, ns
     forged_reports: list[int] = field(default_factory=list)  # when a false report of the pellets was sent, ns
-    lag_s: float = 0.0  # wall time that the witness needed at most to hear something
+    lag_s: float = 0.0  # wall time that a process had to wait for a core at most
     troubles: list[tuple[float, float]] = field(default_factory=list)  # robot's time in which faults were active
 
     def of(self, topic: str) -> list[Record]:
@@ -175,7 +176,7 @@ def _inside(at: int, intervals: Sequence[tuple[int, int]], tolerance: int) -> bo
 
 def _transitions(e: Evidence) -> Iterator[str]:
     states = e.states()
-    for (_, before), (at, after) in zip(states, states[1:], strict=False):
+    for (_, before), (at, after) in itertools.pairwise(states):
         if after not in NEXT[before] and not (after == "menu" and _was_reset(e, at)):
             yield f"the state went from {before} to {after}"
 
@@ -242,7 +243,8 @@ def _turns(e: Evidence) -> Iterator[str]:
     shows = e.intervals(SHOWS)
     tolerance_s = e.crossing_s + TICK_S
     turn: list[Record] = []
-    for record in [*e.of("turn"), Record(e.track[-1].at if e.track else 0, "turn", 0.0)]:
+    turns = [record for record in e.of("turn") if math.isfinite(record.value)]  # others are nonsense from outside
+    for record in [*turns, Record(e.track[-1].at if e.track else 0, "turn", 0.0)]:
         if record.value != 0.0:
             if abs(record.value) > SPEED_RADPS + 1e-6:
                 yield f"a turn at {record.value:.2f} rad/s"
@@ -278,9 +280,9 @@ def _scores(e: Evidence) -> Iterator[str]:
     most = max((r.value for r in e.of("game/score")), default=e.score)
     if "running" in words and most != max(e.score + counted, e.score):
         yield f"the score went up to {most}, from {e.score} with {counted} pellets"
-    if "complete" in words and not any(_near_forged(e, at) for at, s in e.states() if s == "complete"):
-        if counted != len(e.own_pellets):
-            yield f"the round was complete with {counted} of {len(e.own_pellets)} pellets"
+    known = not any(_near_forged(e, at) for at, state in e.states() if state == "complete")
+    if "complete" in words and known and counted != len(e.own_pellets):
+        yield f"the round was complete with {counted} of {len(e.own_pellets)} pellets"
 
 
 def _own_pellet(e: Evidence, word: str) -> int | None:

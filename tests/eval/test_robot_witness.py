@@ -94,7 +94,7 @@ def stretch(show: str, by_s: float) -> Change:
     """Everything after the show's beginning comes later, but the turning goes on."""
 
     def change(e: Evidence) -> None:
-        begin, end = {"starting": (STARTING, RUNNING), "dying": (OVER, OVER + 5.0)}[show]
+        end = {"starting": RUNNING, "dying": OVER + 5.0}[show]
         e.records = [r if r.at < at(end) else Record(r.at + at(by_s), r.topic, r.value) for r in e.records]
         for k in range(round(by_s / 0.05)):
             say(e, end + 0.05 * k, ("turn", 1.5))

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from eval.robot_games import main
-from eval.robot_schedule import GAMES_PER_SYSTEM, ground_of, schedule
+from eval.robot_schedule import GAMES_PER_SYSTEM, schedule
 from pacman_env.ros.sim_faults import FAULTS
 
 
