@@ -29,7 +29,7 @@ class Lateness:
     """How long one of some processes, or this one, waited for a core at most, wall s; only Linux tells."""
 
     LOOK_S = 0.1
-    BUSY = 0.5  # share of a look's time: less is no waiting, but taking turns
+    STARVED = 0.9  # share of a look's time: less is taking turns
 
     def __init__(self, processes: Collection[int]) -> None:
         self._files = [Path(f"/proc/{process}/schedstat") for process in (*processes, os.getpid())]
@@ -49,7 +49,7 @@ class Lateness:
                 waited = int(file.read_text().split()[1]) * 1e-9
                 more = waited - self._waited.get(file, waited)
                 self._waited[file] = waited
-                self._streak[file] = self._streak[file] + more if more > self.BUSY * passed_s else 0.0
+                self._streak[file] = self._streak[file] + more if more > self.STARVED * passed_s else 0.0
                 self.longest_s = max(self.longest_s, self._streak[file])
 
 

@@ -15,16 +15,19 @@ from eval.robot_schedule import GAMES_PER_SYSTEM, schedule
 from pacman_env.ros.sim_faults import FAULTS
 
 
+SEEDS = [322, 324, 325]  # one is broken off, in the others goals are rejected, Nav2 goes away and the clock jumps
+
+
 def test_games_with_faults_end_without_a_violation(domain: int, tmp_path: Path) -> None:
-    seeds = SEEDS
-    assert len({seed // GAMES_PER_SYSTEM for seed in seeds}) == 1  # one system
-    planned = set().union(*(schedule(seed).kinds for seed in seeds))
+    assert len({seed // GAMES_PER_SYSTEM for seed in SEEDS}) == 1  # one system
+    planned = set().union(*(schedule(seed).kinds for seed in SEEDS))
     out = tmp_path / "games.json"
-    status = main(["--only", *map(str, seeds), "--logs", str(tmp_path / "logs"), "--json", str(out)])
+    status = main(["--only", *map(str, SEEDS), "--logs", str(tmp_path / "logs"), "--json", str(out)])
     games = json.loads(out.read_text())["games"]
     assert (status, [game["violations"] for game in games]) == (0, [[], [], []])
-    assert [game["seed"] for game in games] == seeds
+    assert [game["seed"] for game in games] == SEEDS
     happened = set().union(*(game["happened"] for game in games))
     assert happened <= planned
-    assert len(happened & FAULTS.keys()) >= 2
-    assert all(game["outcome"] != "never" for game in games)
+    assert {"reject", "nav2_away", "clock_jump"} <= happened & FAULTS.keys()
+    assert games[0]["outcome"] == "reset"
+    assert all(game["outcome"] in ("complete", "lost") for game in games[1:])
