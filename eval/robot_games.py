@@ -23,6 +23,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from eval.robot_schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step,
 from eval.robot_system import System
 from eval.robot_witness import Evidence, outcome, violations
 from pacman_env.cli import Parser
+from pacman_env.ros.crew import Lost
 from pacman_env.ros.sim_faults import FAULTS
 
 VIOLATED = 1  # exit status
@@ -227,7 +229,7 @@ class Silent(Exception):
     """Nothing is heard any more."""
 
 
-def play(seeds: Sequence[int], speed: float, folder: Path, domain: int | None, tell: bool = True) -> list[Verdict]:
+def play(seeds: Sequence[int], speed: float, folder: Path, domain: int | None) -> list[Verdict]:
     """The games of some seeds, each system anew where its ground changes."""
     verdicts: list[Verdict] = []
     if domain is not None:
@@ -238,15 +240,20 @@ def play(seeds: Sequence[int], speed: float, folder: Path, domain: int | None, t
         while block:
             place = folder / f"{block[0]:05d}"
             place.mkdir(parents=True, exist_ok=True)
-            with System(block[0], speed, place) as system:
-                while block:
-                    verdict = Played(system, schedule(block.pop(0))).play()
-                    verdicts.append(verdict)
-                    if tell:
-                        print(verdict.line(), *(f"\n      VIOLATION {v}" for v in verdict.violations), flush=True)
-                    if verdict.violations:
-                        break  # another system for the rest: what follows from it is not looked for
-            if not verdicts[-1].violations:
+            before = len(verdicts)
+            system = System(block[0], speed, place)
+            try:
+                with system:
+                    while block and not (verdicts[before:] and verdicts[-1].violations):
+                        verdicts.append(Played(system, schedule(block.pop(0))).play())
+                        print(verdicts[-1].line(), flush=True)
+            except Lost as lost:
+                seed = block.pop(0)
+                verdicts.append(Verdict(seed, system.ground, schedule(seed).policy, violations=[str(lost)]))
+            verdicts[-1].violations += system.said
+            if verdicts[-1].violations:  # what follows from them is not looked for: another system for the rest
+                print(*(f"      VIOLATION {line}" for line in verdicts[-1].violations), sep="\n", flush=True)
+            else:
                 shutil.rmtree(place)
     return verdicts
 
@@ -272,7 +279,13 @@ def table(verdicts: Sequence[Verdict]) -> list[str]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Play, tell, and write; the exit status."""
+    """Play, tell, and write; the exit status.
+
+    Raises:
+        ValueError: no ROS, or the figures cannot be written.
+    """
+    if find_spec("rclpy") is None:
+        raise ValueError("this needs ROS 2 Jazzy: see docs/robot.md")
     seeds = arguments.only or list(range(arguments.seed, arguments.seed + arguments.games))
     folder = arguments.logs or Path(tempfile.mkdtemp(prefix="robot_games_"))
     began = time.monotonic()
@@ -306,13 +319,23 @@ def run(arguments: argparse.Namespace) -> int:
     return VIOLATED if wrong else 0
 
 
+def _speed(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 1.0 <= value <= 10.0:
+        raise argparse.ArgumentTypeError(f"{text}: must be 1 to 10")
+    return value
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; the exit status: 0, 1 after violations, or 2 after one line on stderr."""
     parser = Parser(prog="eval.robot_games", description=__doc__)
     parser.add_argument("--games", type=at_least(1), default=200, metavar="N")
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="of the first game")
     parser.add_argument("--only", type=at_least(0), nargs="+", metavar="SEED", help="just these")
-    parser.add_argument("--speed", type=float, default=10.0, metavar="X", help="of the simulated clock, 1 to 10")
+    parser.add_argument("--speed", type=_speed, default=10.0, metavar="X", help="of the simulated clock, 1 to 10")
     parser.add_argument("--jobs", type=at_least(1), default=1, metavar="N", help="systems at once, about a core each")
     parser.add_argument("--domain", type=at_least(0, 101), metavar="ID", help="ROS_DOMAIN_ID, of the first system")
     parser.add_argument("--logs", type=Path, metavar="FOLDER", help="kept there; else only after violations")

@@ -26,13 +26,18 @@ _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate c
 
 
 class Lateness:
-    """How long one of some processes, or this one, waited for a core at most, wall s; only Linux tells."""
+    """How long one of some processes, or this one, waited for a core at most, wall s.
+
+    Args:
+        processes: their ids.
+        proc: where Linux tells of processes; where it does not, nobody waited.
+    """
 
     LOOK_S = 0.1
     STARVED = 0.9  # share of a look's time: less is taking turns
 
-    def __init__(self, processes: Collection[int]) -> None:
-        self._files = [Path(f"/proc/{process}/schedstat") for process in (*processes, os.getpid())]
+    def __init__(self, processes: Collection[int], proc: Path = Path("/proc")) -> None:
+        self._files = [proc / str(process) / "schedstat" for process in (*processes, os.getpid())]
         self._waited: dict[Path, float] = {}
         self._streak: defaultdict[Path, float] = defaultdict(float)
         self._looked_s = time.monotonic()
@@ -51,6 +56,11 @@ class Lateness:
                 self._waited[file] = waited
                 self._streak[file] = self._streak[file] + more if more > self.STARVED * passed_s else 0.0
                 self.longest_s = max(self.longest_s, self._streak[file])
+
+
+def bad_lines(text: str) -> list[str]:
+    """What no node may log: errors, exceptions that nobody caught, and the middleware's last words."""
+    return [line.strip()[:300] for line in text.splitlines() if _BAD_WORDS.search(line)]
 
 
 class System:
@@ -103,7 +113,7 @@ class System:
             text = path.read_bytes()
             new = text[self._read.get(path, 0) :].decode(errors="replace")
             self._read[path] = len(text)
-            found += [f"{path.stem}: {line.strip()}" for line in new.splitlines() if _BAD_WORDS.search(line)]
+            found += [f"{path.stem}: {line}" for line in bad_lines(new)]
         return found
 
     def lateness(self) -> Lateness:

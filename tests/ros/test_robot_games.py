@@ -14,7 +14,6 @@ from eval.robot_games import main
 from eval.robot_schedule import GAMES_PER_SYSTEM, schedule
 from pacman_env.ros.sim_faults import FAULTS
 
-
 SEEDS = [322, 324, 325]  # one is broken off, in the others goals are rejected, Nav2 goes away and the clock jumps
 
 
