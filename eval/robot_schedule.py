@@ -36,7 +36,7 @@ INTERFERENCES = (*RESETS, *NONSENSE)
 #: How long after its beginning something happens in a state at most, s; later than most games stay in it, never.
 _LATEST_S = {"menu": 3.0, "returning_home": 10.0, "starting": 8.0, "running": 40.0, "dying": 5.0}
 _SHARES = (0.15, 0.2, 0.15, 0.4, 0.1)  # of the states, in what is drawn
-_LASTS_S = (2.0, 5.0, 15.0, 40.0)
+_LASTS_S = (2.0, 5.0, 15.0, 40.0, 90.0)
 _TOGETHER = 0.3  # share of faults that begin with the one before
 _RESET = 0.15  # share of games that are broken off
 _CALM = 0.1  # share of games in which nothing happens
