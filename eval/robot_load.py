@@ -79,7 +79,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
             wait(watcher.start_game, "the referee")
             wait(lambda: watcher.state == "running", "the round")
             say(f"running, watched for {seconds:g} s")
-            processes = {name: psutil.Process(crew.pid(name)) for name in names}
+            processes = {name: psutil.Process(number) for name, number in crew.processes().items()}
             before = {name: processes[name].cpu_times() for name in names}
             began = time.monotonic()
             wait(lambda: time.monotonic() - began >= seconds, "the end")

@@ -73,6 +73,7 @@ class RoundController:
     _base_speed_mps: float = field(init=False)
     _collected: set[int] = field(default_factory=set, init=False)
     _left: frozenset[int] | None = field(default=None, init=False)  # None: no report in this round yet
+    _shown: set[int] = field(default_factory=set, init=False)  # in any report of this round
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
     _after_home: Literal["start", "next_round", "game_over"] = field(default="start", init=False)
     _home_failures: int = field(default=0, init=False)
@@ -119,6 +120,7 @@ class RoundController:
         """
         before = self.spawned
         self._left = frozenset(ids)
+        self._shown |= self._left
         return [Action("spawned", self.spawned)] if self.spawned != before else []
 
     def base_clyde_speed(self, speed_mps: float) -> list[Action]:
@@ -187,6 +189,7 @@ class RoundController:
         self.state = "menu"
         self._collected.clear()
         self._left = None
+        self._shown.clear()
         self._deadline_s = None
         return [
             Action("command", "disable"),
@@ -236,6 +239,8 @@ class RoundController:
         pellet = int(argument)
         if pellet in self._collected:
             return [Action("ignored", f"pellet {pellet} was counted before")]
+        if self._left is not None and pellet not in self._left | self._shown:
+            return [Action("ignored", f"pellet {pellet} is none of this round's")]
         before = self.spawned
         self._collected.add(pellet)
         self.score += 1
