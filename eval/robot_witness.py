@@ -209,8 +209,8 @@ def _goals(e: Evidence) -> Iterator[str]:
     last = e.track[-1].at if e.track else 0
     for key, begin in accepted.items():
         end = ended.get(key, last)
-        for stood, until in e.intervals(NEXT.keys() - DRIVING):
-            since, until = e.time_s(max(begin, stood)), e.time_s(min(end, until))
+        for stood, drove in e.intervals(NEXT.keys() - DRIVING):
+            since, until = e.time_s(max(begin, stood)), e.time_s(min(end, drove))
             free = until - max([since, *(b for a, b in e.troubles if b >= since and a <= until)])
             if free > CANCEL_S + e.crossing_s:
                 yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
