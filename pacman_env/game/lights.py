@@ -83,7 +83,7 @@ ANIMATIONS: dict[str, Animation] = {
 }
 LIGHTS = frozenset(ANIMATIONS) | {"off"}
 #: By state of the game: what the ring shows in it when nothing happens; ``off`` in every other.
-LASTING = {"running": "pacman"}
+LASTING = {"starting": "pacman", "running": "pacman"}
 
 
 @dataclass

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from time import monotonic
 from typing import Any
 
+from action_msgs.srv import CancelGoal
 from rclpy.task import Future
 
 from pacman_env.ros import topics
@@ -13,6 +15,8 @@ from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, po
 
 _UNKNOWN_GOAL = 2  # action_msgs/CancelGoal
 _CANCELED = 5  # action_msgs/GoalStatus
+_CANCEL_GOAL = topics.Service(f"{topics.NAVIGATE_TO_POSE.name}/_action/cancel_goal", "action_msgs/CancelGoal")
+_CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 
 
 class NavigationClient:
@@ -34,6 +38,8 @@ class NavigationClient:
     ) -> None:
         self._node = node
         self._client = topics.NAVIGATE_TO_POSE.client(node)
+        self._canceller = _CANCEL_GOAL.client(node)
+        self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._handles: dict[int, Any] = {}
         self._unanswered: set[int] = set()
@@ -45,6 +51,18 @@ class NavigationClient:
     def ready(self) -> bool:
         """Whether the server is there."""
         return bool(self._client.server_is_ready())
+
+    def clear(self) -> bool:
+        """Have every goal cancelled that anybody has sent before; whether that is done. To be called until it is.
+
+        A node that was killed cannot do so itself, and Nav2 drives on. A goal sent too early would be cancelled too.
+        """
+        if self._clearing is None and self.ready and self._canceller.service_is_ready():
+            self._clearing = self._canceller.call_async(CancelGoal.Request()), monotonic() + _CLEAR_S  # zero: all
+        if self._clearing is None:
+            return False
+        answer, end = self._clearing
+        return monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def send(self, number: int, pose: Pose) -> None:
         """Send a goal in the map frame."""
@@ -69,6 +87,7 @@ class NavigationClient:
     def destroy(self) -> None:
         """No goals any more."""
         self._client.destroy()
+        self._node.destroy_client(self._canceller)
 
     def _on_feedback(self, number: int, message: Any) -> None:
         self._feedback = number, message

@@ -539,7 +539,8 @@ def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
         selection.decide(now, sent.extend)
         took.append(time.thread_time() - before)
         if any(action.value == "death_detected" for action in sent[-6:]):
-            selection.on_command(String(data="enable"), now)
+            for word in ("disable", "enable"):
+                selection.on_command(String(data=word), now)
         for action in sent[-3:]:
             if action.kind == "send":
                 pursuit.accepted(int(action.value), now)
