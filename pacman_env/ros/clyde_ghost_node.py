@@ -46,7 +46,7 @@ _OBSTACLE = 0.05 * np.array(
     [(0.0, 0.0), *((math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8))], dtype=np.float64
 )
 _CLICK_M = 0.25  # a click this far from where Clyde can be is still meant for the nearest of his cells
-_LISTEN_S = 1.0  # of wall time: so long a new node waits to hear that a round is on
+_LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
 _CLEAR_DISTANCE_M = 0.5  # a costmap is not cleared before he has moved this far
 
 
@@ -127,7 +127,7 @@ class ClydeGhostNode(GameNode):
         self.clyde.respawn([], self._distance_m)
         self.clyde.step()  # compiled now, not while the game waits for his pose
         self.clyde.respawn([], self._distance_m)
-        self._state: str | None = None  # nobody has said
+        self._state = "menu"
         self._began_s = monotonic()
         self._home: Position | None = None  # the first pose there is, then where a round starts
         self._robot: Position | None = None
@@ -199,15 +199,9 @@ class ClydeGhostNode(GameNode):
             self.clyde.respawn([p for p in (self._home, self._robot) if p is not None], self._distance_m)
         self._show()
 
-    def _may_be_beside(self) -> bool:
-        """Whether he would perhaps appear beside a robot that plays: after a start in the middle of a round."""
-        if self._robot is not None:
-            return False
-        return self._state == "running" or (self._state is None and monotonic() - self._began_s < _LISTEN_S)
-
     def _update(self) -> None:
-        if self._may_be_beside():
-            return
+        if self._robot is None and monotonic() - self._began_s < _LISTEN_S:
+            return  # after a start in the middle of a round he would perhaps appear beside the robot
         if self._state == "running":
             self.clyde.step()
             now = self.now_s()

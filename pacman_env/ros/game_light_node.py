@@ -63,6 +63,7 @@ class GameLightNode(GameNode):
         self._take(word_of(message, LIGHTS))
 
     def _take(self, word: str) -> None:
+        self._greeting.cancel()
         self._lights.command(word, self.now_s())
         self._timer.reset()
         self._show(anew=True)
