@@ -17,6 +17,7 @@ from .execution import BACK_OFF, CANCEL, COLLECT, SEND, back_off_ticks, goal_act
 from .reports import Reports
 
 HOME = -2  # as a candidate: the way home
+_SUCCEEDED = 4  # action_msgs/GoalStatus
 _KEPT = 16  # goals remembered that Nav2 has not ended; older ones are forgotten
 
 Position = tuple[float, float]
@@ -87,6 +88,9 @@ class Pursuit:
         answer_s: a goal without an answer for this long is given up.
         cancel_s: how long a new goal waits for the end of a cancelled one, which would take it along.
         away_s: how long the way home waits for Nav2, or for a pose, before it has failed.
+        late_m: a success counts so far beyond the goal tolerance: Nav2 ends a goal as soon as it sees the robot within
+            it, and the poses heard are a moment older.
+        doubt_s: how long a success at home waits for a pose that confirms it.
     """
 
     def __init__(
@@ -98,6 +102,8 @@ class Pursuit:
         answer_s: float = 5.0,
         cancel_s: float = 1.0,
         away_s: float = 10.0,
+        late_m: float = 0.1,
+        doubt_s: float = 2.0,
     ) -> None:
         self.home = home
         self.min_dwell_s = min_dwell_s
@@ -107,6 +113,7 @@ class Pursuit:
         self._rules, self._tolerance = config.execution, config.nav2.goal_tolerance_m
         self._base_ticks = max(1, round(self._rules.back_off_s / self._rules.tick_s))
         self._answer_s, self._cancel_s, self._away_s = answer_s, cancel_s, away_s
+        self._late_m, self._doubt_s = late_m, doubt_s
         self._task: Literal["none", "play", "home"] = "none"
         self._state: str | None = None  # the game's, None: nobody has said
         self._active = False
@@ -117,6 +124,7 @@ class Pursuit:
         self._switched_s = -math.inf
         self._began_s = 0.0  # when the task began
         self._waiting_s: float | None = None  # since when the way home cannot begin
+        self._arrived_s: float | None = None  # when Nav2 said so of the way home, but no pose did
         self._empty_s: float | None = None  # since when no pellet is shown
         self._collected: set[int] = set()
         self._aborts: dict[int, int] = {}
@@ -201,7 +209,7 @@ class Pursuit:
         before, self._task = self._task, tasks[word]
         if word == "enable" and before == "play":
             return []
-        self._began_s, self._waiting_s, self._empty_s = now, None, None
+        self._began_s, self._waiting_s, self._arrived_s, self._empty_s = now, None, None, None
         if (self.pursued == HOME) != (word == "return_home"):
             self._current = None  # what is sent next pre-empts it
         if not self.driving:
@@ -299,17 +307,21 @@ class Pursuit:
             number: of the goal.
             status: 4 succeeded, 5 cancelled, 6 aborted.
             now: s.
-            at: where the robot was then, m; None: the pose believed last.
+            at: where Nav2 saw the robot last, m; None: it did not say. That or the pose believed has to fit.
         """
         sent = self._open.pop(number, None)
         if number != self._current or sent is None:
             return self._go_on(now)
         place = sent.place
         if place.candidate == HOME:
-            return self._home_ended(now, at)
-        at = at or self.pose
+            self.pose = self._nearer(place, at)
+            if status != _SUCCEEDED or self._is_at(place, self._late_m):
+                return self._home_ended(now)
+            self._current, self._arrived_s = None, now
+            return []
+        at = self._nearer(place, at)
         distance = math.inf if at is None else math.dist(at, (place.x, place.y))
-        action = result_action(status, distance, self._tolerance, place.pellet is not None, False)
+        action = result_action(status, distance, self._tolerance + self._late_m, place.pellet is not None, False)
         if action == BACK_OFF:
             return self._failed(place, now)
         self._current = None
@@ -335,8 +347,14 @@ class Pursuit:
         """Whether a goal's end was asked for just now."""
         return sent.cancelled_s is not None and now - sent.cancelled_s < self._cancel_s
 
-    def _is_at(self, place: Place) -> bool:
-        return self.pose is not None and within(self.pose[0] - place.x, self.pose[1] - place.y, self._tolerance)
+    def _nearer(self, place: Place, at: Position | None) -> Position | None:
+        """That or the pose believed, whichever is nearer to the place."""
+        known = [pose for pose in (at, self.pose) if pose is not None]
+        return min(known, key=lambda pose: math.dist(pose, (place.x, place.y)), default=None)
+
+    def _is_at(self, place: Place, late_m: float = 0.0) -> bool:
+        radius = self._tolerance + late_m
+        return self.pose is not None and within(self.pose[0] - place.x, self.pose[1] - place.y, radius)
 
     def _send(self, place: Place, now: float) -> list[Action]:
         self._sent += 1
@@ -347,9 +365,16 @@ class Pursuit:
         return [Action("send", self._sent, place)]
 
     def _let_go(self, now: float) -> list[Action]:
-        """Nothing is wanted: cancel what runs; what is not accepted yet is cancelled when it is."""
+        """Nothing is wanted: cancel what runs.
+
+        What is not accepted yet is cancelled when it is, or by its number after ``answer_s``: the answer may be lost.
+        """
         self._current = None
-        running = [n for n, sent in self._open.items() if sent.accepted and not self._asked(sent, now)]
+        running = [
+            number
+            for number, sent in self._open.items()
+            if (sent.accepted or now - sent.since_s >= self._answer_s) and not self._asked(sent, now)
+        ]
         for number in running:
             self._open[number].cancelled_s = now
         return [Action("cancel", number) for number in running]
@@ -369,7 +394,7 @@ class Pursuit:
         """The current goal came to nothing: another one first."""
         self._current = None
         if place.candidate == HOME:
-            return self._home_ended(now, None)
+            return self._home_ended(now)
         aborts = self._aborts[place.candidate] = self._aborts.get(place.candidate, 0) + 1
         self._bars[place.candidate] = now + self._rules.tick_s * back_off_ticks(self._base_ticks, aborts)
         return []
@@ -384,17 +409,18 @@ class Pursuit:
         if self._task != "home" or current is not None:
             return []
         if self.home is not None and self._is_at(self.home):
-            return self._home_ended(now, None)
+            return self._home_ended(now)
+        if self._arrived_s is not None:
+            return self._home_ended(now) if now - self._arrived_s >= self._doubt_s else []
         if self._nav2_there and self.home is not None and self.pose is not None:
             self._waiting_s = None
             return [] if self._settling(now) else self._send(self.home, now)
         self._waiting_s = now if self._waiting_s is None else self._waiting_s
-        return self._home_ended(now, None) if now - self._waiting_s >= self._away_s else []
+        return self._home_ended(now) if now - self._waiting_s >= self._away_s else []
 
-    def _home_ended(self, now: float, at: Position | None) -> list[Action]:
+    def _home_ended(self, now: float) -> list[Action]:
         """The way home is over; it has failed only where the robot is not there."""
-        self.pose = at or self.pose
-        self._task = "none"
-        there = self.home is not None and self._is_at(self.home)
+        self._task, self._arrived_s = "none", None
+        there = self.home is not None and self._is_at(self.home, self._late_m)
         word = self.reports.ended("home_reached" if there else "home_failed")
         return [Action("status", word), *self._let_go(now)]

@@ -74,6 +74,7 @@ _SNAPSHOT: dict[str, Callable[[Any], bool]] = {
     "result": lambda value: isinstance(value, str) and len(value) <= 200,
     "base_speed_mps": lambda value: _is_number(value, 1e-6, 1e6),
     "collected": _is_pellets,
+    "shown": _is_pellets,
     "still_shown": _is_pellets,
     "left": lambda value: value is None or _is_pellets(value),
     "due_in_s": lambda value: value is None or _is_number(value, 0.0, 1e6),
@@ -103,6 +104,7 @@ class RoundController:
     _base_speed_mps: float = field(init=False)
     _collected: set[int] = field(default_factory=set, init=False)
     _left: frozenset[int] | None = field(default=None, init=False)  # None: no report in this round yet
+    _shown: set[int] = field(default_factory=set, init=False)  # in any report of this round
     _still_shown: frozenset[int] = field(default=frozenset(), init=False)  # collected, but in the latest report
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
     _after_home: Literal["start", "next_round", "game_over"] = field(default="start", init=False)
@@ -143,6 +145,7 @@ class RoundController:
             "result": self.result,
             "base_speed_mps": self._base_speed_mps,
             "collected": sorted(self._collected),
+            "shown": sorted(self._shown),
             "still_shown": sorted(self._still_shown),
             "left": None if self._left is None else sorted(self._left),
             "due_in_s": None if self._deadline_s is None else max(0.0, self._deadline_s - now),
@@ -171,7 +174,7 @@ class RoundController:
         self.state, self.score, self.round, self.result = state, values["score"], values["round"], values["result"]
         self._base_speed_mps = float(values["base_speed_mps"])
         self._collected = set(values["collected"])
-        self._still_shown = frozenset(values["still_shown"])
+        self._shown, self._still_shown = set(values["shown"]), frozenset(values["still_shown"])
         self._left = None if values["left"] is None else frozenset(values["left"])
         self._deadline_s = None if due_s is None else now + due_s
         self._after_home, self._home_failures = values["after_home"], values["home_failures"]
@@ -200,8 +203,9 @@ class RoundController:
         """
         before = self.spawned
         self._left = frozenset(ids)
-        shown = self._left & self._collected
-        again, self._still_shown = shown & self._still_shown, shown
+        self._shown |= self._left
+        still = self._left & self._collected
+        again, self._still_shown = still & self._still_shown, still
         spawned = [Action("spawned", self.spawned)] if self.spawned != before else []
         return spawned + [Action("remove", pellet) for pellet in sorted(again)]
 
@@ -271,6 +275,7 @@ class RoundController:
         self.state = "menu"
         self._collected.clear()
         self._left = None
+        self._shown.clear()
         self._still_shown = frozenset()
         self._deadline_s = None
         return [
@@ -321,6 +326,8 @@ class RoundController:
         pellet = int(argument)
         if pellet in self._collected:
             return [Action("ignored", f"pellet {pellet} was counted before")]
+        if self._left is not None and pellet not in self._left | self._shown:
+            return [Action("ignored", f"pellet {pellet} is none of this round's")]
         before = self.spawned
         self._collected.add(pellet)
         self.score += 1

@@ -48,6 +48,7 @@ _OBSTACLE = 0.05 * np.array(
 _CLICK_M = 0.25  # a click this far from where Clyde can be is still meant for the nearest of his cells
 _LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
 _CLEAR_DISTANCE_M = 0.5  # a costmap is not cleared before he has moved this far
+_ANSWER_S = 10.0  # an answer that is not there by then will not come
 
 
 class Wanderer:
@@ -220,7 +221,8 @@ class ClydeGhostNode(GameNode):
 
     def _clear_costmap(self) -> None:
         """Have the marks he left behind removed; one request at a time, for a clearing stalls Nav2."""
-        waiting = self._clearing is not None and not self._clearing.done()
+        unanswered = self._clearing is not None and not self._clearing.done()
+        waiting = unanswered and 0 <= self.now_s() - self._cleared_s < _ANSWER_S
         if self._clear_s and not waiting and self._costmap.service_is_ready():
             self._clearing = self._costmap.call_async(topics.CLEAR_GLOBAL_COSTMAP.type.Request())
             self._cleared_at = self.clyde.pose[:2]

@@ -77,6 +77,10 @@ class Crew:
         process = self._members[name].process
         return None if process is None else process.poll()
 
+    def processes(self) -> dict[str, int]:
+        """The process ids, by name, of those that have been started and not found dead."""
+        return {member.name: member.process.pid for member in self._members.values() if member.process is not None}
+
     def dismiss(self, name: str) -> None:
         """Forget a node whose work is done."""
         del self._members[name]

@@ -19,7 +19,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from pacman_env.config import MAX_SPEED_MPS, ClydeConfig
-from pacman_env.game.round import Action, RoundController
+from pacman_env.game.round import Action, RoundController, round_complete
 
 from . import topics
 from .memory import Memory
@@ -66,6 +66,7 @@ class GameController(GameNode):
                 self, "home_retry_s", RoundController.home_retry_s, "between two of them, s", 0.0, 600.0
             ),
         )
+        round_complete(0, 0)  # compiled now, not while a pellet waits for its answer
         self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: set[str] = set()  # services to call as soon as they are there

@@ -18,6 +18,9 @@ from .node import GameNode, run
 
 NAME = "game_event_mapper"
 _PERIOD_S = 0.05  # the base stops by itself 0.5 s after the last command
+#: The command with which the planner takes over from a motion. No other ends it, for a command may be heard after an
+#: event that was sent later.
+_TAKES_OVER: dict[Motion, str] = {"spin": "enable", "shake": "return_home"}
 
 
 class GameEventMapper(GameNode):
@@ -30,6 +33,7 @@ class GameEventMapper(GameNode):
         self._velocity = topics.CMD_VEL.publisher(self)
         self._motion: Motion = "stop"
         self._since_s = 0.0
+        self._command = ""  # the last
         self._timer = self.create_timer(_PERIOD_S, self._move)
         self._timer.cancel()
         self.listen(topics.GAME_EVENT, self._hear, "bad event")
@@ -44,13 +48,18 @@ class GameEventMapper(GameNode):
         if answer.motion == "stop":
             self._stop()
         elif answer.motion is not None and answer.motion != self._motion:  # repeated events prolong nothing
-            self._motion, self._since_s = answer.motion, self.now_s()
+            self._begin(answer.motion)
+
+    def _begin(self, motion: Motion) -> None:
+        if self._command != _TAKES_OVER[motion]:  # else the planner drives
+            self._motion, self._since_s = motion, self.now_s()
             self._timer.reset()
             self._move()
 
     def _hear_command(self, message: Any) -> None:
         """From now on the planner drives: a show that is longer than the referee's must not go on."""
-        if self._motion != "stop" and message.data in ("enable", "return_home"):
+        self._command = message.data
+        if self._command == _TAKES_OVER.get(self._motion):
             self._stop()
 
     def _move(self) -> None:

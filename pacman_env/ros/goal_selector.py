@@ -50,7 +50,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         GameNode.__init__(self, NAME)
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
-        self.declare_parameter("policy", "lookahead", ParameterDescriptor(description=text))
+        self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
         self._map = parameter(self, "map_yaml", "house", "the map: a YAML file, or the name of a shipped map")
         text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)
@@ -113,7 +113,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             (topics.CLYDE_POSE, selection.on_clyde),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
-            (topics.TF, selection.on_transforms),
+            (topics.NEWEST_TF, selection.on_transforms),
             (topics.TF_STATIC, selection.on_static_transforms),
         )
         subscriptions = [

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Callable
 from functools import partial
 from time import monotonic
 from typing import Any
 
-from action_msgs.srv import CancelGoal
 from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, pose_of
 
-_UNKNOWN_GOAL = 2  # action_msgs/CancelGoal
+_TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _CANCELED = 5  # action_msgs/GoalStatus
-_CANCEL_GOAL = topics.Service(f"{topics.NAVIGATE_TO_POSE.name}/_action/cancel_goal", "action_msgs/CancelGoal")
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 
 
@@ -38,11 +38,11 @@ class NavigationClient:
     ) -> None:
         self._node = node
         self._client = topics.NAVIGATE_TO_POSE.client(node)
-        self._canceller = _CANCEL_GOAL.client(node)
+        self._canceller = topics.NAVIGATE_TO_POSE.cancel_client(node)
         self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._handles: dict[int, Any] = {}
-        self._unanswered: set[int] = set()
+        self._unanswered: dict[int, UUID] = {}
         self._feedback: tuple[int, Any] | None = None  # of the last goal that sent any
         self._rest: Future | None = None
         self.last_status, self.last_error = 0, 0  # of the last goal that ended
@@ -58,7 +58,8 @@ class NavigationClient:
         A node that was killed cannot do so itself, and Nav2 drives on. A goal sent too early would be cancelled too.
         """
         if self._clearing is None and self.ready and self._canceller.service_is_ready():
-            self._clearing = self._canceller.call_async(CancelGoal.Request()), monotonic() + _CLEAR_S  # zero: all
+            request = self._canceller.srv_type.Request()  # all zero: every goal
+            self._clearing = self._canceller.call_async(request), monotonic() + _CLEAR_S
         if self._clearing is None:
             return False
         answer, end = self._clearing
@@ -68,18 +69,26 @@ class NavigationClient:
         """Send a goal in the map frame."""
         goal = topics.NAVIGATE_TO_POSE.type.Goal()
         goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
-        self._unanswered.add(number)
-        sent = self._client.send_goal_async(goal, feedback_callback=partial(self._on_feedback, number))
+        name = self._unanswered[number] = UUID(uuid=list(uuid.uuid4().bytes))
+        sent = self._client.send_goal_async(goal, partial(self._on_feedback, number), goal_uuid=name)
         sent.add_done_callback(partial(self._on_answer, number))
 
     def cancel(self, number: int) -> None:
-        """Ask for the end of a goal that was accepted."""
-        handle = self._handles.get(number)
-        if handle is not None:
-            handle.cancel_goal_async().add_done_callback(partial(self._on_cancel, number))
+        """Ask for the end of a goal, be it known to have been accepted or not: the answer may have been lost."""
+        if number in self._handles:
+            answer = self._handles[number].cancel_goal_async()
+        elif number in self._unanswered and self._canceller.service_is_ready():
+            request = self._canceller.srv_type.Request()
+            request.goal_info.goal_id = self._unanswered[number]
+            answer = self._canceller.call_async(request)
+        else:
+            return
+        answer.add_done_callback(partial(self._on_cancel, number))
 
     def rest(self) -> Future:
-        """Done when every goal sent has been answered and has ended."""
+        """Done when every goal sent has been answered and has ended; unanswered ones are cancelled."""
+        for number in self._unanswered:
+            self.cancel(number)
         self._rest = Future()
         self._look_for_rest()
         return self._rest
@@ -93,7 +102,7 @@ class NavigationClient:
         self._feedback = number, message
 
     def _on_answer(self, number: int, answer: Any) -> None:
-        self._unanswered.discard(number)
+        self._unanswered.pop(number, None)
         handle = answer.result()
         if handle is not None and handle.accepted:
             self._handles[number] = handle
@@ -108,11 +117,14 @@ class NavigationClient:
         self._end(number, result.status, getattr(result.result, "error_code", 0))
 
     def _on_cancel(self, number: int, answer: Any) -> None:
-        if answer.result().return_code == _UNKNOWN_GOAL:  # a server that was started anew; no result will come
+        code = answer.result().return_code
+        known = number in self._handles
+        # No result will come: from a server that was started anew, or of a goal whose acceptance was lost.
+        if (code == _UNKNOWN_GOAL and known) or (code == _TAKEN and number in self._unanswered):
             self._end(number, _CANCELED, 0)
 
     def _end(self, number: int, status: int, error: int) -> None:
-        if self._handles.pop(number, None) is None:
+        if self._handles.pop(number, None) is None and self._unanswered.pop(number, None) is None:
             return
         self.last_status, self.last_error = status, error
         self._finished(number, status, self._seen_at(number))

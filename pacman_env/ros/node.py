@@ -9,6 +9,7 @@ import math
 import signal
 import sys
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
@@ -23,6 +24,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from .footprint import settle
 from .messages import BadMessage
 
 FAREWELL_S = 2.0  # for answers and acknowledgements together
@@ -39,10 +41,15 @@ class GameNode(Node):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self.once = Once(self.get_logger())
+        self._latest_s = 0.0
+        self._set_back_s = 0.0  # by how much the clock was, in all
 
     def now_s(self) -> float:
-        """The node's time, s."""
-        return float(self.get_clock().now().nanoseconds) * 1e-9
+        """The node's time, s, to measure how long something takes: it goes on where the clock is set back."""
+        now_s = float(self.get_clock().now().nanoseconds) * 1e-9
+        self._set_back_s += max(0.0, self._latest_s - now_s)
+        self._latest_s = now_s
+        return now_s + self._set_back_s
 
     def listen(self, topic: Any, take: Callable[[Any], object], trouble: str) -> Any:
         """A subscription whose bad messages reach the log once, as that kind of trouble, and nothing else.
@@ -167,6 +174,8 @@ class _Stop:
 
 def _live(make: Callable[[], GameNode], name: str, arguments: list[str], stop: _Stop) -> int:
     node = None
+    # Who asked and is gone before the answer is no reason to end, even where warnings are errors.
+    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     try:
         unknown = remove_ros_args(arguments)
         if unknown:
@@ -175,6 +184,7 @@ def _live(make: Callable[[], GameNode], name: str, arguments: list[str], stop: _
             )
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
+        settle()
         stop.spinning = True
         executor = SingleThreadedExecutor()
         executor.add_node(node)

@@ -204,11 +204,9 @@ class Selection:
 
     def on_finished(self, number: int, status: int, now: float, seen: Position | None) -> list[Action]:
         """A goal has ended; ``seen`` is where Nav2 saw the robot last."""
-        belief = self._believe(now)
-        fresh = belief is not None and belief.source == "tf"
-        at = belief.pose[:2] if belief is not None and (fresh or seen is None) else seen
+        self._believe(now)
         self._ended["aborted"] += number == self.pursuit.number and status == _ABORTED
-        return self.pursuit.finished(number, status, now, at)
+        return self.pursuit.finished(number, status, now, seen)
 
     def condition(self, now: float) -> dict[str, Any]:
         """Everything that an operator may want to know, plain values."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient, ActionServer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -31,6 +32,8 @@ EVENTS = _qos(10)
 SENSOR_DATA = _qos(5, best_effort=True)
 TRANSFORMS = _qos(100)
 STATIC_TRANSFORMS = _qos(100, latched=True)
+#: For who wants to know where the robot is now: a long queue shows a busy reader where it was seconds ago.
+NEWEST_TRANSFORMS = _qos(10)
 
 
 def _type(kind: str, name: str) -> Any:
@@ -97,6 +100,10 @@ class Action:
         """An ``ActionClient`` of ``node``."""
         return ActionClient(node, self.type, self.name, **options)
 
+    def cancel_client(self, node: Any, **options: Any) -> Any:
+        """A client of ``node`` for action_msgs/CancelGoal: for goals of which no handle is at hand."""
+        return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
+
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""
         return ActionServer(node, self.type, self.name, execute, **options)
@@ -132,6 +139,7 @@ PLAN = Topic("plan", "nav_msgs/Path", EVENTS)
 ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
 SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)
 TF = Topic("tf", "tf2_msgs/TFMessage", TRANSFORMS)
+NEWEST_TF = Topic("tf", "tf2_msgs/TFMessage", NEWEST_TRANSFORMS)
 TF_STATIC = Topic("tf_static", "tf2_msgs/TFMessage", STATIC_TRANSFORMS)
 CLOCK = Topic("/clock", "rosgraph_msgs/Clock", SENSOR_DATA)  # the one absolute name, as rclpy listens to it
 

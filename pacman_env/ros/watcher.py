@@ -12,7 +12,6 @@ import json
 import time
 from typing import Any
 
-from action_msgs.srv import CancelGoal
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -45,7 +44,7 @@ class Watcher(Node):
         for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED):
             topic.subscription(self, functools.partial(self._on_value, topic.name))
         DIAGNOSTICS.subscription(self, self._on_diagnostics)
-        self._nav2_away = False
+        self.condition: dict[str, Any] = {}  # what the goal selector says of itself
         self._pose_ns: int | None = None
         AMCL_POSE.subscription(self, self._on_pose)
         self._cmd_vel: Any = None
@@ -75,7 +74,7 @@ class Watcher(Node):
             f"pellets {value(PELLETS_COLLECTED)}/{value(PELLETS_SPAWNED)}",
             "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known",
             self._policy,
-            *(["Nav2 is away"] if self._nav2_away else []),
+            *(["Nav2 is away"] if self.condition.get("nav2") is False else []),
         ]
         result = self._values.get(GAME_RESULT.name)
         return "  ".join([*parts, result] if result else parts)
@@ -95,12 +94,12 @@ class Watcher(Node):
         Args:
             spin: called with a timeout in seconds until the answer is there.
         """
-        client = self.create_client(CancelGoal, f"{NAVIGATE_TO_POSE.name}/_action/cancel_goal")
+        client = NAVIGATE_TO_POSE.cancel_client(self)
         end = time.monotonic() + HALT_S
         while not client.service_is_ready() and time.monotonic() < end:
             spin(0.05)
         if client.service_is_ready():
-            answer = client.call_async(CancelGoal.Request())  # all zero: every goal
+            answer = client.call_async(client.srv_type.Request())  # all zero: every goal
             while not answer.done() and time.monotonic() < end:
                 spin(0.05)
         self.destroy_client(client)
@@ -113,10 +112,9 @@ class Watcher(Node):
         self._values[name] = message.data
 
     def _on_diagnostics(self, message: Any) -> None:
-        with contextlib.suppress(ValueError, AttributeError):  # of another goal selector: it need not be ours
-            condition = json.loads(message.data)
-            self._policy = str(condition.get("policy", self._policy))
-            self._nav2_away = condition.get("nav2") is False
+        with contextlib.suppress(ValueError, TypeError):  # of another goal selector: it need not be ours
+            self.condition = dict(json.loads(message.data))
+            self._policy = str(self.condition.get("policy", self._policy))
 
     def _on_pose(self, message: Any) -> None:
         self._pose_ns = nanoseconds_of(message.header.stamp)

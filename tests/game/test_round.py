@@ -465,3 +465,17 @@ def test_clydes_speed_rises_by_one_step_each_round(round: int, speed: float) -> 
 )
 def test_a_round_is_complete_when_all_spawned_are_collected(collected: int, spawned: int, complete: bool) -> None:
     assert round_complete(collected, spawned) is complete
+
+
+def test_a_pellet_that_no_report_of_the_round_has_shown_does_not_count() -> None:
+    game = running(2)
+    assert ignored(game.status("pellet_collected:4711", 20.0))
+    assert (game.score, game.collected, game.spawned) == (0, 0, 2)
+    game.pellets_left([1])  # overtakes the status
+    assert not ignored(game.status("pellet_collected:0", 20.5))
+    game.reset(21.0)
+    game.start(22.0)
+    game.pellets_left([5])
+    game.status("home_reached", 23.0)
+    game.tick(40.0)
+    assert ignored(game.status("pellet_collected:1", 41.0))

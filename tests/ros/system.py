@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import signal
@@ -10,12 +11,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 import rclpy
+from rcl_interfaces.srv import ListParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -28,7 +29,7 @@ STOP_S = 15.0
 T = TypeVar("T")
 
 
-@contextmanager
+@contextlib.contextmanager
 def free_domain() -> Iterator[int]:
     """A ROS_DOMAIN_ID from 1 to 101, held by a lock; the one in the environment, if any, is tried first."""
     first = int(os.environ.get("ROS_DOMAIN_ID") or os.getpid())
@@ -202,6 +203,7 @@ class Probe:
         """The answer of a service, once it is there."""
         client = service.client(self.node)
         self.wait_for(client.service_is_ready, timeout_s, f"service {service.name}")
+        self._be_known_to_owner(f"{self.system.namespace}/{service.name}", timeout_s)
         answer = client.call_async(service.type.Request() if request is None else request)
         self.wait_for(answer.done, timeout_s, f"the answer of {service.name}")
         self.node.destroy_client(client)
@@ -211,7 +213,38 @@ class Probe:
         """A client of an action whose server is there."""
         client = action.client(self.node)
         self.wait_for(client.server_is_ready, timeout_s, f"action {action.name}")
+        self._be_known_to_owner(f"{self.system.namespace}/{action.name}/_action/send_goal", timeout_s)
         return client
+
+    def _be_known_to_owner(self, service: str, timeout_s: float) -> None:
+        """Wait until a service's node knows all of the probe's clients made so far.
+
+        A server that is ready for a client may not know the client's reader yet, and drops its answer then. Readers
+        become known in the order in which they are made: an answer to one made now says that the others are known.
+        """
+
+        def owner() -> str | None:
+            for name, namespace in self.node.get_node_names_and_namespaces():
+                with contextlib.suppress(rclpy.node.NodeNameNonExistentError):
+                    if service in dict(self.node.get_service_names_and_types_by_node(name, namespace)):
+                        return f"{namespace.rstrip('/')}/{name}"
+            return None
+
+        name = self.wait_for(owner, timeout_s, f"the node of {service}")
+        client = self.node.create_client(ListParameters, f"{name}/list_parameters")
+        self.wait_for(client.service_is_ready, timeout_s, f"the parameters of {name}")
+        end = time.monotonic() + timeout_s
+        answer = client.call_async(ListParameters.Request())
+        asked = time.monotonic()
+
+        def answered() -> bool:
+            nonlocal answer, asked
+            if not answer.done() and time.monotonic() - asked > 1.0:
+                answer, asked = client.call_async(ListParameters.Request()), time.monotonic()
+            return bool(answer.done())
+
+        self.wait_for(answered, end - time.monotonic(), f"the parameters of {name}")
+        self.node.destroy_client(client)
 
     def stamp(self) -> Any:
         """The time now, as messages have it."""

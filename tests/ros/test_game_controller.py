@@ -13,6 +13,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
 from pacman_env.game.round import RoundController
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of
@@ -193,6 +196,25 @@ def test_the_robot_is_told_to_stop_before_the_referee_leaves_fault_13(
     probe.wait_for(lambda: probe.values(topics.GAME_COMMAND)[-1] == "disable", what="the last command")
     probe.wait_for(lambda: probe.values(topics.GAME_EVENT)[-1] == "reset", what="the last event")
     assert process.wait() == 0
+
+
+def test_a_show_is_not_prolonged_by_a_clock_that_is_set_back(probe: Probe, system: System) -> None:
+    clock, now = probe.publisher(topics.CLOCK), 1000.0
+
+    def tick() -> None:
+        nonlocal now
+        now += 0.02
+        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
+
+    probe.node.create_timer(0.01, tick)
+    up(probe, system, use_sim_time=True, start_show_s=2.0)
+    assert probe.call(topics.START_GAME).success
+    wait_state(probe, "returning_home")
+    status(probe, "home_reached")
+    wait_state(probe, "starting")
+    now -= 900.0
+    wait_state(probe, "running")
+    assert now < 105.0
 
 
 # A game that outlives its node

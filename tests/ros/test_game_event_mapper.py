@@ -107,6 +107,31 @@ def test_a_motion_ends_when_the_planner_takes_over(probe: Probe, system: System)
         assert len(turns(probe)) == count  # the planner's commands are not disturbed
 
 
+def test_a_command_heard_late_does_not_end_the_start_show(probe: Probe, system: System) -> None:
+    up(probe, system)
+    probe.publish(topics.GAME_EVENT, "start theatrical")
+    probe.wait_for(lambda: len(turns(probe)) > 5, what="the spin")
+    for word in ("disable", "reset_round", "return_home"):  # sent before the event, on another topic
+        probe.publish(topics.GAME_COMMAND, word)
+    count = len(turns(probe))
+    probe.wait_for(lambda: len(turns(probe)) > count + 10, what="the spin to go on")
+    assert set(turns(probe)) == {1.5}
+
+
+def test_no_show_begins_while_the_planner_drives(probe: Probe, system: System) -> None:
+    up(probe, system)
+    for command, event, light in (
+        ("return_home", "clyde killed", "clyde killed"),
+        ("enable", "start theatrical", "start"),
+    ):
+        probe.publish(topics.GAME_COMMAND, command)
+        probe.spin(0.2)  # nothing says that a command has been heard
+        probe.publish(topics.GAME_EVENT, event)
+        probe.wait_for(lambda light=light: probe.values(topics.GAME_LIGHT)[-1:] == [light], what="the light")
+        probe.spin(0.2)
+        assert not any(turns(probe))
+
+
 def test_the_robot_stands_after_ctrl_c_fault_13(probe: Probe, system: System) -> None:
     process = up(probe, system)
     probe.publish(topics.GAME_EVENT, "death")

@@ -559,7 +559,7 @@ def test_what_cannot_be_used_is_said_at_the_start(system: System, parameters: di
 # How fast
 
 
-@pytest.mark.parametrize("policy", ["lookahead", "clyde_aware"])
+@pytest.mark.parametrize("policy", ["ppo", "lookahead", "clyde_aware"])
 def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
     troubles: list[str] = []
     selection = Selection("house", policy, None, 0.0, 1.0, lambda kind, text: troubles.append(text))

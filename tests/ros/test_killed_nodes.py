@@ -36,7 +36,8 @@ NODES: dict[str, dict[str, Any]] = {
     "sim_robot": {"speed": 10.0, "map_yaml": MAP},
     "pellet_manager": {"map_yaml": MAP},
     "clyde_ghost_node": {"map_yaml": MAP},
-    "game_controller": {"clyde_speed_mps": CLYDE_MPS},
+    # The shows are long enough for a kill in the midst of them on a slow machine.
+    "game_controller": {"clyde_speed_mps": CLYDE_MPS, "start_show_s": 15.0, "death_show_s": 30.0},
     "game_event_mapper": {},
     "game_light_node": {},
     "audio_node": {},
@@ -76,8 +77,8 @@ class Game:
         for name in NODES:
             self.start(name)
         self.wait(lambda: self.state == "menu", "the referee", START_S)
-        for topic in (topics.PELLET_MARKERS, topics.CLYDE_POSE, topics.AMCL_POSE):
-            self.wait(lambda topic=topic: self.latest(topic) is not None, topic.name, START_S)
+        seen = (topics.PELLET_MARKERS, topics.CLYDE_POSE, topics.AMCL_POSE)
+        self.wait(lambda: all(self.latest(topic) is not None for topic in seen), "pellets, Clyde, the robot", START_S)
         name = f"{system.namespace}/{topics.GAME_LIGHT.name}"
         self.wait(lambda: probe.node.count_subscribers(name) >= 2, "the lights", START_S)
         self.wait(lambda: "policy clyde_aware" in self.processes["goal_selector"].output, "the planner", START_S)
@@ -375,9 +376,14 @@ def ring(game: Game) -> Any:
     return json.loads(game.value(LIGHT_RING_SHOWN))
 
 
+def starts(game: Game) -> bool:
+    """Whether the ring shows the lights of a start, which are of more than two colours."""
+    return ring(game)["override_system"] and len(set(map(tuple, ring(game)["leds"]))) > 2
+
+
 def test_a_light_node_that_is_back_in_a_round_shows_what_belongs_to_it(game: Game) -> None:
     game.begin()
-    game.wait(lambda: ring(game)["override_system"], "the start's lights")
+    game.wait(lambda: starts(game), "the start's lights")
     game.kill("game_light_node")
     game.forget(LIGHT_RING_SHOWN)
     shown = game.probe.heard(LIGHT_RING_SHOWN)
@@ -397,7 +403,7 @@ def test_a_light_node_that_is_back_in_a_round_shows_what_belongs_to_it(game: Gam
 
 def test_a_light_node_that_is_back_in_the_menu_releases_the_ring(game: Game) -> None:
     game.begin()
-    game.wait(lambda: ring(game)["override_system"], "the start's lights")
+    game.wait(lambda: starts(game), "the start's lights")
     game.kill("game_light_node")
     game.menu()
     assert ring(game)["override_system"]

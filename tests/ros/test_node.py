@@ -10,8 +10,11 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
+from rclpy.clock_type import ClockType  # noqa: E402
+from rclpy.time import Time  # noqa: E402
+
 from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.node import Once  # noqa: E402
+from pacman_env.ros.node import GameNode, Once  # noqa: E402
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -126,3 +129,15 @@ def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -
     once.over("pose")
     once.warning("pose", "bad again")
     assert log[3:] == ["info pose: over, after 3 times", "warning bad again"]
+
+
+def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
+    node = GameNode("clockwork", context=probe.context)
+    clock = node.get_clock()
+    clock._set_ros_time_is_active(True)
+    seen = []
+    for seconds in (10, 11, 1011, 1012, 12, 13, 3, 4):
+        clock.set_ros_time_override(Time(seconds=seconds, clock_type=ClockType.ROS_TIME))
+        seen.append(node.now_s())
+    node.destroy_node()
+    assert seen == pytest.approx([10.0, 11.0, 1011.0, 1012.0, 1012.0, 1013.0, 1013.0, 1014.0])

@@ -8,6 +8,8 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
+from action_msgs.srv import CancelGoal  # noqa: E402
+
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import pose_of, seconds_of  # noqa: E402
 from pacman_env.ros.sim_robot import FAULT, FAULTS_NOW  # noqa: E402
@@ -124,3 +126,20 @@ def test_a_fault_that_is_none_is_refused_with_a_reason(probe: Probe, system: Sys
     probe.publish(FAULT, "explode")
     robot.wait_for_words("sim/fault ignored: fault 'explode'")
     assert probe.values(FAULTS_NOW)[-1:] == ["[]"]
+
+
+def test_answers_to_clients_that_have_gone_do_not_end_the_robot(
+    probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONWARNINGS", "error::RuntimeWarning")  # rclpy warns, and breaks where that is an error
+    robot = Robot(probe, system)
+    assert robot.goal(1.0, 0.5).accepted
+    for _ in range(12):
+        client = probe.node.create_client(CancelGoal, f"{topics.NAVIGATE_TO_POSE.name}/_action/cancel_goal")
+        probe.wait_for(client.service_is_ready, what="the service that cancels goals")
+        request = CancelGoal.Request()
+        request.goal_info.goal_id.uuid = [7] * 16  # nobody's
+        client.call_async(request)
+        probe.node.destroy_client(client)
+    assert robot.goal(0.5, 0.5).end()[0] == SUCCEEDED
+    assert robot.process.popen.poll() is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import re
 import signal
@@ -20,11 +21,12 @@ from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, Game
 from pacman_env.ros.up import MEANINGS, NODE_LOST, Screen, environment
 
+COMMAND = [sys.executable, "-m", "pacman_env.cli", "ros"]
 PATIENCE_S = 240.0  # the first nodes may have to compile
 
 
 def bring_up(system: Any, tmp_path: Path, *options: str) -> Any:
-    command = [sys.executable, "-m", "pacman_env.cli", "ros", "up", "--map", "house", "--sim", "--speed", "5"]
+    command = [*COMMAND, "up", "--map", "house", "--sim", "--speed", "5"]
     return system.run("up", [*command, "--logs", str(tmp_path / "logs"), *options])
 
 
@@ -43,7 +45,11 @@ def pid_of(name: str) -> int | None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-def test_a_game_is_brought_up_kept_up_and_ended_in_order(system: Any, probe: Any, tmp_path: Path) -> None:
+def test_a_game_is_brought_up_recorded_kept_up_ended_in_order_and_replayed(
+    system: Any, probe: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / "game"
+    recorder = system.run("record", [*COMMAND, "record", "--out", str(bag), "--sim"])
     up = bring_up(system, tmp_path, "--policy", "nearest", "--start")
     probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL)
     probe.wait_for(
@@ -57,6 +63,7 @@ def test_a_game_is_brought_up_kept_up_and_ended_in_order(system: Any, probe: Any
     probe.wait_for(lambda: "game_light_node ended with status -9" in up.output, 60.0, "its death is seen")
     probe.wait_for(lambda: pid_of("game_light_node"), 60.0, "it is started again")
     probe.wait_for(lambda: "game_light_node" in probe.node.get_node_names(), 60.0, "it is there again")
+    assert recorder.stop() == 0, recorder.output
     probe.forget()
     up.send(signal.SIGINT)
     probe.wait_for(lambda: up.popen.poll() is not None, PATIENCE_S, "the end")
@@ -67,6 +74,12 @@ def test_a_game_is_brought_up_kept_up_and_ended_in_order(system: Any, probe: Any
     assert re.search(r"^running +round 1 +score \d+ +pellets \d+/13 +pose [\d.]+ s ago +nearest", up.output, re.M)
     for name in (SIMULATOR, *GAME, SELECTOR):
         assert pid_of(name) is None, name
+
+    assert cli.main(["ros", "replay", str(bag), "--map", "house", "--policy", "nearest", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["statuses"]["pellet_collected"] >= 1
+    assert report["same"] >= 0.8 * report["decisions"] > 3  # the same policy, with what its robot knew
+    assert report["robot"]["speed"][1] < 0.31
 
 
 def test_what_moves_the_robot_stops_first_then_the_lights() -> None:
