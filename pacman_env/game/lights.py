@@ -82,6 +82,8 @@ ANIMATIONS: dict[str, Animation] = {
     **{f"{g} killed": Animation(_wave(c, _dimmed(_RED, 0.2)), 5.0, "off") for g, c in GHOST_COLOURS.items()},
 }
 LIGHTS = frozenset(ANIMATIONS) | {"off"}
+#: By state of the game: what the ring shows in it when nothing happens; ``off`` in every other.
+LASTING = {"starting": "pacman", "running": "pacman"}
 
 
 @dataclass

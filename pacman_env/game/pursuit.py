@@ -14,6 +14,7 @@ from typing import Literal, Protocol
 
 from ..config import Config
 from .execution import BACK_OFF, CANCEL, COLLECT, SEND, back_off_ticks, goal_action, result_action, within
+from .reports import Reports
 
 HOME = -2  # as a candidate: the way home
 _SUCCEEDED = 4  # action_msgs/GoalStatus
@@ -108,6 +109,7 @@ class Pursuit:
         self.min_dwell_s = min_dwell_s
         self.pose: Position | None = None  # as believed last, m
         self.left: dict[int, Position] = {}  # pellets by id, those collected since the last report left out
+        self.reports = Reports()
         self._rules, self._tolerance = config.execution, config.nav2.goal_tolerance_m
         self._base_ticks = max(1, round(self._rules.back_off_s / self._rules.tick_s))
         self._answer_s, self._cancel_s, self._away_s = answer_s, cancel_s, away_s
@@ -191,7 +193,11 @@ class Pursuit:
 
     def command(self, word: str, now: float) -> list[Action]:
         """A word on ``game_command``."""
+        if word == "enable" and self.reports.end in ("death_detected", "game_complete"):
+            return []  # of a referee who has not heard of it: one who has disables first
+        self.reports.end = ""
         if word == "reset_round":
+            self.reports.new_round()
             self._collected.clear()
             self._aborts.clear()
             self._bars.clear()
@@ -212,6 +218,8 @@ class Pursuit:
 
     def state(self, word: str, now: float) -> list[Action]:
         """A word on ``game_state``."""
+        if word != self._state:
+            self.reports.new_state()
         was, self._state = self.driving, word
         if was and not self.driving:
             return self._halt(now)
@@ -226,7 +234,8 @@ class Pursuit:
             self._empty_s = now
         elif now - self._empty_s >= 2.0:  # the last of a round is reported at once: this round had none for us
             self._empty_s = math.inf
-            return [Action("status", "game_complete")]
+            lost = [*self.reports.pellets, self.reports.ended("game_complete")]
+            return [Action("status", word) for word in lost]
         return []
 
     # What the robot does
@@ -243,8 +252,8 @@ class Pursuit:
                 actions += self._collect(number)
         if clyde is not None and within(pose[0] - clyde[0], pose[1] - clyde[1], self._rules.death_radius_m):
             self._task = "none"
-            actions += [Action("event", "clyde killed"), Action("status", "death_detected"), *self._halt(now)]
-            return actions
+            word = self.reports.ended("death_detected")
+            return [*actions, Action("event", "clyde killed"), Action("status", word), *self._halt(now)]
         return [*actions, *self._go_on(now)]
 
     def choose(self, place: Place | None, now: float) -> list[Action]:
@@ -379,7 +388,7 @@ class Pursuit:
         self._collected.add(number)
         if self._current is not None and self._open[self._current].place.pellet == number:
             self._current = None
-        return [Action("status", f"pellet_collected:{number}"), Action("remove", number)]
+        return [Action("status", self.reports.collected(number)), Action("remove", number)]
 
     def _failed(self, place: Place, now: float) -> list[Action]:
         """The current goal came to nothing: another one first."""
@@ -413,4 +422,5 @@ class Pursuit:
         """The way home is over; it has failed only where the robot is not there."""
         self._task, self._arrived_s = "none", None
         there = self.home is not None and self._is_at(self.home, self._late_m)
-        return [Action("status", "home_reached" if there else "home_failed"), *self._let_go(now)]
+        word = self.reports.ended("home_reached" if there else "home_failed")
+        return [Action("status", word), *self._let_go(now)]

@@ -2,15 +2,16 @@
 
 A pure state machine: time comes in as an argument, everything to publish goes out as a list of actions.
 Detecting pick-up and death is Algorithm 4's business, and so is the event ``clyde killed``: who sees the
-death names the ghost, then reports ``death_detected``. Lights and sounds of events are decided elsewhere.
+death names the ghost, then reports ``death_detected``. Lights and sounds of events are decided elsewhere. So is where
+a snapshot of a game is kept while nobody plays it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from pacman_env.config import ClydeConfig
 from pacman_env.jit import kernel
@@ -26,6 +27,7 @@ ActionKind = Literal[
     "spawned",
     "collected",
     "clyde_speed",
+    "remove",
     "reset_pellets",
     "reset_clyde",
     "ignored",
@@ -52,6 +54,35 @@ def round_complete(collected: int, spawned: int) -> bool:
     return spawned > 0 and collected >= spawned
 
 
+def _is_count(value: object, least: int = 0) -> bool:
+    return type(value) is int and least <= value < 10**9  # True is no number
+
+
+def _is_pellets(value: object) -> bool:
+    return isinstance(value, list) and all(map(_is_count, value)) and len(set(value)) == len(value)
+
+
+def _is_number(value: object, low: float, high: float) -> bool:
+    return type(value) in (int, float) and low <= value <= high  # type: ignore[operator]  # nor NaN
+
+
+#: What a snapshot holds, and what each value must be.
+_SNAPSHOT: dict[str, Callable[[Any], bool]] = {
+    "state": lambda value: value in ("menu", "returning_home", "starting", "running", "dying"),
+    "score": _is_count,
+    "round": lambda value: _is_count(value, 1),
+    "result": lambda value: isinstance(value, str) and len(value) <= 200,
+    "base_speed_mps": lambda value: _is_number(value, 1e-6, 1e6),
+    "collected": _is_pellets,
+    "shown": _is_pellets,
+    "still_shown": _is_pellets,
+    "left": lambda value: value is None or _is_pellets(value),
+    "due_in_s": lambda value: value is None or _is_number(value, 0.0, 1e6),
+    "after_home": lambda value: value in ("start", "next_round", "game_over"),
+    "home_failures": _is_count,
+}
+
+
 @dataclass
 class RoundController:
     """The game's state, score and round; every input returns the actions it causes.
@@ -74,6 +105,7 @@ class RoundController:
     _collected: set[int] = field(default_factory=set, init=False)
     _left: frozenset[int] | None = field(default=None, init=False)  # None: no report in this round yet
     _shown: set[int] = field(default_factory=set, init=False)  # in any report of this round
+    _still_shown: frozenset[int] = field(default=frozenset(), init=False)  # collected, but in the latest report
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
     _after_home: Literal["start", "next_round", "game_over"] = field(default="start", init=False)
     _home_failures: int = field(default=0, init=False)
@@ -97,8 +129,58 @@ class RoundController:
         return float(clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round))
 
     def announce(self) -> list[Action]:
-        """Everything latched as it is now, for a node that has just come up."""
-        return [Action("command", "disable"), *self._latched()]
+        """Everything latched as it is now, for a node that has just come up.
+
+        The command is the one that the state stands for: who has carried it out before has nothing to do.
+        """
+        commands = {"running": "enable", "returning_home": "return_home" if self._deadline_s is None else "disable"}
+        return [Action("command", commands.get(self.state, "disable")), *self._latched()]
+
+    def snapshot(self, now: float) -> dict[str, Any]:
+        """All that ``restore`` needs, as plain values that JSON knows; instants as the time left until then, s."""
+        return {
+            "state": self.state,
+            "score": self.score,
+            "round": self.round,
+            "result": self.result,
+            "base_speed_mps": self._base_speed_mps,
+            "collected": sorted(self._collected),
+            "shown": sorted(self._shown),
+            "still_shown": sorted(self._still_shown),
+            "left": None if self._left is None else sorted(self._left),
+            "due_in_s": None if self._deadline_s is None else max(0.0, self._deadline_s - now),
+            "after_home": self._after_home,
+            "home_failures": self._home_failures,
+        }
+
+    def restore(self, values: Mapping[str, Any], now: float) -> list[Action]:
+        """Go on where a snapshot was taken.
+
+        Returns:
+            What tells the others, who may have gone on meanwhile. A round that has not begun is reset once more, for
+            nobody knows whether that was done.
+
+        Raises:
+            ValueError: not a snapshot; nothing has changed.
+        """
+        if set(values) != set(_SNAPSHOT):
+            raise ValueError(f"snapshot: must have the fields {', '.join(_SNAPSHOT)}")
+        for name, is_valid in _SNAPSHOT.items():
+            if not is_valid(values[name]):
+                raise ValueError(f"snapshot: {name} = {str(values[name])[:50]!r}")
+        state, due_s = values["state"], values["due_in_s"]
+        if state != "returning_home" and (due_s is None) == (state in ("starting", "dying")):
+            raise ValueError(f"snapshot: due_in_s = {due_s} in state {state!r}")
+        self.state, self.score, self.round, self.result = state, values["score"], values["round"], values["result"]
+        self._base_speed_mps = float(values["base_speed_mps"])
+        self._collected = set(values["collected"])
+        self._shown, self._still_shown = set(values["shown"]), frozenset(values["still_shown"])
+        self._left = None if values["left"] is None else frozenset(values["left"])
+        self._deadline_s = None if due_s is None else now + due_s
+        self._after_home, self._home_failures = values["after_home"], values["home_failures"]
+        before_round = state == "starting" or (state == "returning_home" and self._after_home == "start")
+        resets = [Action("reset_pellets"), Action("reset_clyde")] if before_round else []
+        return [*self.announce(), *resets]
 
     def start(self, now: float) -> list[Action]:
         """Drive home and begin the round; only from the menu."""
@@ -116,12 +198,16 @@ class RoundController:
         """The ids that the latest pellet report still shows.
 
         Only the latest report counts, together with the ids collected: a stale or early one is forgotten with
-        the next, and which of status and report of one pellet comes first does not matter.
+        the next, and which of status and report of one pellet comes first does not matter. A pellet that two reports
+        show after it was collected is to be removed once more: who shows them has forgotten it.
         """
         before = self.spawned
         self._left = frozenset(ids)
         self._shown |= self._left
-        return [Action("spawned", self.spawned)] if self.spawned != before else []
+        still = self._left & self._collected
+        again, self._still_shown = still & self._still_shown, still
+        spawned = [Action("spawned", self.spawned)] if self.spawned != before else []
+        return spawned + [Action("remove", pellet) for pellet in sorted(again)]
 
     def base_clyde_speed(self, speed_mps: float) -> list[Action]:
         """Set Clyde's speed of round 1; announced at once in the menu, else with the next round."""
@@ -190,6 +276,7 @@ class RoundController:
         self._collected.clear()
         self._left = None
         self._shown.clear()
+        self._still_shown = frozenset()
         self._deadline_s = None
         return [
             Action("command", "disable"),

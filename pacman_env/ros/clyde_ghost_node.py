@@ -9,6 +9,7 @@ import math
 import secrets
 import sys
 from collections.abc import Iterable, Sequence
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ _OBSTACLE = 0.05 * np.array(
     [(0.0, 0.0), *((math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8))], dtype=np.float64
 )
 _CLICK_M = 0.25  # a click this far from where Clyde can be is still meant for the nearest of his cells
+_LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
 _CLEAR_DISTANCE_M = 0.5  # a costmap is not cleared before he has moved this far
 _ANSWER_S = 10.0  # an answer that is not there by then will not come
 
@@ -127,7 +129,8 @@ class ClydeGhostNode(GameNode):
         self.clyde.step()  # compiled now, not while the game waits for his pose
         self.clyde.respawn([], self._distance_m)
         self._state = "menu"
-        self._home: Position | None = None  # as the planner takes it: the first pose there is
+        self._began_s = monotonic()
+        self._home: Position | None = None  # the first pose there is, then where a round starts
         self._robot: Position | None = None
         self._chosen: int | None = None  # the cell for the coming round, if someone clicked on one
         self._cleared_at: Position = self.clyde.pose[:2]
@@ -152,6 +155,9 @@ class ClydeGhostNode(GameNode):
             self._chosen = None
         if state == "returning_home" != self._state:
             self._clear_costmap()  # he is no danger on the way home and must not be in it
+        if state == "starting" != self._state and self._robot is not None:
+            self._home = self._robot  # the first pose was no home if this node came in the middle of a game
+            self._keep_away()
         self._state = state
 
     def _hear_speed(self, message: Any) -> None:
@@ -162,8 +168,14 @@ class ClydeGhostNode(GameNode):
         first, self._robot = self._robot is None, (x, y)
         if first:
             self._home = self._robot
-            if self._chosen is None and math.dist(self._robot, self.clyde.pose[:2]) < self._distance_m:
-                self._respawn()  # where the robot is was not known before
+            self._keep_away()  # where the robot is was not known before
+
+    def _keep_away(self) -> None:
+        """Not beside the robot, unless somebody wanted him there."""
+        if self._robot is None or self._chosen is not None:
+            return
+        if math.dist(self._robot, self.clyde.pose[:2]) < self._distance_m:
+            self._respawn()
 
     def _hear_click(self, message: Any) -> None:
         cell, distance = self.clyde.cells.nearest(*point_of(message))
@@ -189,6 +201,8 @@ class ClydeGhostNode(GameNode):
         self._show()
 
     def _update(self) -> None:
+        if self._robot is None and monotonic() - self._began_s < _LISTEN_S:
+            return  # after a start in the middle of a round he would perhaps appear beside the robot
         if self._state == "running":
             self.clyde.step()
             now = self.now_s()

@@ -1,7 +1,7 @@
 """Node ``game_light_node``: shows light words on the Create 3's ring (Algorithm 7).
 
 What a word looks like over time is decided in ``game/lights.py``. A ring that shows nothing belongs to the base again,
-whose own warnings it would otherwise hide.
+whose own warnings it would otherwise hide; so does one that another process has left lit.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from irobot_create_msgs.msg import LedColor, LightringLeds
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from std_msgs.msg import Header
 
-from pacman_env.game.lights import BLACK, LIGHTS, LightRing, Ring
+from pacman_env.game.lights import BLACK, LASTING, LIGHTS, LightRing, Ring
 
 from . import topics
 from .messages import word_of
@@ -22,6 +24,7 @@ from .node import GameNode, run
 NAME = "game_light_node"
 _PERIOD_S = 0.075  # half a frame
 _REPEAT_S = 1.0  # for a base that was not there
+_GREETINGS = 5  # so often, a second apart, what is there to show is shown to a base that may not listen yet
 
 
 class GameLightNode(GameNode):
@@ -35,10 +38,33 @@ class GameLightNode(GameNode):
         self._ring = topics.LIGHT_RING.publisher(self)
         self._timer = self.create_timer(_PERIOD_S, self._show)
         self._timer.cancel()
+        self._fresh = True  # nobody has said yet what to show
+        self._greetings = _GREETINGS
+        self._greeting = self.create_timer(1.0, self._greet, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.listen(topics.GAME_LIGHT, self._hear, "bad light")
+        self.listen(topics.GAME_STATE, self._hear_state, "bad state")
+
+    def _greet(self) -> None:
+        """End what a node that was killed has left on the ring."""
+        self._greetings -= 1
+        if self._greetings == 0:
+            self._greeting.cancel()
+        self._show(anew=True)
+
+    def _hear_state(self, message: Any) -> None:
+        """Go on with what belongs to the state, after a start in the middle of a game; later events say it."""
+        state = word_of(message, topics.STATE_WORDS)
+        if self._fresh and state in LASTING:
+            self._take(LASTING[state])
+        self._fresh = False
 
     def _hear(self, message: Any) -> None:
-        self._lights.command(word_of(message, LIGHTS), self.now_s())
+        self._fresh = False
+        self._take(word_of(message, LIGHTS))
+
+    def _take(self, word: str) -> None:
+        self._greeting.cancel()
+        self._lights.command(word, self.now_s())
         self._timer.reset()
         self._show(anew=True)
 

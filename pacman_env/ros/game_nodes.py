@@ -14,6 +14,7 @@ NAMESPACE = "robot_15"  # the experiment's robot
 SIMULATOR = "sim_robot"
 WAIT = "wait_for_amcl_pose"
 SELECTOR = "goal_selector"
+REFEREE = "game_controller"
 #: Those that only listen and answer, in the order of their start.
 GAME = (
     "pellet_manager",
@@ -21,12 +22,12 @@ GAME = (
     "game_light_node",
     "clyde_ghost_node",
     "game_event_mapper",
-    "game_controller",
+    REFEREE,
 )
 #: All that can be started, in order: the robot where it is simulated, the game, then who needs a pose.
 NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
 #: What moves the robot stops first, then the lights: the others may take their time.
-STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", "audio_node", "game_controller")
+STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", "audio_node", REFEREE)
 
 QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by who started it
 

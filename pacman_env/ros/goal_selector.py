@@ -14,6 +14,8 @@ from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.lifecycle.node import LifecycleNodeMixin, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from std_msgs.msg import Int32, String
@@ -32,6 +34,7 @@ from pacman_env.world.occupancy import MapError
 NAME = "goal_selector"
 _CANCELED = 5  # action_msgs/GoalStatus
 _DIAGNOSTICS_S = 1.0
+_REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee needs as long to come back
 _UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, OSError)
 _PUBLISHED = (topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, SCORES, DIAGNOSTICS)
 
@@ -66,6 +69,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._loaded: tuple[str, Policy] | None = None  # a policy about to be taken over
         self._timer: Any = None
         self._fresh = False  # activated, but no tick yet
+        self._cleared = False  # goals from before have been cancelled
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_policy_over)
         if autostart:
@@ -105,6 +109,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
+            (topics.PELLETS_COLLECTED, selection.on_collected),
             (topics.CLYDE_POSE, selection.on_clyde),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
@@ -115,9 +120,11 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
         ]
         timer = self.create_timer(_DIAGNOSTICS_S, self._tell_condition)
+        reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._destroy = [
             self._nav2.destroy,
             lambda: self.destroy_timer(timer),
+            lambda: self.destroy_timer(reporter),
             *[lambda one=one: self.destroy_subscription(one) for one in subscriptions],
             *[lambda one=one: self.destroy_publisher(one) for one in self._out.values()],
         ]
@@ -201,8 +208,9 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         if self._fresh:  # what was latched has been heard by now, and is acted on as a whole
             self._fresh = False
             self._do(pursuit.activate(now))
-        there = self._shadow or self._nav2.ready
-        if there:
+        self._cleared = self._cleared or self._shadow or self._nav2.clear()
+        there = self._shadow or (self._nav2.ready and self._cleared)
+        if self._shadow or self._nav2.ready:
             self.once.over("no Nav2")
         else:
             self.once.warning("no Nav2", "no action server navigate_to_pose")
@@ -232,6 +240,12 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._do(actions)
         if any(action.kind == "remove" for action in actions):  # no reason to wait for the next tick
             self._decide()
+
+    def _repeat(self) -> None:
+        """Say again what nobody has answered."""
+        assert self._selection is not None
+        if self._timer is not None and not self._shadow:
+            self._do([Action("status", word) for word in self._selection.pursuit.reports.open()])
 
     def _tell_condition(self) -> None:
         assert self._selection is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import uuid
 from collections.abc import Callable
 from functools import partial
+from time import monotonic
 from typing import Any
 
 from rclpy.task import Future
@@ -15,6 +16,7 @@ from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, po
 
 _TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _CANCELED = 5  # action_msgs/GoalStatus
+_CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 
 
 class NavigationClient:
@@ -37,6 +39,7 @@ class NavigationClient:
         self._node = node
         self._client = topics.NAVIGATE_TO_POSE.client(node)
         self._canceller = topics.NAVIGATE_TO_POSE.cancel_client(node)
+        self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._handles: dict[int, Any] = {}
         self._unanswered: dict[int, UUID] = {}
@@ -48,6 +51,19 @@ class NavigationClient:
     def ready(self) -> bool:
         """Whether the server is there."""
         return bool(self._client.server_is_ready())
+
+    def clear(self) -> bool:
+        """Have every goal cancelled that anybody has sent before; whether that is done. To be called until it is.
+
+        A node that was killed cannot do so itself, and Nav2 drives on. A goal sent too early would be cancelled too.
+        """
+        if self._clearing is None and self.ready and self._canceller.service_is_ready():
+            request = self._canceller.srv_type.Request()  # all zero: every goal
+            self._clearing = self._canceller.call_async(request), monotonic() + _CLEAR_S
+        if self._clearing is None:
+            return False
+        answer, end = self._clearing
+        return monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def send(self, number: int, pose: Pose) -> None:
         """Send a goal in the map frame."""

@@ -116,6 +116,11 @@ class Selection:
             self._warn("strange pellets", f"pellets ignored, the map has none such there: {shown}")
         return self.pursuit.pellets(pellets.known, len(pellets.strange), now)
 
+    def on_collected(self, message: Any, now: float) -> list[Action]:
+        """``game/pellets_collected``."""
+        self.pursuit.reports.counted(int(number_of(message, 0, 2**31 - 1)))
+        return []
+
     def on_clyde(self, message: Any, now: float) -> list[Action]:
         """``clyde_pose``."""
         x, y, _ = pose_of(message)

@@ -7,6 +7,7 @@ rest is stopped.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import sys
@@ -23,7 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros.crew import Crew, Lost
-from pacman_env.ros.game_nodes import GAME, QUIET, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
+from pacman_env.ros.game_nodes import GAME, QUIET, REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
 from pacman_env.ros.watcher import Watcher
 from pacman_env.sim.assets import map_assets
 from pacman_env.world.occupancy import load_map
@@ -110,6 +111,7 @@ def up(
     screen = Screen(out or sys.stdout)
     logs = logs or user_log_path("pacman_env") / (game.namespace.strip("/").replace("/", "-") or "root")
     logs.mkdir(parents=True, exist_ok=True)
+    game = remembered_in(logs / f"{REFEREE}.json", game)
     os.environ.update(environment(game, domain))
     context = rclpy.Context()
     rclpy.init(args=["--ros-args", *QUIET], context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -124,6 +126,17 @@ def up(
     finally:
         watcher.destroy_node()
         rclpy.shutdown(context=context)
+
+
+def remembered_in(path: Path, game: Game) -> Game:
+    """The same game, kept in that file while it is played; one that was kept before is not gone on with.
+
+    Raises:
+        OSError: what is there cannot be removed.
+    """
+    path.unlink(missing_ok=True)
+    own = {"memory": str(path), **game.extra.get(REFEREE, {})}
+    return dataclasses.replace(game, extra={**game.extra, REFEREE: own})
 
 
 def check(game: Game, domain: int | None) -> None:

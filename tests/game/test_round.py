@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import json
+import math
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -322,6 +326,133 @@ def test_no_order_of_inputs_breaks_the_books(inputs: list[str]) -> None:
         for kind in ("state", "score", "round", "collected", "spawned", "result"):
             if kind in shown:
                 assert shown[kind] == getattr(game, kind)
+
+
+# A node that was killed
+
+
+def act(game: RoundController, word: str, now: float) -> list[Action]:
+    """One input."""
+    name, _, argument = word.partition(" ")
+    if name == "left":
+        return game.pellets_left(map(int, argument))
+    if name == "speed":
+        return game.base_clyde_speed(float(argument))
+    if name in ("start", "reset", "tick"):
+        actions: list[Action] = getattr(game, name)(now)
+        return actions
+    return game.status(word, now)
+
+
+INPUTS = st.one_of(
+    st.sampled_from(["start", "reset", "tick", "tick", "left ", "left 0123", "left 013", "speed 0.5"]),
+    st.sampled_from(["death_detected", "game_complete", "home_reached", "home_reached", "home_failed"]),
+    st.integers(0, 3).map(lambda i: f"pellet_collected:{i}"),
+)
+
+
+@given(st.lists(INPUTS, max_size=25), st.lists(INPUTS, max_size=15), st.integers(-100, 1000))
+def test_a_restored_game_goes_on_as_if_nothing_had_been(before: list[str], after: list[str], away_s: int) -> None:
+    game = RoundController()
+    for step, word in enumerate(before):
+        act(game, word, 2.0 * step)
+    now = 2.0 * len(before)
+    other = RoundController()
+    said = other.restore(json.loads(json.dumps(game.snapshot(now))), now + away_s)
+    assert other.snapshot(now + away_s) == game.snapshot(now)
+    latched = [action for action in said if not action.kind.startswith("reset")]
+    assert latched == game.announce()
+    for step, word in enumerate(after):
+        assert act(other, word, now + away_s + 2.0 * step) == act(game, word, now + 2.0 * step)
+
+
+def test_a_running_round_is_taken_up_without_a_reset() -> None:
+    game = running()
+    game.status("pellet_collected:3", 20.0)
+    said = RoundController().restore(game.snapshot(21.0), 0.0)
+    assert words(said) == [
+        ("command", "enable"),
+        ("clyde_speed", 0.25),
+        ("result", ""),
+        ("spawned", 8),
+        ("collected", 1),
+        ("score", 1),
+        ("round", 1),
+        ("state", "running"),
+    ]
+    assert not [action for action in said if action.kind.startswith("reset")]
+
+
+def test_the_shows_go_on_with_the_rest_of_their_time() -> None:
+    game = RoundController()
+    game.start(0.0)
+    game.status("home_reached", 1.0)
+    other = RoundController()
+    said = other.restore(game.snapshot(7.0), 1000.0)
+    assert words(said, "command", "state") == [("command", "disable"), ("state", "starting")]
+    assert {a.kind for a in said} >= {"reset_pellets", "reset_clyde"}  # who knows whether they were called
+    assert other.tick(1001.9) == []
+    assert ("state", "running") in words(other.tick(1002.0))
+    other.status("death_detected", 1010.0)
+    third = RoundController()
+    assert words(third.restore(other.snapshot(1011.0), 0.0), "command", "state") == [
+        ("command", "disable"),
+        ("state", "dying"),
+    ]
+    assert words(third.tick(4.0), "command") == [("command", "return_home")]
+
+
+def test_the_way_home_is_begun_again_but_not_before_the_next_try_is_due() -> None:
+    game = running()
+    game.status("death_detected", 20.0)
+    game.tick(25.0)
+    said = RoundController().restore(game.snapshot(26.0), 0.0)
+    assert words(said, "command", "state") == [("command", "return_home"), ("state", "returning_home")]
+    assert not [action for action in said if action.kind.startswith("reset")]
+    game.status("home_failed", 27.0)
+    other = RoundController()
+    assert words(other.restore(game.snapshot(28.0), 0.0), "command") == [("command", "disable")]
+    assert words(other.tick(4.0), "command") == [("command", "return_home")]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"state": "complete"}, {"state": "menu"}, {"state": ["running"]}, {"state": "running"}, {"score": -1}),
+        *({"score": True}, {"score": 1.0}, {"round": 0}, {"round": 10**9}, {"result": 3}, {"result": "x" * 201}),
+        *({"base_speed_mps": 0.0}, {"base_speed_mps": math.nan}, {"base_speed_mps": "0.25"}, {"base_speed_mps": None}),
+        *({"collected": [1, 1]}, {"collected": [-1]}, {"collected": ["1"]}, {"collected": None}, {"left": {"1": 2}}),
+        *({"due_in_s": -1.0}, {"due_in_s": math.inf}, {"due_in_s": None}, {"after_home": ""}, {"home_failures": 0.5}),
+        *({"still_shown": 3}, {"more": 1}),
+    ],
+    ids=str,
+)
+def test_what_is_no_snapshot_is_named_and_changes_nothing(change: dict[str, Any]) -> None:
+    game = running()
+    game.status("death_detected", 20.0)
+    other = running(3)
+    before = other.snapshot(9.0)
+    with pytest.raises(ValueError, match=next(iter(change)) if "more" not in change else "must have the fields"):
+        other.restore(game.snapshot(21.0) | change, 9.0)
+    assert other.snapshot(9.0) == before
+    short = game.snapshot(21.0)
+    del short["score"]
+    with pytest.raises(ValueError, match="must have the fields"):
+        other.restore(short, 9.0)
+
+
+def test_a_collected_pellet_that_is_shown_twice_again_is_removed_again() -> None:
+    game = running(3)
+    game.status("pellet_collected:1", 20.0)
+    assert game.pellets_left([0, 1, 2]) == []  # a report from before its removal
+    assert game.pellets_left([0, 2]) == []
+    assert game.pellets_left([0, 1, 2]) == []  # who shows them has been started anew
+    assert game.pellets_left([0, 1, 2]) == [Action("remove", 1)]
+    assert game.pellets_left([0, 2]) == []
+    assert (game.spawned, game.collected) == (3, 1)
+    game.status("death_detected", 30.0)
+    game.reset(31.0)
+    assert game.pellets_left([0, 1, 2]) == [Action("spawned", 3)]
 
 
 @pytest.mark.parametrize(("round", "speed"), [(1, 0.25), (2, 0.30), (5, 0.45)])

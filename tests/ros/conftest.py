@@ -27,6 +27,7 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("fast_discovery.xml")))
         patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))  # where the referee keeps a game
         yield number
 
 
@@ -35,8 +36,10 @@ def system(domain: int, tmp_path: Path) -> Iterator[System]:
     """Starts nodes as processes; stops them, one after another, at the end of the test."""
     from tests.ros.system import System
 
-    with System(tmp_path) as system:
-        yield system
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # a game is not gone on with in the next test
+        with System(tmp_path) as system:
+            yield system
 
 
 @pytest.fixture

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
+import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,6 +16,7 @@ pytest.importorskip("rclpy")
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
+from pacman_env.game.round import RoundController
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of
 
@@ -211,3 +215,134 @@ def test_a_show_is_not_prolonged_by_a_clock_that_is_set_back(probe: Probe, syste
     now -= 900.0
     wait_state(probe, "running")
     assert now < 105.0
+
+
+# A game that outlives its node
+
+
+def killed(process: Process, system: System) -> None:
+    process.popen.kill()
+    process.popen.wait()
+    system.processes.remove(process)
+
+
+def again(probe: Probe, system: System, **parameters: Any) -> list[tuple[str, Any]]:
+    """Start another one and wait for all that it says at first."""
+    for topic in SAID:
+        probe.heard(topic).clear()
+    probe.all.clear()
+    up(probe, system, **parameters)
+    return [(name, heard.message.data) for name, heard in probe.all]
+
+
+def test_a_killed_referee_goes_on_with_the_round(probe: Probe, system: System, tmp_path: Path) -> None:
+    process = up(probe, system)
+    running(probe)
+    status(probe, "pellet_collected:1")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the score")
+    probe.wait_for(lambda: "pellet" in probe.values(topics.GAME_EVENT), what="the event")
+    (kept,) = (tmp_path / "state").rglob("*.json")
+    assert kept.name.startswith("robot_15-")
+    killed(process, system)
+    said = dict(again(probe, system))
+    assert said == {
+        "game_state": "running",
+        "game_command": "enable",
+        "game_result": "",
+        "game/score": 1,
+        "game/round": 1,
+        "game/pellets_spawned": 3,
+        "game/pellets_collected": 1,
+        "clyde/speed": 0.25,
+    }
+    status(probe, "pellet_collected:1")  # reported once more: it counts once
+    for pellet in (0, 2):
+        status(probe, f"pellet_collected:{pellet}")
+    probe.wait_for(lambda: "win" in probe.values(topics.GAME_EVENT), what="the end of the round")
+    assert probe.values(topics.SCORE)[-1] == 3
+    status(probe, "home_reached")
+    wait_state(probe, "menu")
+    probe.wait_for(lambda: not kept.exists(), what="the game to be forgotten")
+
+
+@pytest.mark.parametrize("number", [2, 15])
+def test_a_referee_who_was_stopped_has_nothing_to_go_on_with(
+    probe: Probe, system: System, tmp_path: Path, number: int
+) -> None:
+    process = up(probe, system)
+    running(probe)
+    probe.wait_for(lambda: list((tmp_path / "state").rglob("*.json")), what="the file")
+    process.send(number)
+    probe.wait_for(lambda: process.popen.poll() is not None, what="the end")
+    assert not list((tmp_path / "state").rglob("*.json"))
+
+
+def a_game(**changes: Any) -> dict[str, Any]:
+    """A file's content, of a robot on its way home."""
+    game = RoundController()
+    game.start(0.0)
+    game.pellets_left([0, 1, 2])
+    kept = game.snapshot(0.0)
+    domain = {"namespace": "/robot_15", "domain": "", "simulated": False}
+    return {"format": 1, "written_s": time.time(), "owner": domain, "kept": kept} | changes
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"written_s": 1.0}, ""),
+        ({"owner": {"namespace": "/robot_7"}}, ""),
+        ({"kept": {"state": "running"}}, "must have the fields"),
+        ({"kept": [1]}, "must have the fields"),
+        ({"format": 2}, "another version"),
+    ],
+)
+def test_a_game_that_is_old_or_strange_is_not_gone_on_with(
+    probe: Probe, system: System, tmp_path: Path, domain: int, change: dict[str, Any], complaint: str
+) -> None:
+    file = tmp_path / "game.json"
+    game = a_game(**change)
+    if "namespace" not in change.get("owner", {}):
+        game["owner"]["domain"] = str(domain)
+    text = json.dumps(game)
+    file.write_text(text)
+    process = up(probe, system, memory=str(file))
+    wait_state(probe, "menu")
+    assert process.output.count("is left alone") == bool(complaint)
+    assert complaint in process.output
+    if complaint:
+        running(probe)
+        assert file.read_text() == text
+    else:
+        assert not file.exists()
+
+
+def test_nothing_is_kept_where_none_is_wanted_and_no_folder_stops_a_game(
+    probe: Probe, system: System, tmp_path: Path
+) -> None:
+    process = up(probe, system, memory="''")
+    running(probe)
+    assert not list(tmp_path.rglob("*.json"))
+    assert process.stop() == 0
+    (tmp_path / "file").touch()
+    process = up(probe, system, memory=str(tmp_path / "file" / "game.json"))
+    probe.wait_for(lambda: probe.values(topics.GAME_STATE)[-1] == "menu", what="the menu")
+    running(probe)
+    status(probe, "pellet_collected:1")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the score")
+    assert process.output.count("a game is lost with this node") == 1
+
+
+def test_a_collected_pellet_that_is_shown_again_is_removed_again(probe: Probe, system: System) -> None:
+    up(probe, system)
+    running(probe)
+    probe.record(topics.REMOVE_PELLET)
+    probe.wait_for(lambda: probe.node.count_publishers("/robot_15/remove_pellet"), what="the referee's voice")
+    status(probe, "pellet_collected:1")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the score")
+
+    def removed() -> list[int]:
+        pellets(probe, (0, 1, 2))
+        return probe.values(topics.REMOVE_PELLET)
+
+    assert probe.wait_for(removed, what="the removal")[0] == 1

@@ -83,3 +83,27 @@ def test_the_ring_is_given_back_at_the_end_fault_13(probe: Probe, system: System
     process.send(number)
     probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the release")
     assert process.wait() == 0
+
+
+def test_a_ring_that_a_killed_node_has_left_lit_is_given_back(probe: Probe, system: System) -> None:
+    process = up(probe, system)
+    probe.publish(topics.GAME_LIGHT, "red")
+    probe.wait_for(lambda: rings(probe)[-1:] == [((COLOURS["red"],) * 6, True)], what="red")
+    process.popen.kill()
+    process.popen.wait()
+    system.processes.remove(process)
+    probe.forget()
+    system.start(NODE)
+    probe.wait_for(lambda: rings(probe)[-1:] == [RELEASED], what="the release")
+
+
+@pytest.mark.parametrize("state", ["starting", "running"])
+def test_a_start_in_the_middle_of_a_game_shows_what_belongs_to_it(probe: Probe, system: System, state: str) -> None:
+    probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data=state))
+    up(probe, system)
+    expected = {(ring, True) for ring in ANIMATIONS["pacman"].rings}
+    probe.wait_for(lambda: set(rings(probe)) >= expected, what="the mouth to open and shut")
+    probe.publish(topics.GAME_STATE, "menu", listeners=1)
+    probe.publish(topics.GAME_STATE, "running")  # later on events say it
+    probe.publish(topics.GAME_LIGHT, "off")
+    probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the release")

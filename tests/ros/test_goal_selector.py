@@ -418,6 +418,48 @@ def test_a_start_in_the_middle_of_a_round_goes_on_from_what_is_latched(game: Gam
     assert not game.statuses()
 
 
+@pytest.mark.parametrize("state", ["menu", "running"])
+def test_goals_that_a_killed_node_has_left_are_cancelled_at_the_start(game: Game, state: str) -> None:
+    process = game.start()
+    game.begin()
+    orphan = game.running_goal(1)
+    process.popen.kill()
+    process.popen.wait()
+    game.system.processes.remove(process)
+    game.say(topics.GAME_STATE, state)
+    assert orphan.running
+    game.start()
+    game.probe.wait_for(lambda: orphan.cancelled, what="its end")
+    if state == "running":
+        game.clyde(*FAR_AWAY)
+        game.pellets()
+        assert not game.running_goal(2).cancelled
+    else:
+        game.probe.spin(1.0)
+        assert len(game.nav2.goals) == 1
+
+
+def test_what_the_referee_does_not_answer_is_reported_again(game: Game) -> None:
+    game.start()
+    game.begin()
+    game.say(topics.PELLETS_COLLECTED, 0)
+    first = game.running_goal(1)
+    game.stand(first.x, first.y)
+    number = int(house().pellet_ids[slot_of((first.x, first.y))])
+    word = f"pellet_collected:{number}"
+    game.probe.wait_for(lambda: game.statuses().count(word) == 2, what="the pellet again")
+    game.say(topics.PELLETS_COLLECTED, 1)
+    game.clyde(first.x, first.y)
+    game.probe.wait_for(lambda: game.statuses().count("death_detected") == 2, what="the death again")
+    game.say(topics.GAME_STATE, "dying")
+    game.condition(lambda c: c["state"] == "dying")
+    said = game.statuses()
+    game.probe.spin(2.5)
+    assert game.statuses() == said
+    assert said.count(word) == 2
+    assert game.probe.values(topics.GAME_EVENT) == ["clyde killed"]
+
+
 def test_a_shadow_decides_and_sends_nothing(game: Game) -> None:
     process = game.start(shadow=True)
     game.begin()
@@ -539,7 +581,8 @@ def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
         selection.decide(now, sent.extend)
         took.append(time.thread_time() - before)
         if any(action.value == "death_detected" for action in sent[-6:]):
-            selection.on_command(String(data="enable"), now)
+            for word in ("disable", "enable"):
+                selection.on_command(String(data=word), now)
         for action in sent[-3:]:
             if action.kind == "send":
                 pursuit.accepted(int(action.value), now)

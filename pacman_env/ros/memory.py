@@ -1,0 +1,79 @@
+"""What a node remembers beyond its own death: one small JSON file, whole or absent, and worth nothing after a while.
+
+What is remembered, and what it means to go on from it, is the node's business.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+_FORMAT = 1
+_LARGEST = 1_000_000  # bytes
+
+
+class Memory:
+    """The file; nothing here is remembered where there is no path.
+
+    Args:
+        path: of the file; None: nothing is kept.
+        lasts_s: what was written longer ago, in wall time, is forgotten.
+        owner: plain values that say whose it is; what another one has left behind is ignored.
+    """
+
+    def __init__(self, path: Path | None, lasts_s: float, owner: Mapping[str, Any]) -> None:
+        self.path = path
+        self._lasts_s = lasts_s
+        self._owner = dict(owner)
+
+    def recall(self) -> Any:
+        """What was kept last; None: nothing, or nothing of this owner's, or too long ago.
+
+        Raises:
+            ValueError: the file holds something else, which is not to be lost; says why.
+            OSError: it cannot be read.
+        """
+        if self.path is None or not self.path.exists():
+            return None
+        if not self.path.is_file():
+            raise ValueError("not a file")
+        with self.path.open("rb") as file:
+            text = file.read(_LARGEST + 1)
+        if not text.strip():  # as a power cut leaves a file
+            return None
+        if len(text) > _LARGEST:
+            raise ValueError(f"more than {_LARGEST} bytes")
+        try:
+            whole = json.loads(text)
+            known, written_s = whole["format"] == _FORMAT, float(whole["written_s"])
+            owner, kept = whole["owner"], whole["kept"]
+        except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
+            raise ValueError("damaged, or something else") from None
+        if not known:
+            raise ValueError("of another version")
+        return kept if owner == self._owner and abs(time.time() - written_s) <= self._lasts_s else None
+
+    def keep(self, what: Any) -> None:
+        """Write plain values in place of those kept before.
+
+        Raises:
+            OSError: that cannot be done; what was kept before may still be there.
+        """
+        if self.path is None:
+            return
+        whole = {"format": _FORMAT, "written_s": time.time(), "owner": self._owner, "kept": what}
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = self.path.with_name(f".{self.path.name}.tmp")  # one name: a kill leaves at most one behind
+        temporary.write_text(json.dumps(whole))
+        os.replace(temporary, self.path)
+
+    def forget(self) -> None:
+        """Nothing is to be gone on with; a file that cannot be removed will be too old soon."""
+        if self.path is not None:
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
