@@ -8,51 +8,19 @@ they are sent; Nav2 may answer late, about goals given up long ago, or never.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from ..config import Config
 from .execution import BACK_OFF, CANCEL, COLLECT, SEND, back_off_ticks, goal_action, result_action, within
+from .goals import HOME, Home, Place, Position, Sent
 from .reports import Reports
 
-HOME = -2  # as a candidate: the way home
 _SUCCEEDED = 4  # action_msgs/GoalStatus
 _KEPT = 16  # goals remembered that Nav2 has not ended; older ones are forgotten
 
-Position = tuple[float, float]
 Kind = Literal["send", "cancel", "stop", "status", "remove", "event", "ignored"]
-
-
-class Place(Protocol):
-    """Where to go; a pellet has an id."""
-
-    @property
-    def candidate(self) -> int:
-        """Number of the candidate, or ``HOME``."""
-
-    @property
-    def x(self) -> float:
-        """Position, m."""
-
-    @property
-    def y(self) -> float:
-        """Position, m."""
-
-    @property
-    def pellet(self) -> int | None:
-        """The pellet's id; None: no pellet."""
-
-
-@dataclass(frozen=True)
-class Home:
-    """The home pose as a place."""
-
-    x: float  # m
-    y: float
-    heading: float  # rad
-    candidate: int = HOME
-    pellet: None = None
 
 
 @dataclass(frozen=True)
@@ -66,16 +34,6 @@ class Action:
     kind: Kind
     value: int | str = ""
     place: Place | None = None
-
-
-@dataclass
-class _Sent:
-    """A goal that Nav2 has not ended yet, as far as is known."""
-
-    place: Place
-    since_s: float
-    accepted: bool = False
-    cancelled_s: float | None = None  # when its end was asked for
 
 
 class Pursuit:
@@ -118,7 +76,7 @@ class Pursuit:
         self._state: str | None = None  # the game's, None: nobody has said
         self._active = False
         self._nav2_there = False
-        self._open: dict[int, _Sent] = {}
+        self._open: dict[int, Sent] = {}
         self._current: int | None = None
         self._sent = 0
         self._switched_s = -math.inf
@@ -225,10 +183,19 @@ class Pursuit:
             return self._halt(now)
         return self._go_on(now)
 
-    def pellets(self, left: Mapping[int, Position], strange: int, now: float) -> list[Action]:
-        """A report of the pellets: those that are left, and how many more are none of this map's."""
+    def pellets(
+        self, left: Mapping[int, Position], strange: int, now: float, out_of_reach: Collection[int] = ()
+    ) -> list[Action]:
+        """A report of the pellets.
+
+        Args:
+            left: by id; a round without any that can be reached is reported as complete.
+            strange: how many more are shown that are none of this map's.
+            now: s.
+            out_of_reach: ids of those left that the robot cannot drive to; passing by, it may collect them.
+        """
         self.left = {number: at for number, at in left.items() if number not in self._collected}
-        if left or strange or not self.playing:
+        if left.keys() - set(out_of_reach) or strange or not self.playing:
             self._empty_s = None
         elif self._empty_s is None:
             self._empty_s = now
@@ -343,7 +310,7 @@ class Pursuit:
         """A cancel is on its way, which would take a goal sent now along with it."""
         return any(self._asked(sent, now) for sent in self._open.values())
 
-    def _asked(self, sent: _Sent, now: float) -> bool:
+    def _asked(self, sent: Sent, now: float) -> bool:
         """Whether a goal's end was asked for just now."""
         return sent.cancelled_s is not None and now - sent.cancelled_s < self._cancel_s
 
@@ -359,7 +326,7 @@ class Pursuit:
     def _send(self, place: Place, now: float) -> list[Action]:
         self._sent += 1
         self._current, self._switched_s = self._sent, now
-        self._open[self._sent] = _Sent(place, now)
+        self._open[self._sent] = Sent(place, now)
         while len(self._open) > _KEPT:
             del self._open[min(self._open)]
         return [Action("send", self._sent, place)]

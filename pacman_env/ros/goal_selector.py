@@ -21,7 +21,8 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Int32, String
 
 from pacman_env.config import ConfigError
-from pacman_env.game.pursuit import Action, Home, Place
+from pacman_env.game.goals import Home, Place
+from pacman_env.game.pursuit import Action
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
 from pacman_env.ros.goal_scores import DIAGNOSTICS, SCORES, as_json, score_markers

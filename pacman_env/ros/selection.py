@@ -7,14 +7,15 @@ and events. Nothing is published here: the node does what it is told, and gives 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from pacman_env import __version__
 from pacman_env.config import MAX_SPEED_MPS, make_config
-from pacman_env.game.pursuit import Action, Home, Pursuit
+from pacman_env.game.goals import Home
+from pacman_env.game.pursuit import Action, Pursuit
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
@@ -112,9 +113,14 @@ class Selection:
         """``pellet_markers``."""
         self._pellets = pellets = self.live.pellets(pellets_of(message))
         if pellets.strange:
-            shown = ", ".join(map(str, pellets.strange[:5])) + (", ..." if len(pellets.strange) > 5 else "")
-            self._warn("strange pellets", f"pellets ignored, the map has none such there: {shown}")
-        return self.pursuit.pellets(pellets.known, len(pellets.strange), now)
+            self._warn("strange pellets", f"pellets ignored, the map has none such there: {_listed(pellets.strange)}")
+        beyond = self._out_of_reach(pellets.known)
+        if beyond:
+            self._warn("pellets out of reach", f"pellets that the robot cannot drive to: {_listed(beyond)}")
+        return self.pursuit.pellets(pellets.known, len(pellets.strange), now, beyond)
+
+    def _out_of_reach(self, pellets: Iterable[int]) -> list[int]:
+        return [number for number in pellets if not self.live.is_candidate(number)]
 
     def on_collected(self, message: Any, now: float) -> list[Action]:
         """``game/pellets_collected``."""
@@ -212,7 +218,6 @@ class Selection:
         """Everything that an operator may want to know, plain values."""
         belief, pursuit = self._belief, self.pursuit
         sidecar = getattr(self.policy, "sidecar", None)
-        unreachable = [number for number in pursuit.left if not self.live.is_candidate(number)]
         return {
             "policy": self.spec,
             "policy_version": __version__ if sidecar is None else f"{sidecar.package_version} {sidecar.commit}",
@@ -226,7 +231,7 @@ class Selection:
             "pose_age_s": None if belief is None else belief.age_s,
             "clyde": self.live.clyde,
             "pellets_left": len(pursuit.left),
-            "pellets_unreachable": unreachable,
+            "pellets_unreachable": self._out_of_reach(pursuit.left),
             "pellets_strange": list(self._pellets.strange[:20]),
             "pursued": pursuit.pursued,
             "barred": sorted(pursuit.barred(now)),
@@ -235,3 +240,7 @@ class Selection:
             "goals_aborted": self._ended["aborted"],
             "decisions": self._times.summary(),
         }
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers[:5])) + (", ..." if len(numbers) > 5 else "")

@@ -317,6 +317,18 @@ def test_nobody_dies_or_collects_outside_a_round() -> None:
     assert pursuit.look((1.0, 0.0), (1.0, 0.0), 0.1) == []
 
 
+def test_a_round_is_complete_when_only_pellets_out_of_reach_are_left() -> None:
+    pursuit = running()
+    left = {7: (2.0, 0.0), 9: (50.0, 0.0)}
+    assert words(pursuit.pellets(left, 0, 1.0, out_of_reach=[9])) == []
+    assert words(pursuit.pellets(left, 0, 9.0, out_of_reach=[9])) == []
+    del left[7]
+    assert words(pursuit.pellets(left, 0, 10.0, out_of_reach=[9])) == []
+    assert words(pursuit.pellets(left, 0, 12.0, out_of_reach=[9])) == ["status game_complete"]
+    assert words(pursuit.pellets(left, 0, 20.0, out_of_reach=[9])) == []
+    assert pursuit.left == left  # one that is passed by counts all the same
+
+
 def test_a_round_without_any_pellet_is_reported_complete_once() -> None:
     pursuit = running()
     reports = [words(pursuit.pellets({}, 0, float(t))) for t in range(1, 7)]
