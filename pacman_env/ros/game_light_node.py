@@ -38,7 +38,7 @@ class GameLightNode(GameNode):
         self._ring = topics.LIGHT_RING.publisher(self)
         self._timer = self.create_timer(_PERIOD_S, self._show)
         self._timer.cancel()
-        self._fresh = True  # nobody has said yet what to show
+        self._fresh = True  # the game's state is not known yet
         self._greetings = _GREETINGS
         self._greeting = self.create_timer(1.0, self._greet, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.listen(topics.GAME_LIGHT, self._hear, "bad light")
@@ -59,7 +59,6 @@ class GameLightNode(GameNode):
         self._fresh = False
 
     def _hear(self, message: Any) -> None:
-        self._fresh = False
         self._take(word_of(message, LIGHTS))
 
     def _take(self, word: str) -> None:

@@ -21,7 +21,7 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.config import ClydeConfig
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pellets_of, pose_message, pose_of, seconds_of
+from pacman_env.ros.messages import pellets_of, pose_message, pose_of
 from pacman_env.ros.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
 from tests.ros.system import Probe, System
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 MAP = "loop"
 START_S = 240.0  # the first nodes may have to compile
 LONG_S = 60.0  # for what takes a few seconds
-CLYDE_MPS = 0.1
+CLYDE_MPS = 0.02  # a robot that stands for as long as its planner is away is not caught meanwhile
 NODES: dict[str, dict[str, Any]] = {
     "sim_robot": {"speed": 10.0, "map_yaml": MAP},
     "pellet_manager": {"map_yaml": MAP},
@@ -134,9 +134,6 @@ class Game:
 
     def drives(self) -> bool:
         return abs(self.latest(topics.ODOMETRY).twist.twist.linear.x) > 0.02 or abs(self.turn()) > 0.05
-
-    def now_s(self) -> float:
-        return seconds_of(self.latest(topics.ODOMETRY).header.stamp)
 
     def turn(self) -> float:
         return float(self.latest(topics.ODOMETRY).twist.twist.angular.z)
@@ -356,15 +353,13 @@ def test_a_referee_who_is_back_in_the_death_show_sends_the_robot_home(game: Game
 def test_a_robot_whose_spin_has_lost_its_node_stands_and_the_node_comes_back_silent(game: Game) -> None:
     game.begin()
 
-    def turns() -> list[float]:
-        heard = game.probe.messages(topics.CMD_VEL)
-        return [seconds_of(m.header.stamp) for m in heard if m.twist.angular.z != 0.0]
+    def turns() -> bool:
+        return any(message.twist.angular.z != 0.0 for message in game.probe.messages(topics.CMD_VEL))
 
     game.wait(lambda: turns() and game.turn() > 1.0, "the spin")
     game.kill("game_event_mapper")
-    killed_s = game.now_s()
-    game.wait(lambda: not game.drives(), "the robot to stand")
-    assert game.now_s() - killed_s < 3.0  # the base's own time-out is 0.5 s, the rest of the spin would be longer
+    game.wait(lambda: not game.drives() or game.state == "running", "the robot to stand")
+    assert game.state == "starting"  # by the base's own time-out: nobody else has said anything
     game.forget(topics.CMD_VEL, topics.GAME_LIGHT)
     game.start("game_event_mapper")
     game.until("running")
