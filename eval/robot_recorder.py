@@ -140,7 +140,7 @@ class Recorder:
     @property
     def resting(self) -> bool:
         """Whether every goal has ended that Nav2 has accepted."""
-        goals = next((record.value for record in reversed(self.records) if record.topic == "goals"), {})
+        goals: dict[str, int] = next((record.value for record in reversed(self.records) if record.topic == "goals"), {})
         return all(status in ENDED for status in goals.values())
 
     def forget(self) -> None:
