@@ -41,9 +41,10 @@ VIOLATED = 1  # exit status
 LIMIT_S = 600.0  # of the robot's time after the last fault: longer games are broken off
 STILL_S = 120.0  # of the robot's time without any progress while nothing is wrong: the game hangs
 MOTION_M = 0.5  # is progress (Nav2's own measure)
-SETTLE_S = 3.0  # of the robot's time, in the menu after a game
+SETTLE_S = 8.0  # of the robot's time, in the menu after a game: more than what may cross, for late motion to be seen
 ANSWER_WALL_S = 20.0
 SILENT_WALL_S = 20.0
+REST_S = 20.0  # of the robot's time, for the last goal to end in the menu
 OUTCOMES = ("complete", "lost", "reset", "home failed", "never")
 
 
@@ -122,6 +123,10 @@ class Played:
         self._spin(lambda: recorder.time_s - menu_s >= SETTLE_S, happen=False)
         recorder.fault("end")
         self._spin(lambda: recorder.faults == [], happen=False)
+        calm_s = recorder.time_s
+        self._spin(lambda: recorder.resting or recorder.time_s - calm_s >= REST_S, happen=False)
+        if not recorder.resting:
+            found.append(f"a goal is pursued in the menu, {REST_S:g} s after the last fault")
         return found + [f"a late listener does not hear {name}" for name in recorder.late_listener(ANSWER_WALL_S)]
 
     def _prepare(self) -> list[str]:

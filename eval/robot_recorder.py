@@ -137,6 +137,12 @@ class Recorder:
         position = message.pose.pose.position
         self.track.append(Sample(at, self.time_s, position.x, position.y))
 
+    @property
+    def resting(self) -> bool:
+        """Whether every goal has ended that Nav2 has accepted."""
+        goals: dict[str, int] = next((record.value for record in reversed(self.records) if record.topic == "goals"), {})
+        return all(status in ENDED for status in goals.values())
+
     def forget(self) -> None:
         """Another game begins; what is latched stays known."""
         for record in self.records:
