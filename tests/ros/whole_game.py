@@ -6,11 +6,9 @@ two processes do not change places on their way. What a game must say is in ``te
 
 from __future__ import annotations
 
-import bisect
 import dataclasses
 import json
 import math
-import time
 from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import attrgetter
@@ -92,32 +90,27 @@ class Said:
 
 
 class Tape:
-    """Everything that is said on ``HEARD``, of latched topics every value."""
+    """Everything that is said on ``HEARD``, of latched topics every value; of the odometry what there is time for."""
 
     def __init__(self, probe: Probe) -> None:
         self.said: list[Said] = []
-        self._last: dict[str, Said] = {}
+        self._last: dict[str, Any] = {}
         for topic in HEARD:
             qos = QoSProfile(depth=2000, durability=topic.qos.durability, reliability=topic.qos.reliability)
-            dataclasses.replace(topic, qos=qos).subscription(probe.node, partial(self._hear, topic.name))
+            every = topic if topic is topics.ODOMETRY else dataclasses.replace(topic, qos=qos)
+            every.subscription(probe.node, partial(self._hear, topic.name))
 
     def _hear(self, topic: str, message: Any, info: dict[str, Any]) -> None:
-        self._last[topic] = said = Said(info["source_timestamp"] * 1e-9, topic, message)
-        self.said.append(said)
+        self.said.append(Said(info["source_timestamp"] * 1e-9, topic, message))
+        self._last[topic] = message
 
     def last(self, topic: topics.Topic) -> Any:
         """The message that arrived last, None: none."""
-        said = self._last.get(topic.name)
-        return None if said is None else said.message
+        return self._last.get(topic.name)
 
     def value(self, topic: topics.Topic) -> Any:
         """Its ``data``."""
         return getattr(self.last(topic), "data", None)
-
-    @property
-    def behind_s(self) -> float:
-        """How long ago the odometry heard last was published: of nothing else comes so much."""
-        return time.time() - self._last[topics.ODOMETRY.name].at
 
 
 class Recording:
@@ -126,7 +119,8 @@ class Recording:
     def __init__(self, said: list[Said], before: dict[str, Any]) -> None:
         self.said = sorted(said, key=attrgetter("at"))
         self.before = before  # the latched numbers, by topic, and the goals known
-        self._clock = [(s.at, seconds_of(s.message.header.stamp)) for s in self.on(topics.ODOMETRY)]
+        odometry = self.on(topics.ODOMETRY)
+        self._clock = [s.at for s in odometry], [seconds_of(s.message.header.stamp) for s in odometry]
 
     def on(self, *wanted: topics.Topic) -> list[Said]:
         """What was said on topics, in order."""
@@ -139,7 +133,7 @@ class Recording:
 
     def clock(self, at: float) -> float:
         """The simulated time at an instant of the wall's, s."""
-        return self._clock[max(bisect.bisect(self._clock, (at, math.inf)) - 1, 0)][1]
+        return float(np.interp(at, *self._clock))
 
     @cached_property
     def states(self) -> list[tuple[str, float, float]]:
@@ -239,5 +233,4 @@ class Table:
         probe.wait_for(self._resting, what="the robot to rest")
         probe.wait_for(lambda: tape.value(topics.PELLETS_SPAWNED) == PELLETS, what="the pellets to be back")
         probe.spin(0.5)  # what comes now must not come
-        probe.wait_for(lambda: tape.behind_s < 0.4, what="the last messages")
         return Recording(tape.said[begin:], before)
