@@ -214,7 +214,7 @@ def test_a_show_is_not_prolonged_by_a_clock_that_is_set_back(probe: Probe, syste
     wait_state(probe, "starting")
     now -= 900.0
     wait_state(probe, "running")
-    assert now < 105.0
+    assert now < 500.0  # it would last until 1000
 
 
 # A game that outlives its node
