@@ -205,6 +205,8 @@ def _goals(e: Evidence) -> Iterator[str]:
             accepted.setdefault(key, record.at)
             if status in ENDED:
                 ended.setdefault(key, record.at)
+        for key in accepted.keys() - record.value.keys():  # the server that knew it has gone
+            ended.setdefault(key, record.at)
     if len(accepted) > sent:
         yield f"{len(accepted)} goals were accepted, {sent} were sent"
     last = e.track[-1].at if e.track else 0

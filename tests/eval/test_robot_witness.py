@@ -181,3 +181,11 @@ def test_what_crosses_while_a_process_waits_for_a_core_is_no_violation_and_is_on
     assert len(violations(e)) == 1
     e.lags = [(at(BACK + 1.0), 0.3)]
     assert violations(e) == []
+
+
+def test_a_goal_whose_server_has_gone_is_pursued_no_more() -> None:
+    e = a_game()
+    replace("goals", {"b": 4}, {"b": 2})(e)
+    assert violations(e) == ["a goal was pursued for 5.0 s while nobody was to drive"]
+    say(e, 25.0, ("goals", {}))  # what another one says, that knows of none
+    assert violations(e) == []
