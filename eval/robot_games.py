@@ -93,7 +93,7 @@ class Played:
         except Silent as silent:
             found.append(str(silent))
         e = self.evidence
-        e.records, e.track, e.lag_s = self._recorder.records, self._recorder.track, self._lateness.longest_s
+        e.records, e.track, e.lags = self._recorder.records, self._recorder.track, self._lateness.lags
         e.troubles += list(self._ends.values())
         found += violations(e) + self._system.troubles()
         if found:
@@ -101,7 +101,7 @@ class Played:
         self.verdict.outcome = outcome(e)
         self.verdict.robot_s = self._recorder.time_s - e.time_s(e.started)
         self.verdict.wall_s = (time.time_ns() - e.started) * 1e-9
-        self.verdict.lag_s = e.lag_s
+        self.verdict.lag_s = max((lag_s for _, lag_s in e.lags), default=0.0)
         return self.verdict
 
     def _game(self) -> list[str]:

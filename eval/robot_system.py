@@ -26,7 +26,7 @@ _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate c
 
 
 class Lateness:
-    """How long one of some processes, or this one, waited for a core at most, wall s.
+    """How long one of some processes, or this one, waited for a core, wall s, and when, ns.
 
     Args:
         processes: their ids.
@@ -41,7 +41,7 @@ class Lateness:
         self._waited: dict[Path, float] = {}
         self._streak: defaultdict[Path, float] = defaultdict(float)
         self._looked_s = time.monotonic()
-        self.longest_s = 0.0
+        self.lags: list[tuple[int, float]] = []
 
     def look(self) -> None:
         """To be called often."""
@@ -55,7 +55,8 @@ class Lateness:
                 more = waited - self._waited.get(file, waited)
                 self._waited[file] = waited
                 self._streak[file] = self._streak[file] + more if more > self.STARVED * passed_s else 0.0
-                self.longest_s = max(self.longest_s, self._streak[file])
+                if self._streak[file] > 0.0:
+                    self.lags.append((time.time_ns(), self._streak[file]))
 
 
 def bad_lines(text: str) -> list[str]:

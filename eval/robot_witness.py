@@ -30,10 +30,11 @@ NEXT = {
 }
 #: s of wall time in which what one process says may cross what another one says; at ten times speed that is 2 s of the
 #: robot's time. Messages need a millisecond, but a process may have to wait for a core, and acts on what it hears with
-#: its next tick. How long one of them did wait for a core in that game comes on top.
+#: its next tick. How long one of them did wait for a core just then comes on top.
 CROSSING_S = 0.2
+LAG_COUNTS_S = 0.5  # of wall time around it in which a waiting process may be why
 TICK_S = 0.2  # of the robot's time: of the timers that end a show, and of the samples
-CANCEL_S = 5.0  # of the robot's time: a cancel that was lost is sent again after 1 s
+CANCEL_S = 1.5  # of the robot's time: a cancel that was lost is sent again after 1 s
 FASTEST_MPS = 0.306
 BRAKING_M = FASTEST_MPS**2 / (2 * 0.9)
 STANDING_M = 0.05
@@ -79,7 +80,7 @@ class Evidence:
     track: list[Sample] = field(default_factory=list)
     resets: list[int] = field(default_factory=list)  # when game/reset was called, ns
     forged_reports: list[int] = field(default_factory=list)  # when a false report of the pellets was sent, ns
-    lag_s: float = 0.0  # wall time that a process had to wait for a core at most
+    lags: list[tuple[int, float]] = field(default_factory=list)  # when, ns, one had waited for a core how long, s
     troubles: list[tuple[float, float]] = field(default_factory=list)  # robot's time in which faults were active
 
     def of(self, topic: str) -> list[Record]:
@@ -105,15 +106,14 @@ class Evidence:
         index = bisect.bisect_right(self.track, at, key=lambda s: s.at) - 1
         return self.track[max(index, 0)].time_s if self.track else 0.0
 
-    @property
-    def crossing_ns(self) -> int:
-        """Tolerance for messages that cross one another."""
-        return round((CROSSING_S + self.lag_s) * 1e9)
+    def crossing_ns(self, at: int) -> int:
+        """Tolerance at an instant for messages that cross one another, of wall time."""
+        near = [lag_s for when, lag_s in self.lags if abs(when - at) * 1e-9 <= LAG_COUNTS_S + lag_s]
+        return round((CROSSING_S + max(near, default=0.0)) * 1e9)
 
-    @property
-    def crossing_s(self) -> float:
+    def crossing_s(self, at: int) -> float:
         """The same in the robot's time."""
-        return self.crossing_ns * 1e-9 * self.speed
+        return self.crossing_ns(at) * 1e-9 * self.speed
 
     @property
     def speed(self) -> float:
@@ -159,7 +159,8 @@ def outcome(evidence: Evidence) -> str:
 
 
 def _was_reset(e: Evidence, at: int) -> bool:
-    return any(called - e.crossing_ns <= at <= called + 2 * e.crossing_ns for called in e.resets)
+    tolerance = e.crossing_ns(at)
+    return any(called - tolerance <= at <= called + 2 * tolerance for called in e.resets)
 
 
 def violations(evidence: Evidence) -> list[str]:
@@ -170,7 +171,8 @@ def violations(evidence: Evidence) -> list[str]:
     return [line for check in checks for line in check(evidence)]
 
 
-def _inside(at: int, intervals: Sequence[tuple[int, int]], tolerance: int) -> bool:
+def _inside(e: Evidence, at: int, intervals: Sequence[tuple[int, int]]) -> bool:
+    tolerance = e.crossing_ns(at)
     return any(begin - tolerance <= at <= end + tolerance for begin, end in intervals)
 
 
@@ -182,18 +184,17 @@ def _transitions(e: Evidence) -> Iterator[str]:
 
 
 def _shows(e: Evidence) -> Iterator[str]:
-    tolerance = e.crossing_s + TICK_S
     for state, lasts in SHOWS.items():
         for begin, end in e.intervals((state,)):
             lasted = e.time_s(end) - e.time_s(begin)
-            if lasted > lasts + tolerance:
+            if lasted > lasts + e.crossing_s(end) + TICK_S:
                 yield f"{state} lasted {lasted:.1f} s, not {lasts:g} s"
 
 
 def _goals(e: Evidence) -> Iterator[str]:
     driving = e.intervals(DRIVING)
     for record in e.of("sent"):
-        if not _inside(record.at, driving, e.crossing_ns):
+        if not _inside(e, record.at, driving):
             late = min((record.at - end for _, end in driving if end <= record.at), default=0)
             yield f"a goal was sent {late * 1e-9:.2f} s (wall) after driving was over: {record.value}"
     sent = len(e.of("sent"))
@@ -204,6 +205,8 @@ def _goals(e: Evidence) -> Iterator[str]:
             accepted.setdefault(key, record.at)
             if status in ENDED:
                 ended.setdefault(key, record.at)
+        for key in accepted.keys() - record.value.keys():  # the server that knew it has gone
+            ended.setdefault(key, record.at)
     if len(accepted) > sent:
         yield f"{len(accepted)} goals were accepted, {sent} were sent"
     last = e.track[-1].at if e.track else 0
@@ -212,21 +215,21 @@ def _goals(e: Evidence) -> Iterator[str]:
         for stood, drove in e.intervals(NEXT.keys() - DRIVING):
             since, until = e.time_s(max(begin, stood)), e.time_s(min(end, drove))
             free = until - max([since, *(b for a, b in e.troubles if b >= since and a <= until)])
-            if free > CANCEL_S + e.crossing_s:
+            if free > CANCEL_S + e.crossing_s(max(begin, stood)):
                 yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
 
 
 def _motion(e: Evidence) -> Iterator[str]:
     """The robot stands where nobody drives; each goal that is accepted late moves it once more."""
-    a_start = FASTEST_MPS * (e.crossing_s + 2 * TICK_S) + BRAKING_M
     goals = sorted(_first_seen(e).values())
     for begin, end in e.intervals(NEXT.keys() - DRIVING):
         places = [(s.x, s.y) for s in e.track if begin <= s.at <= end]
         if not places:
             continue
         moved = max(math.dist(places[0], place) for place in places)
-        late = sum(begin <= at < end for at in goals)
-        if moved > a_start * (1 + late) + STANDING_M:
+        starts = [begin, *(at for at in goals if begin <= at < end)]
+        stops = sum(FASTEST_MPS * (e.crossing_s(at) + 2 * TICK_S) + BRAKING_M for at in starts)
+        if moved > stops + STANDING_M:
             yield f"the robot moved {moved:.2f} m while nobody was to drive"
 
 
@@ -241,7 +244,6 @@ def _first_seen(e: Evidence) -> dict[str, int]:
 def _turns(e: Evidence) -> Iterator[str]:
     """Spin and shake: where, how fast and for how long the event mapper turned the robot."""
     shows = e.intervals(SHOWS)
-    tolerance_s = e.crossing_s + TICK_S
     turn: list[Record] = []
     turns = [record for record in e.of("turn") if math.isfinite(record.value)]  # others are nonsense from outside
     for record in [*turns, Record(e.track[-1].at if e.track else 0, "turn", 0.0)]:
@@ -255,11 +257,11 @@ def _turns(e: Evidence) -> Iterator[str]:
             lasted = e.time_s(end) - e.time_s(begin)
             longest = SHAKE_S if any(r.value < 0 for r in turn) else SPIN_S
             what = f"a turn of {lasted:.1f} s"
-            if lasted > longest + tolerance_s:
+            if lasted > longest + e.crossing_s(end) + TICK_S:
                 yield f"{what}, longer than {longest:g} s"
-            if not any(_inside(at, shows, e.crossing_ns) for at in (begin, end)):
+            if not any(_inside(e, at, shows) for at in (begin, end)):
                 yield f"{what} outside of a show"
-            elif not _inside(end, shows, e.crossing_ns):
+            elif not _inside(e, end, shows):
                 yield f"{what} that did not end with its show"
         turn = []
 
@@ -269,9 +271,9 @@ def _scores(e: Evidence) -> Iterator[str]:
     sure, perhaps = set(), set()
     for record in e.of("game_status"):
         pellet = _own_pellet(e, record.value)
-        if pellet is not None and _inside(record.at, running, e.crossing_ns):
+        if pellet is not None and _inside(e, record.at, running):
             perhaps.add(pellet)
-            if _inside(record.at, running, 0) and all(end - record.at > e.crossing_ns for _, end in running):
+            if any(begin <= record.at < end - e.crossing_ns(end) for begin, end in running):
                 sure.add(pellet)
     words = [state for _, state in e.states()]
     counted = _last_before_end(e, "game/pellets_collected")
@@ -293,7 +295,7 @@ def _own_pellet(e: Evidence, word: str) -> int | None:
 
 def _near_forged(e: Evidence, at: int) -> bool:
     """Whether a false report of the pellets was all that the referee knew: the next true one comes within 1 s."""
-    wall_ns = round(1e9 / e.speed) + 2 * e.crossing_ns
+    wall_ns = round(1e9 / e.speed) + 2 * e.crossing_ns(at)
     return any(0 <= at - forged <= wall_ns for forged in e.forged_reports)
 
 

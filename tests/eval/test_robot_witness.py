@@ -171,3 +171,21 @@ def test_a_reset_in_the_middle_is_a_way_to_the_menu() -> None:
 
 def test_a_game_of_which_nothing_was_heard_is_no_game() -> None:
     assert violations(Evidence(frozenset(), 0.2)) == ["the game's state was never heard"]
+
+
+def test_what_crosses_while_a_process_waits_for_a_core_is_no_violation_and_is_one_at_any_other_time() -> None:
+    e = a_game()
+    say(e, BACK + 4.0, ("sent", "goal 4: pellet 3"))
+    assert violations(e) == ["a goal was sent 0.38 s (wall) after driving was over: goal 4: pellet 3"]
+    e.lags = [(at(20.0), 0.3)]
+    assert len(violations(e)) == 1
+    e.lags = [(at(BACK + 1.0), 0.3)]
+    assert violations(e) == []
+
+
+def test_a_goal_whose_server_has_gone_is_pursued_no_more() -> None:
+    e = a_game()
+    replace("goals", {"b": 4}, {"b": 2})(e)
+    assert violations(e) == ["a goal was pursued for 5.0 s while nobody was to drive"]
+    say(e, 25.0, ("goals", {}))  # what another one says, that knows of none
+    assert violations(e) == []
