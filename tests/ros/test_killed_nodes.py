@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 MAP = "loop"
 START_S = 240.0  # the first nodes may have to compile
+FAR_M = 4.0  # from home
 LONG_S = 60.0  # for what takes a few seconds
 CLYDE_MPS = 0.02  # a robot that stands for as long as its planner is away is not caught meanwhile
 NODES: dict[str, dict[str, Any]] = {
@@ -42,7 +43,7 @@ NODES: dict[str, dict[str, Any]] = {
     "game_event_mapper": {},
     "game_light_node": {},
     "audio_node": {},
-    "goal_selector": {"map_yaml": MAP, "policy": "clyde_aware"},
+    "goal_selector": {"map_yaml": MAP, "policy": "clyde_aware", "home": "[0.0, 0.0, 0.0]"},  # the map's
 }
 ACTIVE = {1, 2, 3}  # action_msgs/GoalStatus: accepted, executing, canceling
 CANCELED = 5
@@ -84,8 +85,9 @@ class Game:
         self.wait(lambda: probe.node.count_subscribers(name) >= 2, "the lights", START_S)
         self.wait(lambda: "policy clyde_aware" in self.processes["goal_selector"].output, "the planner", START_S)
 
-    def start(self, name: str) -> None:
-        self.processes[name] = self.system.start(f"pacman_env.ros.{name}", use_sim_time=True, **NODES[name])
+    def start(self, name: str, *left_out: str) -> None:
+        parameters = {key: value for key, value in NODES[name].items() if key not in left_out}
+        self.processes[name] = self.system.start(f"pacman_env.ros.{name}", use_sim_time=True, **parameters)
 
     def kill(self, name: str) -> None:
         """As a crash does it: nothing is said."""
@@ -179,7 +181,9 @@ class Game:
             self.probe.publish(FAULT, "end reject")
 
     def complete(self) -> tuple[int, int]:
-        """The round is over, as the planner says; its score, and its number."""
+        """The round is over, as the planner says, far from home; its score, and its number."""
+        self.play(7)
+        self.wait(lambda: math.hypot(*self.robot()) > FAR_M, "the robot to be away")
         round_ = self.value(ROUND)
         self.probe.publish(topics.GAME_STATUS, "game_complete")
         self.until("returning_home")
@@ -297,12 +301,12 @@ def test_a_goal_selector_that_is_back_in_the_menu_stops_what_nav2_still_drives_t
 
 
 def test_a_goal_selector_that_is_back_brings_the_robot_home(game: Game) -> None:
-    game.play()
     score, round_ = game.complete()
     game.kill("goal_selector")
-    game.start("goal_selector")
+    game.start("goal_selector", "home")
     game.until("menu")
     game.stands_at(score, round_ + 1)
+    assert math.hypot(*game.robot()) < FAR_M / 2
 
 
 def test_a_referee_who_is_back_goes_on_with_the_round_and_counts_what_was_collected_meanwhile(game: Game) -> None:
@@ -336,7 +340,6 @@ def test_a_referee_who_is_back_hears_of_a_death_that_he_missed(game: Game) -> No
 
 
 def test_a_referee_who_is_back_on_the_way_home_ends_the_round(game: Game) -> None:
-    game.play(1)
     score, round_ = game.complete()
     game.kill("game_controller")
     game.wait(lambda: "home_reached" in game.probe.values(topics.GAME_STATUS), "home, with nobody to hear it")
