@@ -184,8 +184,8 @@ def _live(make: Callable[[], GameNode], name: str, arguments: list[str], stop: _
             )
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
-        settle()
         stop.spinning = True
+        settle()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         try:

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import rclpy
 from rcl_interfaces.srv import ListParameters
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -192,6 +193,12 @@ class Probe:
             lambda: publisher.get_subscription_count() >= listeners, what=f"{listeners} listeners on {topic.name}"
         )
         publisher.publish(message if hasattr(message, "get_fields_and_field_types") else topic.type(data=message))
+
+    def taken_in(self, topic: Topic, node: str) -> None:
+        """Wait until a node has taken in all that was published on a topic so far."""
+        publisher = self.publisher(topic)
+        self.wait_for(lambda: publisher.wait_for_all_acked(Duration(seconds=0.1)), what=f"{topic.name} to arrive")
+        self.call(Service(f"{node}/list_parameters", "rcl_interfaces/ListParameters"))  # answered after the messages
 
     def publisher(self, topic: Topic) -> Any:
         """The probe's publisher on a topic."""

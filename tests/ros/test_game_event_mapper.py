@@ -125,7 +125,7 @@ def test_no_show_begins_while_the_planner_drives(probe: Probe, system: System) -
         ("enable", "start theatrical", "start"),
     ):
         probe.publish(topics.GAME_COMMAND, command)
-        probe.spin(0.2)  # nothing says that a command has been heard
+        probe.taken_in(topics.GAME_COMMAND, "game_event_mapper")
         probe.publish(topics.GAME_EVENT, event)
         probe.wait_for(lambda light=light: probe.values(topics.GAME_LIGHT)[-1:] == [light], what="the light")
         probe.spin(0.2)

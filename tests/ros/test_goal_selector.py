@@ -132,6 +132,13 @@ class Game:
         ]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """What the processes need is compiled once, here, where nobody waits for an answer."""
+    for policy in ("nearest", "lookahead"):
+        Selection("house", policy, None, 0.0, 1.0, lambda kind, text: None)
+
+
 @pytest.fixture
 def game(probe: Probe, system: System) -> Iterator[Game]:
     nav2 = ScriptedNav2(probe)
