@@ -279,7 +279,7 @@ def _scores(e: Evidence) -> Iterator[str]:
     counted = _last_before_end(e, "game/pellets_collected")
     if not len(sure) <= counted <= len(perhaps):
         yield f"{counted} pellets were counted, {len(sure)} to {len(perhaps)} were collected"
-    most = max((r.value for r in e.of("game/score")), default=e.score)
+    most = max((r.value for r in e.of("game/score") if r.at > e.started), default=e.score)
     if "running" in words and most != max(e.score + counted, e.score):
         yield f"the score went up to {most}, from {e.score} with {counted} pellets"
     known = not any(_near_forged(e, at) for at, state in e.states() if state == "complete")

@@ -189,3 +189,12 @@ def test_a_goal_whose_server_has_gone_is_pursued_no_more() -> None:
     assert violations(e) == ["a goal was pursued for 5.0 s while nobody was to drive"]
     say(e, 25.0, ("goals", {}))  # what another one says, that knows of none
     assert violations(e) == []
+
+
+def test_the_score_of_a_game_before_a_reset_in_the_menu_is_not_this_games() -> None:
+    e = a_game()
+    for record in [r for r in e.records if r.topic in ("game/score", "game/round", "clyde/speed") and r.at == 0]:
+        e.records.remove(record)
+    say(e, 0.0, ("game/score", 26), ("game/round", 3))
+    say(e, 1.0, ("game/score", 5), ("game/round", 2))
+    assert violations(e) == []
