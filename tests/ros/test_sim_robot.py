@@ -261,9 +261,11 @@ def test_without_simulated_time_stamps_are_the_walls_and_there_is_no_clock(probe
         lambda: len(h := probe.heard(topics.ODOMETRY)) > 1 and h[-1].at - h[0].at >= 1.5 and h, what="1.5 s of odometry"
     )
     stamps = [seconds_of(h.message.header.stamp) for h in heard]
-    assert np.diff(stamps) == pytest.approx(0.05, abs=1e-6)
+    steps = np.diff(stamps) / 0.05
+    assert steps == pytest.approx(np.rint(steps), abs=1e-4)
+    assert np.median(steps) == pytest.approx(1.0, abs=1e-4)  # sensor data: one that is late may be lost
     assert stamps[-1] - stamps[0] == pytest.approx(heard[-1].at - heard[0].at, abs=0.5)
-    assert abs(stamps[-1] - time.time()) < 1.0
+    assert abs(stamps[-1] - time.time()) < 3.0
     assert probe.node.count_publishers("/clock") == 0
     probe.publish(FAULT, "clock_jump 5")
     robot.wait_for_words("sim/fault ignored: fault clock_jump: needs use_sim_time")
