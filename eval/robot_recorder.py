@@ -42,7 +42,7 @@ _PLAIN = (*LATCHED, topics.GAME_COMMAND, topics.GAME_STATUS, topics.GAME_EVENT)
 PERIOD_S = 0.01  # of wall time between two looks at what has come; of the odometry only the latest is looked at
 JUMP_S = 8.0  # a longer step of the odometry's stamps is a jump of the clock, a shorter one may be a busy machine
 _GOAL = re.compile(r"goal \d+: ")
-_STATUS = topics.Topic("navigate_to_pose/_action/status", "action_msgs/GoalStatusArray", topics.LATCHED)
+GOAL_STATUSES = topics.Topic("navigate_to_pose/_action/status", "action_msgs/GoalStatusArray", topics.LATCHED)
 
 
 def _data(name: str, message: Any) -> tuple[str, Any]:
@@ -74,10 +74,10 @@ class Recorder:
         for topic in _PLAIN:
             self._record(topic, functools.partial(_data, topic.name))
         self._record(topics.CMD_VEL, lambda message: ("turn", message.twist.angular.z))
-        self._record(_STATUS, self._statuses)
+        self._record(GOAL_STATUSES, self._statuses)
         self._record(topics.Topic("/rosout", "rcl_interfaces/Log", topics.EVENTS), self._log)
         self._listen(topics.ODOMETRY, self._odometry, depth=1)
-        self._listen(FAULTS_NOW, lambda message, at: setattr(self, "faults", json.loads(message.data)))
+        self._listen(FAULTS_NOW, self._faults_now)
         self._listen(DIAGNOSTICS, lambda message, at: setattr(self, "condition", json.loads(message.data)))
         self._start = topics.START_GAME.client(self.node)
         self._reset = topics.RESET_GAME.client(self.node)
@@ -122,6 +122,12 @@ class Recorder:
     def _statuses(self, message: GoalStatusArray) -> tuple[str, Any]:
         goals = {bytes(s.goal_info.goal_id.uuid).hex(): s.status for s in message.status_list}
         return "goals", {key: status for key, status in goals.items() if key not in self._over}
+
+    def _faults_now(self, message: Any, at: int) -> None:
+        faults: list[str] = json.loads(message.data)
+        if "nav2_away" in faults and "nav2_away" not in (self.faults or []):
+            self.records.append(Record(at, "goals", {}))  # a server that goes says no more of its goals
+        self.faults = faults
 
     def _log(self, message: Log) -> tuple[str, Any] | None:
         if message.name.rpartition(".")[2] == SELECTOR and _GOAL.match(message.msg):
