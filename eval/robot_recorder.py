@@ -77,7 +77,7 @@ class Recorder:
         self._record(_STATUS, self._statuses)
         self._record(topics.Topic("/rosout", "rcl_interfaces/Log", topics.EVENTS), self._log)
         self._listen(topics.ODOMETRY, self._odometry, depth=1)
-        self._listen(FAULTS_NOW, lambda message, at: setattr(self, "faults", json.loads(message.data)))
+        self._listen(FAULTS_NOW, self._hear_faults)
         self._listen(DIAGNOSTICS, lambda message, at: setattr(self, "condition", json.loads(message.data)))
         self._start = topics.START_GAME.client(self.node)
         self._reset = topics.RESET_GAME.client(self.node)
@@ -127,6 +127,11 @@ class Recorder:
         if message.name.rpartition(".")[2] == SELECTOR and _GOAL.match(message.msg):
             return "sent", message.msg
         return None
+
+    def _hear_faults(self, message: Any, at: int) -> None:
+        self.faults = json.loads(message.data)
+        if "nav2_away" in self.faults:  # and with it all that it knew of goals
+            self.records.append(Record(at, "goals", {}))
 
     def _odometry(self, message: Any, at: int) -> None:
         stamp_s = seconds_of(message.header.stamp)
