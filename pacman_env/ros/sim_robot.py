@@ -41,6 +41,7 @@ FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JS
 
 FASTEST = 10.0
 CATCH_UP_S = 0.5  # of wall time; what is late by more than that is left out
+AT_ONCE = 10  # steps; then whoever has said something meanwhile is heard
 MARK_LASTS_S = 2.0  # what is no longer seen of Clyde, the lidar clears from the costmap
 START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
 
@@ -145,7 +146,7 @@ class SimRobot(GameNode):
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def tick(self) -> None:
-        """Step the world until it is as late as the wall's clock says."""
+        """Step the world on to what the wall's clock says, but not deaf for long."""
         step_s = self._step_ns * 1e-9 / self._speed
         behind = math.floor((time.monotonic() - self._began) / step_s) - self.robot.steps
         most = max(round(CATCH_UP_S / step_s), 1)
@@ -155,7 +156,7 @@ class SimRobot(GameNode):
             self._began += lost * step_s
             if not self._simulated:  # stamps stay with the wall's clock
                 self._start_ns += lost * self._step_ns
-        for _ in range(min(behind, most)):
+        for _ in range(min(behind, most, AT_ONCE)):
             self._step()
 
     def _step(self) -> None:
