@@ -1,4 +1,4 @@
-"""Three games of the campaign, with everything that it needs as real processes."""
+"""Two games of the campaign, with everything that it needs as real processes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eval.robot_games import main
 from eval.robot_schedule import GAMES_PER_SYSTEM, schedule
 from pacman_env.ros.sim_faults import FAULTS
 
-SEEDS = [322, 324, 325]  # one is broken off, in the others goals are rejected, Nav2 goes away and the clock jumps
+SEEDS = [324, 325]  # goals are rejected, Nav2 goes away and the clock jumps
 
 
 def test_games_with_faults_end_without_a_violation(domain: int, tmp_path: Path) -> None:
@@ -23,7 +23,7 @@ def test_games_with_faults_end_without_a_violation(domain: int, tmp_path: Path) 
     out = tmp_path / "games.json"
     status = main(["--only", *map(str, SEEDS), "--logs", str(tmp_path / "logs"), "--json", str(out)])
     games = json.loads(out.read_text())["games"]
-    assert (status, [game["violations"] for game in games]) == (0, [[], [], []])
+    assert (status, [game["violations"] for game in games]) == (0, [[], []])
     assert [game["seed"] for game in games] == SEEDS
     happened = set().union(*(game["happened"] for game in games))
     assert happened <= planned
