@@ -48,11 +48,11 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
     from rclpy.signals import SignalHandlerOptions
 
     from pacman_env.ros.crew import Crew
-    from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, Game, full_namespace
+    from pacman_env.ros.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, Game, full_namespace
     from pacman_env.ros.up import check, environment
     from pacman_env.ros.watcher import Watcher
 
-    game = Game(map_source, policy, sim=True, extra={"game_controller": {"start_show_s": 0.0}})
+    game = Game(map_source, policy, sim=True, extra={REFEREE: {"start_show_s": 0.0, "memory": ""}})
     check(game, domain)
     os.environ.update(environment(game, domain))
     context = rclpy.Context()

@@ -19,7 +19,7 @@ from eval.robot_schedule import ground_of, part_of_map
 from pacman_env.config import make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros.crew import Crew, Lost
-from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
+from pacman_env.ros.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
 
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
@@ -72,7 +72,7 @@ class System:
         ground = part_of_map(name, within_m)
         self.ground = name if math.isinf(within_m) else f"{name}, {within_m:g} m"
         self.pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
-        extra: dict[str, Any] = {SIMULATOR: {"seed": seed}, "clyde_ghost_node": {"seed": seed}}
+        extra: dict[str, Any] = {SIMULATOR: {"seed": seed}, "clyde_ghost_node": {"seed": seed}, REFEREE: {"memory": ""}}
         self._game = Game(str(ground.save(folder / "ground.yaml")), "nearest", sim=True, speed=speed, extra=extra)
         self.folder = folder
         self._read: dict[Path, int] = {}  # bytes of the logs
