@@ -164,6 +164,10 @@ class Game:
         self.until("running")
         self.wait(lambda: self.value(SPAWNED) > 0, "the pellets")
 
+    def away(self) -> bool:
+        """Whether the robot is far from home."""
+        return math.hypot(*self.robot()) > FAR_M
+
     def collect(self, more: int) -> None:
         """The round goes on by some pellets, each of which counts once."""
         had = self.value(SCORE)
@@ -182,8 +186,11 @@ class Game:
 
     def complete(self) -> tuple[int, int]:
         """The round is over, as the planner says, far from home; its score, and its number."""
-        self.play(7)
-        self.wait(lambda: math.hypot(*self.robot()) > FAR_M, "the robot to be away")
+        for _ in range(3):  # a round may end before its robot has been that far
+            self.play(7)
+            self.wait(lambda: self.away() or self.state != "running", "the robot to be away")
+            if self.state == "running":
+                break
         round_ = self.value(ROUND)
         self.probe.publish(topics.GAME_STATUS, "game_complete")
         self.until("returning_home")
