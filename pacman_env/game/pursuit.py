@@ -190,11 +190,13 @@ class Pursuit:
 
         Args:
             left: by id; a round without any that can be reached is reported as complete.
-            strange: how many more are shown that are none of this map's.
+            strange: how many more are shown that are none of this map's; a report of those alone is about another map,
+                and those known before stay.
             now: s.
             out_of_reach: ids of those left that the robot cannot drive to; passing by, it may collect them.
         """
-        self.left = {number: at for number, at in left.items() if number not in self._collected}
+        if left or not strange:
+            self.left = {number: at for number, at in left.items() if number not in self._collected}
         if left.keys() - set(out_of_reach) or strange or not self.playing:
             self._empty_s = None
         elif self._empty_s is None:

@@ -34,7 +34,6 @@ from pacman_env.world.occupancy import MapError
 
 NAME = "goal_selector"
 _CANCELED = 5  # action_msgs/GoalStatus
-_DIAGNOSTICS_S = 1.0
 _REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee needs as long to come back
 _UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, OSError)
 _PUBLISHED = (topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, SCORES, DIAGNOSTICS)
@@ -57,6 +56,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._rate = parameter(self, "decision_rate", 2.0, "decisions per second", 0.5, 10.0)
+        self._tell_rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
         text = "a pellet is pursued at least this long before another is preferred to it, s"
         self._min_dwell_s = parameter(self, "min_dwell_s", 1.0, text, 0.0, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"
@@ -120,7 +120,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         subscriptions = [
             self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
         ]
-        timer = self.create_timer(_DIAGNOSTICS_S, self._tell_condition)
+        timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
         reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._destroy = [
             self._nav2.destroy,

@@ -45,6 +45,7 @@ class NavigationClient:
         self._unanswered: dict[int, UUID] = {}
         self._feedback: tuple[int, Any] | None = None  # of the last goal that sent any
         self._rest: Future | None = None
+        self._destroyed = False
         self.last_status, self.last_error = 0, 0  # of the last goal that ended
 
     @property
@@ -94,7 +95,10 @@ class NavigationClient:
         return self._rest
 
     def destroy(self) -> None:
-        """No goals any more."""
+        """No goals any more, and nothing is told of those sent, be their answers under way."""
+        self._destroyed = True
+        self._handles.clear()
+        self._unanswered.clear()
         self._client.destroy()
         self._node.destroy_client(self._canceller)
 
@@ -102,6 +106,8 @@ class NavigationClient:
         self._feedback = number, message
 
     def _on_answer(self, number: int, answer: Any) -> None:
+        if self._destroyed:
+            return
         self._unanswered.pop(number, None)
         handle = answer.result()
         if handle is not None and handle.accepted:

@@ -337,6 +337,14 @@ def test_a_round_without_any_pellet_is_reported_complete_once() -> None:
     assert not any(pursuit.pellets({}, 3, float(t)) for t in range(1, 7))  # others are there
 
 
+def test_a_report_of_strange_pellets_alone_makes_nobody_forget_those_that_are_left() -> None:
+    pursuit = running()
+    assert pursuit.pellets({}, 2, 1.0) == []
+    assert pursuit.left == PELLETS
+    assert pursuit.pellets({11: PELLETS[11]}, 2, 2.0) == []
+    assert pursuit.left == {11: PELLETS[11]}
+
+
 # What the referee did not hear
 
 

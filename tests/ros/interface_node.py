@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from pacman_env.ros import topics
@@ -40,5 +39,5 @@ class InterfaceNode(GameNode):
         return topics.PLAY_NOTES.type.Result(complete=True, iterations_played=len(goal.request.note_sequence.notes))
 
 
-if __name__ == "__main__":
-    sys.exit(run(InterfaceNode, "interface_node"))
+def main() -> int:
+    return run(InterfaceNode, "interface_node")

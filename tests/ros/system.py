@@ -7,7 +7,6 @@ import fcntl
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.ros.topics import Action, Service, Topic
+from tests.ros.nursery import Forked
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "/robot_15"
@@ -51,7 +51,7 @@ class Process:
     """One node, running or ended."""
 
     name: str
-    popen: subprocess.Popen[bytes]
+    popen: subprocess.Popen[bytes] | Forked
     log: Path
 
     @property
@@ -88,20 +88,29 @@ class System:
     processes: list[Process] = field(default_factory=list)
 
     def start(self, module: str, *arguments: str, **parameters: Any) -> Process:
-        """Start ``python -m module`` in the namespace; ``arguments`` go behind ``--ros-args``."""
-        command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
+        """Start a node's ``main()`` in the namespace; ``arguments`` go behind ``--ros-args``."""
+        words = ["--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
-            command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
-        return self.run(module.rpartition(".")[2], command)
+            words += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+        name = module.rpartition(".")[2]
+        log = self._log(name)
+        return self._add(Process(name, Forked(module, words, os.environ, log), log))
 
     def run(self, name: str, command: list[str]) -> Process:
         """Start any command, at the checkout's root."""
-        log = self.folder / f"{len(self.processes)}-{name}.log"
+        log = self._log(name)
         with open(log, "wb") as output:
             popen = subprocess.Popen(
                 command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
             )
-        process = Process(name, popen, log)
+        return self._add(Process(name, popen, log))
+
+    def _log(self, name: str) -> Path:
+        log = self.folder / f"{len(self.processes)}-{name}.log"
+        log.touch()
+        return log
+
+    def _add(self, process: Process) -> Process:
         self.processes.append(process)
         return process
 
@@ -256,6 +265,15 @@ class Probe:
     def stamp(self) -> Any:
         """The time now, as messages have it."""
         return self.node.get_clock().now().to_msg()
+
+    def end_nodes(self) -> None:
+        """Have all processes stop, and answer what they ask on their way."""
+        for process in self.system.processes:
+            if process.popen.poll() is None:
+                process.send(signal.SIGINT)
+        end = time.monotonic() + STOP_S
+        while time.monotonic() < end and any(one.popen.poll() is None for one in self.system.processes):
+            self.executor.spin_once(timeout_sec=0.05)
 
     def spin(self, seconds: float) -> None:
         """Listen for a while: only for what must *not* happen; else ``wait_for``."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 MAP = "loop"
 START_S = 240.0  # the first nodes may have to compile
-FAR_M = 4.0  # from home
+FAR_M = 3.0  # from home
 LONG_S = 60.0  # for what takes a few seconds
 CLYDE_MPS = 0.02  # a robot that stands for as long as its planner is away is not caught meanwhile
 NODES: dict[str, dict[str, Any]] = {
@@ -186,14 +186,15 @@ class Game:
 
     def complete(self) -> tuple[int, int]:
         """The round is over, as the planner says, far from home; its score, and its number."""
-        for _ in range(3):  # a round may end before its robot has been that far
+        for _ in range(5):  # a round may end before its robot has been that far, and before the planner is heard
             self.play(7)
             self.wait(lambda: self.away() or self.state != "running", "the robot to be away")
+            round_, states = self.value(ROUND), self.probe.heard(STATE)
             if self.state == "running":
+                self.probe.publish(topics.GAME_STATUS, "game_complete")
+            self.wait(lambda: self.state != "running", "the end of the round")
+            if "dying" not in [heard.message.data for heard in states]:
                 break
-        round_ = self.value(ROUND)
-        self.probe.publish(topics.GAME_STATUS, "game_complete")
-        self.until("returning_home")
         result = self.wait(lambda: "Complete" in self.value(RESULT) and self.value(RESULT), "the result")
         return int(result.rpartition(" ")[2]), round_
 

@@ -9,7 +9,9 @@ import pytest
 pytest.importorskip("rclpy")
 
 from action_msgs.msg import GoalStatus
+from rclpy.task import Future
 
+from pacman_env.ros import topics
 from pacman_env.ros.navigation_client import NavigationClient
 from tests.ros.scripted_nav2 import ScriptedNav2
 
@@ -68,4 +70,18 @@ def test_the_cancel_of_a_goal_that_is_not_accepted_yet_ends_nothing(probe: Probe
     told.client.cancel(1)
     probe.wait_for(lambda: len(told.words) == 2, what="the end of the goal")
     assert told.words[1] == ("finished", 1, GoalStatus.STATUS_CANCELED)
+    nav2.close()
+
+
+def test_answers_that_were_under_way_when_it_was_destroyed_mean_nothing(probe: Probe) -> None:
+    nav2, told = ScriptedNav2(probe), Told(probe)
+    told.client.send(1, (1.0, 2.0, 0.0))
+    probe.wait_for(lambda: told.words == [("accepted", 1)], what="the goal to be accepted")
+    told.client.destroy()
+    result, accepted = Future(), Future()
+    result.set_result(topics.NAVIGATE_TO_POSE.type.Impl.GetResultService.Response(status=GoalStatus.STATUS_CANCELED))
+    accepted.set_result(None)
+    told.client._on_result(1, result)  # rclpy calls what was due, however much has gone in between
+    told.client._on_answer(2, accepted)
+    assert told.words == [("accepted", 1)]
     nav2.close()

@@ -1,0 +1,73 @@
+"""Nodes as processes that begin where their imports end: forked from a server that has done those once.
+
+Most of a node's start is the same for each: rclpy, numpy, compiled kernels. With hundreds of starts in the tests that
+is minutes. Every node still is a process of its own, with a ``main()`` that reads its command line, and gets, obeys and
+dies of real signals; that ``python -m`` starts it too is for ``test_up.py``.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+
+PRELOADED = "tests.ros.preloaded"
+_SERVER = multiprocessing.get_context("forkserver")
+_SERVER.set_forkserver_preload([PRELOADED])
+
+
+class Forked:
+    """A running ``main()``, to be treated like a ``subprocess.Popen``.
+
+    Args:
+        module: has a ``main`` without arguments that returns the exit status.
+        arguments: of the command line, without the program's name.
+        environment: of the process.
+        log: gets stdout and stderr.
+    """
+
+    def __init__(self, module: str, arguments: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
+        self._process = _SERVER.Process(target=_run, args=(module, list(arguments), dict(environment), str(log)))
+        self._process.start()
+        self.pid = self._process.pid or 0
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit status, negative of a signal; None: it still runs."""
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        """As ``returncode``."""
+        return self._process.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """The exit status, once it is there."""
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired(str(self._process), timeout or 0.0)
+        return self._process.exitcode
+
+    def send_signal(self, number: int) -> None:
+        """Nothing happens if it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """SIGKILL."""
+        self._process.kill()
+
+
+def _run(module: str, arguments: list[str], environment: dict[str, str], log: str) -> None:
+    with open(os.devnull, "rb") as nothing, open(log, "wb") as output:
+        os.dup2(nothing.fileno(), 0)
+        os.dup2(output.fileno(), 1)
+        os.dup2(output.fileno(), 2)
+    for name in os.environ.keys() - environment.keys():
+        del os.environ[name]
+    os.environ.update(environment)
+    sys.argv = [module, *arguments]
+    sys.exit(import_module(module).main())

@@ -1,0 +1,20 @@
+"""What nodes have imported and compiled before they start; only the nursery's server imports this."""
+
+from pacman_env.ros import (  # noqa: F401
+    audio_node,
+    clyde_ghost_node,
+    game_controller,
+    game_event_mapper,
+    game_light_node,
+    goal_selector,
+    pellet_manager,
+    sim_robot,
+    topics,
+    wait_for_amcl_pose,
+)
+from pacman_env.ros.selection import Selection
+
+for _one in vars(topics).values():
+    if isinstance(_one, topics.Topic | topics.Service | topics.Action):
+        _one.type.__import_type_support__()
+Selection("house", "clyde_aware", None, 0.0, 1.0, lambda kind, text: None)
