@@ -9,7 +9,7 @@ from ..jit import kernel
 
 KEEP, SEND, CANCEL = 0, 1, 2  # what to do with a choice
 NOTHING, COLLECT, LOSE, BACK_OFF = 0, 1, 2, 3  # what a result means for the goal it ends
-_SUCCEEDED, _ABORTED = 4, 6  # action_msgs/GoalStatus
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus: how a goal has ended
 
 
 @kernel
@@ -48,11 +48,11 @@ def result_action(status, distance, tolerance, is_pellet, as_built):  # type: ig
     success counts only within Nav2's goal tolerance of the pellet (a blocked goal is moved by up to half a metre);
     everything else makes the goal wait.
     """
-    if status == _SUCCEEDED:
+    if status == SUCCEEDED:
         if not is_pellet:
             return NOTHING
         return COLLECT if as_built or distance <= tolerance + 1e-9 else BACK_OFF
-    if status == _ABORTED:
+    if status == ABORTED:
         return LOSE if as_built and is_pellet else BACK_OFF
     return NOTHING
 

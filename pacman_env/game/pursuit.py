@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..config import Config
-from .execution import BACK_OFF, CANCEL, COLLECT, SEND, back_off_ticks, goal_action, result_action, within
+from .execution import BACK_OFF, CANCEL, COLLECT, SEND, SUCCEEDED, back_off_ticks, goal_action, result_action, within
 from .goals import HOME, Home, Place, Position, Sent
 from .reports import Reports
 
-_SUCCEEDED = 4  # action_msgs/GoalStatus
 _KEPT = 16  # goals remembered that Nav2 has not ended; older ones are forgotten
 
 Kind = Literal["send", "cancel", "stop", "status", "remove", "event", "ignored"]
@@ -284,7 +283,7 @@ class Pursuit:
         place = sent.place
         if place.candidate == HOME:
             self.pose = self._nearer(place, at)
-            if status != _SUCCEEDED or self._is_at(place, self._late_m):
+            if status != SUCCEEDED or self._is_at(place, self._late_m):
                 return self._home_ended(now)
             self._current, self._arrived_s = None, now
             return []

@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Int32, String
 
 from pacman_env.config import ConfigError
+from pacman_env.game.execution import CANCELED
 from pacman_env.game.goals import Home, Place
 from pacman_env.game.pursuit import Action
 from pacman_env.policies.base import Policy
@@ -33,7 +34,6 @@ from pacman_env.ros.selection import Selection
 from pacman_env.world.occupancy import MapError
 
 NAME = "goal_selector"
-_CANCELED = 5  # action_msgs/GoalStatus
 _REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee needs as long to come back
 _UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, OSError)
 _PUBLISHED = (topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, SCORES, DIAGNOSTICS)
@@ -307,7 +307,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self._do(pursuit.accepted(int(action.value), now))
         elif action.kind == "cancel":
             self.get_logger().info(f"shadow: cancel goal {action.value}")
-            self._do(pursuit.finished(int(action.value), _CANCELED, now))
+            self._do(pursuit.finished(int(action.value), CANCELED, now))
         elif action.kind in ("status", "event"):
             self.get_logger().info(f"shadow: {action.kind} {action.value}")
 

@@ -11,11 +11,11 @@ from typing import Any
 from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
+from pacman_env.game.execution import CANCELED
 from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, pose_of
 
 _TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
-_CANCELED = 5  # action_msgs/GoalStatus
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 
 
@@ -127,7 +127,7 @@ class NavigationClient:
         known = number in self._handles
         # No result will come: from a server that was started anew, or of a goal whose acceptance was lost.
         if (code == _UNKNOWN_GOAL and known) or (code == _TAKEN and number in self._unanswered):
-            self._end(number, _CANCELED, 0)
+            self._end(number, CANCELED, 0)
 
     def _end(self, number: int, status: int, error: int) -> None:
         if self._handles.pop(number, None) is None and self._unanswered.pop(number, None) is None:

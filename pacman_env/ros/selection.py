@@ -14,6 +14,7 @@ import numpy as np
 
 from pacman_env import __version__
 from pacman_env.config import MAX_SPEED_MPS, make_config
+from pacman_env.game.execution import ABORTED
 from pacman_env.game.goals import Home
 from pacman_env.game.pursuit import Action, Pursuit
 from pacman_env.policies.base import Policy
@@ -27,7 +28,6 @@ from pacman_env.sim.live import LiveGame, Pellets, Seen
 from pacman_env.sim.situation import Situation
 
 _ONE = np.ones(1, np.bool_)
-_ABORTED = 6  # action_msgs/GoalStatus
 
 
 class Selection:
@@ -90,7 +90,7 @@ class Selection:
         pursuit.command("enable", 0.0)
         pursuit.look((x, y), (x + 9.0, y), 0.0)
         pursuit.choose(live.goal(0), 0.0)
-        pursuit.finished(pursuit.number, _ABORTED, 0.0)
+        pursuit.finished(pursuit.number, ABORTED, 0.0)
         return policy
 
     # What the game says; callbacks raise BadMessage
@@ -211,7 +211,7 @@ class Selection:
     def on_finished(self, number: int, status: int, now: float, seen: Position | None) -> list[Action]:
         """A goal has ended; ``seen`` is where Nav2 saw the robot last."""
         self._believe(now)
-        self._ended["aborted"] += number == self.pursuit.number and status == _ABORTED
+        self._ended["aborted"] += number == self.pursuit.number and status == ABORTED
         return self.pursuit.finished(number, status, now, seen)
 
     def condition(self, now: float) -> dict[str, Any]:

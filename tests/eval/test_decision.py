@@ -50,7 +50,9 @@ def test_memory_is_the_most_there_ever_was() -> None:
     while_used = peak_memory_mb()
     assert while_used >= 50
     del used
-    assert peak_memory_mb() >= while_used >= before
+    counted_late_mb = 1.0  # Linux counts pages per core, and adds them up now and then
+    assert while_used >= before - counted_late_mb
+    assert peak_memory_mb() >= while_used - counted_late_mb
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from tests.ros.selector_game import Game
     from tests.ros.system import Probe, System
 
 if os.environ.get("CI") and find_spec("rclpy") is None:
@@ -20,6 +21,7 @@ if os.environ.get("CI") and find_spec("rclpy") is None:
 @pytest.fixture(scope="session")
 def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A ROS_DOMAIN_ID that no other test process has, on this machine alone; nobody waits long for the middleware."""
+    from tests.ros import nursery
     from tests.ros.system import free_domain
 
     with free_domain() as number, pytest.MonkeyPatch.context() as patch:
@@ -28,6 +30,7 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("quick_middleware.xml")))
         patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))  # where the referee keeps a game
+        nursery.warm_up()
         yield number
 
 
@@ -49,3 +52,15 @@ def probe(system: System) -> Iterator[Probe]:
 
     with Probe(system) as probe:
         yield probe
+
+
+@pytest.fixture
+def game(probe: Probe, system: System) -> Iterator[Game]:
+    """What is around a goal selector; the test starts it."""
+    from tests.ros.scripted_nav2 import ScriptedNav2
+    from tests.ros.selector_game import Game
+
+    nav2 = ScriptedNav2(probe)
+    yield Game(probe, system, nav2)
+    probe.end_nodes()
+    nav2.close()

@@ -20,6 +20,17 @@ _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload([PRELOADED])
 
 
+def warm_up() -> None:
+    """Return when nodes can be forked: what they need may have to be compiled first."""
+    first = _SERVER.Process(target=_nothing)
+    first.start()
+    first.join()
+
+
+def _nothing() -> None:
+    pass
+
+
 class Forked:
     """A running ``main()``, to be treated like a ``subprocess.Popen``.
 

@@ -17,4 +17,5 @@ from pacman_env.ros.selection import Selection
 for _one in vars(topics).values():
     if isinstance(_one, topics.Topic | topics.Service | topics.Action):
         _one.type.__import_type_support__()
-Selection("house", "clyde_aware", None, 0.0, 1.0, lambda kind, text: None)
+for _policy in ("clyde_aware", "lookahead"):
+    Selection("house", _policy, None, 0.0, 1.0, lambda kind, text: None)

@@ -11,7 +11,7 @@ from action_msgs.msg import GoalStatus
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message, seconds_of
 from pacman_env.ros.sim_robot import FAULT, FAULTS_NOW
-from tests.sim.robots import rooms
+from tests.sim.robots import RIGHT, rooms
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -73,6 +73,13 @@ class Robot:
             self.client = self.probe.action_client(topics.NAVIGATE_TO_POSE)
         pose = pose_message(x, y, 0.0, self.probe.stamp(), **changes)
         return Goal(self.probe, self.client, topics.NAVIGATE_TO_POSE.type.Goal(pose=pose))
+
+    def on_its_way(self, seconds: float = 2.0) -> Goal:
+        """Driving to the other room, for some simulated time already."""
+        goal = self.goal(*RIGHT)
+        assert goal.accepted
+        self.wait_s(seconds)
+        return goal
 
     def odometry(self) -> Any:
         """The last."""

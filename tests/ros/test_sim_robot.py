@@ -86,9 +86,7 @@ def test_transforms_compose_to_the_believed_pose(probe: Probe, system: System) -
 
 def test_a_newer_goal_ends_the_older_one_aborted_without_an_error(probe: Probe, system: System) -> None:
     robot = Robot(probe, system)
-    first = robot.goal(*RIGHT)
-    assert first.accepted
-    robot.wait_s(2.0)
+    first = robot.on_its_way()
     second = robot.goal(*LEFT)
     status, result = first.end()
     assert (status, result.error_code) == (ABORTED, nav.NONE)
@@ -98,9 +96,7 @@ def test_a_newer_goal_ends_the_older_one_aborted_without_an_error(probe: Probe, 
 
 def test_a_cancelled_goal_ends_cancelled_and_the_robot_stands(probe: Probe, system: System) -> None:
     robot = Robot(probe, system)
-    goal = robot.goal(*RIGHT)
-    assert goal.accepted
-    robot.wait_s(3.0)
+    goal = robot.on_its_way(3.0)
     assert robot.odometry().twist.twist.linear.x > 0.2
     assert goal.cancel() == 1
     assert goal.end()[0] == CANCELED
@@ -274,8 +270,7 @@ def test_without_simulated_time_stamps_are_the_walls_and_there_is_no_clock(probe
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
 def test_a_signal_ends_it_cleanly_while_it_drives(probe: Probe, system: System, number: int) -> None:
     robot = Robot(probe, system)
-    assert robot.goal(*RIGHT).accepted
-    robot.wait_s(2.0)
+    robot.on_its_way()
     assert robot.process.stop(number) == 0
     assert "Traceback" not in robot.process.output
 

@@ -44,9 +44,7 @@ def test_fault_abort(probe: Probe, system: System) -> None:
 
 def test_fault_nav2_away(probe: Probe, system: System) -> None:
     robot = Robot(probe, system)
-    goal = robot.goal(*RIGHT)
-    assert goal.accepted
-    robot.wait_s(2.0)
+    goal = robot.on_its_way()
     robot.fault("nav2_away", ["nav2_away"])
     probe.wait_for(lambda: not robot.client.server_is_ready(), what="the server to go")
     robot.wait_s(2.0)
@@ -72,9 +70,7 @@ def test_fault_late_acceptance(probe: Probe, system: System) -> None:
 
 def test_fault_pose_lost(probe: Probe, system: System) -> None:
     robot = Robot(probe, system)
-    goal = robot.goal(*RIGHT)
-    assert goal.accepted
-    robot.wait_s(2.0)
+    goal = robot.on_its_way()
     robot.fault("pose_lost", ["pose_lost"])
     status, result = goal.end()
     assert (status, result.error_code) == (ABORTED, nav.TF_ERROR)
