@@ -5,9 +5,9 @@ faults begin and end, interferes from outside, and judges each game (``robot_wit
 drawn from its seed (``robot_schedule.py``); when exactly the processes hear of it is the machine's business, so a game
 that is repeated with ``--only`` need not go the same way. Needs ROS.
 
-A game hangs when nothing has been wrong for a minute and more, no fault and no show, and there is no progress: neither
-another state, nor a pellet, nor half a metre of motion. One that is not over 600 s after its last fault is broken off
-with ``game/reset``, which must lead to the menu.
+A game hangs when nothing has been wrong for two minutes, no fault and no show, and there is no progress: neither
+another state, nor a pellet, nor half a metre of motion, unless the planner waits for a Clyde who stands. One that is
+not over 600 s after its last fault is broken off with ``game/reset``, which must lead to the menu.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
@@ -40,7 +40,8 @@ from pacman_env.ros.sim_faults import FAULTS
 VIOLATED = 1  # exit status
 LIMIT_S = 600.0  # of the robot's time after the last fault: longer games are broken off
 STILL_S = 120.0  # of the robot's time without any progress while nothing is wrong: the game hangs
-MOTION_M = 0.5  # is progress (Nav2's own measure)
+MOTION_M = 0.5  # is progress (Nav2's own measure); a Clyde that moves less in STILL_S stands
+HOLD = -1  # pursued, in the goal selector's diagnostics
 SETTLE_S = 8.0  # of the robot's time, in the menu after a game: more than what may cross, for late motion to be seen
 ANSWER_WALL_S = 20.0
 SILENT_WALL_S = 20.0
@@ -69,6 +70,11 @@ class Verdict:
             f"{self.seed:5d} {self.ground:14} {self.policy:11} {self.outcome:11} {self.robot_s:6.0f} {self.wall_s:5.0f}"
             f" {self.lag_s:5.2f} {', '.join(faults) or '-'}; {len(self.happened) - len(faults)} interferences"
         )
+
+
+def waits(state: str | None, condition: Mapping[str, Any], plan: Schedule) -> bool:
+    """Whether the planner holds on purpose: a Clyde who stands on the last pellet lets nobody collect it."""
+    return state == "running" and condition.get("pursued") == HOLD and plan.clyde_speed_mps * STILL_S < MOTION_M
 
 
 class Played:
@@ -158,7 +164,7 @@ class Played:
         if recorder.state == "menu":
             return []
         found = []
-        if recorder.time_s - mark_s >= STILL_S:
+        if recorder.time_s - mark_s >= STILL_S and not waits(recorder.state, recorder.condition, self._plan):
             found.append(f"hangs in state {recorder.state}: {recorder.condition}")
         self._reset()
         if not recorder.wait_for(lambda: recorder.state == "menu", ANSWER_WALL_S):

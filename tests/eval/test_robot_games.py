@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
-from eval.robot_games import Verdict, main, table
+from eval.robot_games import Verdict, main, table, waits
+from eval.robot_schedule import schedule
 
 
 def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> None:
@@ -19,6 +22,23 @@ def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> No
     assert rows["abort"] == [2, 1, 1, 0, 0, 0, 2]
     assert rows["reject"] == rows["no markers"] == rows["several faults"] == [1, 1, 0, 0, 0, 0, 0]
     assert rows["pose_lost"] == [0] * 7
+
+
+@pytest.mark.parametrize(
+    ("state", "pursued", "clyde_speed_mps", "waiting"),
+    [
+        ("running", -1, 0.002, True),
+        ("running", -1, 0.005, False),  # he walks 0.6 m in two minutes
+        ("running", 3, 0.002, False),
+        ("returning_home", -1, 0.002, False),
+    ],
+)
+def test_a_planner_that_holds_waits_for_a_clyde_who_stands_and_for_no_other(
+    state: str, pursued: int, clyde_speed_mps: float, waiting: bool
+) -> None:
+    plan = dataclasses.replace(schedule(0), clyde_speed_mps=clyde_speed_mps)
+    assert waits(state, {"pursued": pursued}, plan) == waiting
+    assert not waits(state, {}, plan)
 
 
 def test_a_row_names_seed_outcome_and_faults() -> None:
