@@ -68,6 +68,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._fault = ""  # why configuring failed
         self._destroy: list[Callable[[], Any]] = []  # what configuring made
         self._loaded: tuple[str, Policy] | None = None  # a policy about to be taken over
+        self._catch_up: Callable[[], None] = lambda: None  # takes in the transforms that wait
         self._timer: Any = None
         self._fresh = False  # activated, but no tick yet
         self._cleared = False  # goals from before have been cancelled
@@ -114,12 +115,13 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             (topics.CLYDE_POSE, selection.on_clyde),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
-            (topics.NEWEST_TF, selection.on_transforms),
             (topics.TF_STATIC, selection.on_static_transforms),
         )
         subscriptions = [
             self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
         ]
+        transforms, self._catch_up = self.leave_waiting(topics.TF, self._take_transforms)
+        subscriptions.append(transforms)
         timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
         reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._destroy = [
@@ -131,7 +133,12 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         ]
 
     def _take(self, take_in: Callable[[Any, float], list[Action]], message: Any) -> None:
+        self._catch_up()
         self._do(take_in(message, self.now_s()))
+
+    def _take_transforms(self, message: Any, waited_s: float) -> None:
+        assert self._selection is not None
+        self._selection.on_transforms(message, self.now_s() - waited_s)
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to decide."""
@@ -167,7 +174,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _disconnect(self) -> None:
         for destroy in self._destroy:
             destroy()
-        self._destroy, self._selection = [], None
+        self._destroy, self._selection, self._catch_up = [], None, lambda: None
 
     def farewell(self) -> Iterable[Any]:
         """Cancel what runs and stop the wheels."""
@@ -205,6 +212,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _tick(self) -> None:
         assert self._selection is not None
+        self._catch_up()
         now, pursuit = self.now_s(), self._selection.pursuit
         if self._fresh:  # what was latched has been heard by now, and is acted on as a whole
             self._fresh = False
@@ -237,6 +245,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _on_finished(self, number: int, status: int, seen: Position | None) -> None:
         assert self._selection is not None
+        self._catch_up()
         actions = self._selection.on_finished(number, status, self.now_s(), seen)
         self._do(actions)
         if any(action.kind == "remove" for action in actions):  # no reason to wait for the next tick

@@ -32,8 +32,6 @@ EVENTS = _qos(10)
 SENSOR_DATA = _qos(5, best_effort=True)
 TRANSFORMS = _qos(100)
 STATIC_TRANSFORMS = _qos(100, latched=True)
-#: For who wants to know where the robot is now: a long queue shows a busy reader where it was seconds ago.
-NEWEST_TRANSFORMS = _qos(10)
 
 
 def _type(kind: str, name: str) -> Any:
@@ -139,7 +137,6 @@ PLAN = Topic("plan", "nav_msgs/Path", EVENTS)
 ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
 SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)
 TF = Topic("tf", "tf2_msgs/TFMessage", TRANSFORMS)
-NEWEST_TF = Topic("tf", "tf2_msgs/TFMessage", NEWEST_TRANSFORMS)
 TF_STATIC = Topic("tf_static", "tf2_msgs/TFMessage", STATIC_TRANSFORMS)
 CLOCK = Topic("/clock", "rosgraph_msgs/Clock", SENSOR_DATA)  # the one absolute name, as rclpy listens to it
 
