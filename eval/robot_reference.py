@@ -38,6 +38,8 @@ are relative, so that the robot's namespace applies (`/robot_15/game_state`); pa
 """
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # of ROS itself
+_ENDS_OF_ACTIONS = {"server": "serves", "client": "calls", "goal_client": "calls"}  # methods of ``Action``
+_PART_OF_ACTION = "/_action/"
 _TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array"}
 
 
@@ -69,8 +71,8 @@ def describe(name: str) -> Described:
         for ends, kind in ((node.services, "serves"), (node.clients, "calls")):
             for end in ends:
                 found.ends.append((_bare(end.srv_name, node), _type(end.srv_type), kind, "service"))
-        found.ends += actions
-        found.ends = sorted({end for end in found.ends if not end[1].startswith(_OWN)})
+        ends = {end for end in found.ends if not end[1].startswith(_OWN) and _PART_OF_ACTION not in end[0]}
+        found.ends = sorted({*ends, *actions})
     finally:
         node.destroy_node()
     return found
@@ -80,7 +82,7 @@ def describe(name: str) -> Described:
 def _noted_actions() -> Iterator[list[tuple[str, str, str, str]]]:
     """The ends of actions that are made meanwhile: rclpy does not tell an action's name afterwards."""
     noted: list[tuple[str, str, str, str]] = []
-    before = {name: getattr(Action, name) for name in ("server", "client")}
+    before = {name: getattr(Action, name) for name in _ENDS_OF_ACTIONS}
 
     def noting(name: str, kind: str) -> Any:
         def make(action: Action, *arguments: Any, **options: Any) -> Any:
@@ -90,7 +92,7 @@ def _noted_actions() -> Iterator[list[tuple[str, str, str, str]]]:
         return make
 
     try:
-        for name, kind in (("server", "serves"), ("client", "calls")):
+        for name, kind in _ENDS_OF_ACTIONS.items():
             setattr(Action, name, noting(name, kind))
         yield noted
     finally:

@@ -31,6 +31,7 @@ from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.navigation_client import NavigationClient
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.selection import Selection
+from pacman_env.ros.waiting import Waiting
 from pacman_env.world.occupancy import MapError
 
 NAME = "goal_selector"
@@ -68,7 +69,6 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._fault = ""  # why configuring failed
         self._destroy: list[Callable[[], Any]] = []  # what configuring made
         self._loaded: tuple[str, Policy] | None = None  # a policy about to be taken over
-        self._catch_up: Callable[[], None] = lambda: None  # takes in the transforms that wait
         self._timer: Any = None
         self._fresh = False  # activated, but no tick yet
         self._cleared = False  # goals from before have been cancelled
@@ -120,12 +120,12 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         subscriptions = [
             self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
         ]
-        transforms, self._catch_up = self.leave_waiting(topics.TF, self._take_transforms)
-        subscriptions.append(transforms)
+        self._transforms = Waiting(self, topics.TF, self._take_transforms)
         timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
         reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._destroy = [
             self._nav2.destroy,
+            self._transforms.destroy,
             lambda: self.destroy_timer(timer),
             lambda: self.destroy_timer(reporter),
             *[lambda one=one: self.destroy_subscription(one) for one in subscriptions],
@@ -133,7 +133,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         ]
 
     def _take(self, take_in: Callable[[Any, float], list[Action]], message: Any) -> None:
-        self._catch_up()
+        self._transforms.catch_up()
         self._do(take_in(message, self.now_s()))
 
     def _take_transforms(self, message: Any, waited_s: float) -> None:
@@ -174,7 +174,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _disconnect(self) -> None:
         for destroy in self._destroy:
             destroy()
-        self._destroy, self._selection, self._catch_up = [], None, lambda: None
+        self._destroy, self._selection = [], None
 
     def farewell(self) -> Iterable[Any]:
         """Cancel what runs and stop the wheels."""
@@ -212,7 +212,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _tick(self) -> None:
         assert self._selection is not None
-        self._catch_up()
+        self._transforms.catch_up()
         now, pursuit = self.now_s(), self._selection.pursuit
         if self._fresh:  # what was latched has been heard by now, and is acted on as a whole
             self._fresh = False
@@ -245,7 +245,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _on_finished(self, number: int, status: int, seen: Position | None) -> None:
         assert self._selection is not None
-        self._catch_up()
+        self._transforms.catch_up()
         actions = self._selection.on_finished(number, status, self.now_s(), seen)
         self._do(actions)
         if any(action.kind == "remove" for action in actions):  # no reason to wait for the next tick

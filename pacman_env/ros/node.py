@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -69,25 +68,6 @@ class GameNode(Node):
 
         return topic.subscription(self, hear)
 
-    def leave_waiting(self, topic: Any, take: Callable[[Any, float], object]) -> tuple[Any, Callable[[], None]]:
-        """A subscription that wakes nobody, and the function that takes what waits: for what comes far more often than
-        it is looked at. Each waking costs rclpy half a millisecond, whatever the message.
-
-        Args:
-            topic: one of ``topics.py``; of more messages than its depth the newest wait.
-            take: called with each message and how long it has waited, s of wall time.
-        """
-        subscription = topic.subscription(self, lambda message: None, callback_group=_Nobody())
-
-        def catch_up() -> None:
-            with subscription.handle:
-                while taken := subscription.handle.take_message(subscription.msg_type, False):
-                    message, info = taken
-                    received_ns = info["received_timestamp"]  # 0 where the middleware does not say
-                    take(message, max(0.0, (time.time_ns() - received_ns) * 1e-9) if received_ns else 0.0)
-
-        return subscription, catch_up
-
     def farewell(self) -> Iterable[Any]:
         """Publish what must be said last: stop, lights off. Called once, before the context is shut down.
 
@@ -95,21 +75,6 @@ class GameNode(Node):
             Futures whose answers are worth waiting for, such as the cancelling of a goal.
         """
         return ()
-
-
-class _Nobody(CallbackGroup):
-    """Of entities that no executor attends to."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Never."""
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Never."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing to do."""
 
 
 class Once:

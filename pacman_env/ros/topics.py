@@ -98,6 +98,19 @@ class Action:
         """An ``ActionClient`` of ``node``."""
         return ActionClient(node, self.type, self.name, **options)
 
+    @property
+    def feedback(self) -> Feedback:
+        """How its goals get on."""
+        return Feedback(self)
+
+    def goal_client(self, node: Any, **options: Any) -> Any:
+        """A client of ``node`` for the service that takes goals."""
+        return node.create_client(self.type.Impl.SendGoalService, f"{self.name}/_action/send_goal", **options)
+
+    def result_client(self, node: Any, **options: Any) -> Any:
+        """A client of ``node`` for the service that answers when a goal has ended."""
+        return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
+
     def cancel_client(self, node: Any, **options: Any) -> Any:
         """A client of ``node`` for action_msgs/CancelGoal: for goals of which no handle is at hand."""
         return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
@@ -105,6 +118,18 @@ class Action:
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""
         return ActionServer(node, self.type, self.name, execute, **options)
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """The topic on which an action's server tells how its goals get on; of interest is the newest alone."""
+
+    action: Action
+
+    def subscription(self, node: Any, callback: Callable[[Any], None], **options: Any) -> Any:
+        """A subscription of ``node``; ``options`` go to ``create_subscription``."""
+        name = f"{self.action.name}/_action/feedback"
+        return node.create_subscription(self.action.type.Impl.FeedbackMessage, name, callback, _qos(1), **options)
 
 
 GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)

@@ -10,6 +10,7 @@ pytest.importorskip("rclpy")
 
 from action_msgs.msg import GoalStatus
 from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
 
 from pacman_env.ros import topics
 from pacman_env.ros.navigation_client import NavigationClient
@@ -80,8 +81,9 @@ def test_answers_that_were_under_way_when_it_was_destroyed_mean_nothing(probe: P
     told.client.destroy()
     result, accepted = Future(), Future()
     result.set_result(topics.NAVIGATE_TO_POSE.type.Impl.GetResultService.Response(status=GoalStatus.STATUS_CANCELED))
-    accepted.set_result(None)
+    answer = topics.NAVIGATE_TO_POSE.type.Impl.SendGoalService.Response(accepted=True)
+    accepted.set_result(answer)
     told.client._on_result(1, result)  # rclpy calls what was due, however much has gone in between
-    told.client._on_answer(2, accepted)
+    told.client._on_answer(2, UUID(), accepted)
     assert told.words == [("accepted", 1)]
     nav2.close()

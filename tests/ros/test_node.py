@@ -141,22 +141,3 @@ def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
         seen.append(node.now_s())
     node.destroy_node()
     assert seen == pytest.approx([10.0, 11.0, 1011.0, 1012.0, 1012.0, 1013.0, 1013.0, 1014.0])
-
-
-def test_messages_left_waiting_wake_nobody_and_are_taken_in_order_with_how_long_they_waited(probe: Probe) -> None:
-    node = GameNode("sleeper", namespace=probe.system.namespace, context=probe.context)
-    taken: list[tuple[str, float]] = []
-    _, catch_up = node.leave_waiting(topics.GAME_COMMAND, lambda message, waited: taken.append((message.data, waited)))
-    probe.executor.add_node(node)
-    for word in ("first", "second", "third"):
-        probe.publish(topics.GAME_COMMAND, word)
-    probe.taken_in(topics.GAME_COMMAND, "sleeper")
-    probe.spin(0.2)
-    assert taken == []
-    catch_up()
-    assert [word for word, _ in taken] == ["first", "second", "third"]
-    assert all(0.2 <= waited < 10.0 for _, waited in taken)
-    catch_up()
-    assert len(taken) == 3
-    probe.executor.remove_node(node)
-    node.destroy_node()

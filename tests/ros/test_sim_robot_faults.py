@@ -122,7 +122,7 @@ def test_a_fault_that_is_none_is_refused_with_a_reason(probe: Probe, system: Sys
     robot = Robot(probe, system)
     probe.publish(FAULT, "explode")
     robot.wait_for_words("sim/fault ignored: fault 'explode'")
-    assert probe.values(FAULTS_NOW)[-1:] == ["[]"]
+    probe.wait_for(lambda: probe.values(FAULTS_NOW)[-1:] == ["[]"], what="no faults")
 
 
 def test_answers_to_clients_that_have_gone_do_not_end_the_robot(
