@@ -132,7 +132,7 @@ class Interference:
             self._goals = topics.NAVIGATE_TO_POSE.client(self._node)
 
     def _cancel(self, goal_id: bytes) -> None:
-        client = self._node.create_client(CancelGoal, f"{topics.NAVIGATE_TO_POSE.name}/_action/cancel_goal")
+        client = topics.NAVIGATE_TO_POSE.cancel_client(self._node)
         request = CancelGoal.Request()
         request.goal_info.goal_id.uuid = list(goal_id)
         self._ask_and_leave(client, request)

@@ -42,7 +42,6 @@ _PLAIN = (*LATCHED, topics.GAME_COMMAND, topics.GAME_STATUS, topics.GAME_EVENT)
 PERIOD_S = 0.01  # of wall time between two looks at what has come; of the odometry only the latest is looked at
 JUMP_S = 8.0  # a longer step of the odometry's stamps is a jump of the clock, a shorter one may be a busy machine
 _GOAL = re.compile(r"goal \d+: ")
-GOAL_STATUSES = topics.Topic("navigate_to_pose/_action/status", "action_msgs/GoalStatusArray", topics.LATCHED)
 
 
 def _data(name: str, message: Any) -> tuple[str, Any]:
@@ -74,7 +73,7 @@ class Recorder:
         for topic in _PLAIN:
             self._record(topic, functools.partial(_data, topic.name))
         self._record(topics.CMD_VEL, lambda message: ("turn", message.twist.angular.z))
-        self._record(GOAL_STATUSES, self._statuses)
+        self._record(topics.NAVIGATE_TO_POSE.statuses, self._statuses)
         self._record(topics.Topic("/rosout", "rcl_interfaces/Log", topics.EVENTS), self._log)
         self._listen(topics.ODOMETRY, self._odometry, depth=1)
         self._listen(FAULTS_NOW, self._faults_now)

@@ -99,6 +99,11 @@ class Action:
         return ActionClient(node, self.type, self.name, **options)
 
     @property
+    def statuses(self) -> Topic:
+        """What has become of all its goals that the server still lists."""
+        return Topic(f"{self.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
+
+    @property
     def feedback(self) -> Feedback:
         """How its goals get on."""
         return Feedback(self)
@@ -112,7 +117,7 @@ class Action:
         return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
 
     def cancel_client(self, node: Any, **options: Any) -> Any:
-        """A client of ``node`` for action_msgs/CancelGoal: for goals of which no handle is at hand."""
+        """A client of ``node`` for action_msgs/CancelGoal, by a goal's id, be it accepted or not."""
         return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:

@@ -48,7 +48,6 @@ class Game:
     def __init__(self, probe: Probe, system: System, nav2: ScriptedNav2 | None) -> None:
         self.probe, self.system = probe, system
         self.nav2 = nav2
-        self.heard: list[dict[str, Any]] = []
         probe.record(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, DIAGNOSTICS, SCORES)
         self.left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
         self.pose = tuple(house().grid.home.tolist())

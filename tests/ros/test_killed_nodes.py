@@ -47,7 +47,7 @@ NODES: dict[str, dict[str, Any]] = {
     "goal_selector": {"map_yaml": MAP, "policy": "clyde_aware", "home": "[0.0, 0.0, 0.0]"},  # the map's
 }
 ACTIVE = {1, 2, 3}  # action_msgs/GoalStatus: accepted, executing, canceling
-GOALS = topics.Topic("navigate_to_pose/_action/status", "action_msgs/GoalStatusArray", topics.LATCHED)
+GOALS = topics.NAVIGATE_TO_POSE.statuses
 
 
 def unabridged(topic: topics.Topic) -> topics.Topic:
@@ -189,11 +189,11 @@ class Game:
         for _ in range(5):  # a round may end before its robot has been that far, and before the planner is heard
             self.play(7)
             self.wait(lambda: self.away() or self.state != "running", "the robot to be away")
-            round_, states = self.value(ROUND), self.probe.heard(STATE)
+            round_ = self.value(ROUND)
             if self.state == "running":
                 self.probe.publish(topics.GAME_STATUS, "game_complete")
             self.wait(lambda: self.state != "running", "the end of the round")
-            if "dying" not in [heard.message.data for heard in states]:
+            if "dying" not in self.probe.values(STATE):
                 break
         result = self.wait(lambda: "Complete" in self.value(RESULT) and self.value(RESULT), "the result")
         return int(result.rpartition(" ")[2]), round_

@@ -12,7 +12,8 @@ pytest.importorskip("rclpy")
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from unique_identifier_msgs.msg import UUID
 
-from eval.robot_recorder import GOAL_STATUSES, Recorder
+from eval.robot_recorder import Recorder
+from pacman_env.ros import topics
 from pacman_env.ros.sim_robot import FAULTS_NOW
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def test_the_goals_of_a_server_that_goes_are_over(probe: Probe) -> None:
         info = GoalInfo(goal_id=UUID(uuid=[7] * 16))
         running = GoalStatusArray(status_list=[GoalStatus(goal_info=info, status=GoalStatus.STATUS_EXECUTING)])
         assert recorder.resting
-        probe.publish(GOAL_STATUSES, running)
+        probe.publish(topics.NAVIGATE_TO_POSE.statuses, running)
         assert recorder.wait_for(lambda: not recorder.resting, 15.0)
         probe.publish(FAULTS_NOW, json.dumps(["reject"]))
         assert recorder.wait_for(lambda: recorder.faults == ["reject"], 15.0)

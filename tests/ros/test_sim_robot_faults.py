@@ -132,7 +132,7 @@ def test_answers_to_clients_that_have_gone_do_not_end_the_robot(
     robot = Robot(probe, system)
     assert robot.goal(1.0, 0.5).accepted
     for _ in range(12):
-        client = probe.node.create_client(CancelGoal, f"{topics.NAVIGATE_TO_POSE.name}/_action/cancel_goal")
+        client = topics.NAVIGATE_TO_POSE.cancel_client(probe.node)
         probe.wait_for(client.service_is_ready, what="the service that cancels goals")
         request = CancelGoal.Request()
         request.goal_info.goal_id.uuid = [7] * 16  # nobody's

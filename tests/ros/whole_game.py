@@ -31,7 +31,7 @@ from tests.ros.system import Probe, System
 SPEED = 10.0
 UP_S = 240.0  # for all nodes to come up, where everything has to be compiled
 GAME_S = 90.0  # of wall time, for a game of less than ten
-GOALS = topics.Topic("navigate_to_pose/_action/status", "action_msgs/GoalStatusArray", topics.LATCHED)
+GOALS = topics.NAVIGATE_TO_POSE.statuses
 HEARD = (
     *(topics.GAME_STATE, topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_STATUS, topics.GAME_RESULT),
     *(topics.SCORE, topics.ROUND, topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED),
