@@ -138,6 +138,7 @@ def test_he_never_respawns_beside_the_robot_or_its_home_fault_11(probe: Probe, s
         robot(probe, *bad)
         probe.wait_for(lambda: "amcl_pose: " in process.output, what="the complaint")
     robot(probe, *away)
+    probe.taken_in(topics.AMCL_POSE, "clyde_ghost_node")
     places = set()
     for _ in range(25):
         assert probe.call(topics.RESET_CLYDE).success

@@ -44,7 +44,8 @@ NODES: dict[str, dict[str, Any]] = {
     "game_event_mapper": {},
     "game_light_node": {},
     "audio_node": {},
-    "goal_selector": {"map_yaml": MAP, "policy": "clyde_aware", "home": "[0.0, 0.0, 0.0]"},  # the map's
+    # Not clyde_aware, whose rounds Clyde ends too often; home is the map's.
+    "goal_selector": {"map_yaml": MAP, "policy": "lookahead", "home": "[0.0, 0.0, 0.0]"},
 }
 ACTIVE = {1, 2, 3}  # action_msgs/GoalStatus: accepted, executing, canceling
 GOALS = topics.NAVIGATE_TO_POSE.statuses
@@ -83,7 +84,7 @@ class Game:
         self.wait(lambda: all(self.latest(topic) is not None for topic in seen), "pellets, Clyde, the robot", START_S)
         name = f"{system.namespace}/{topics.GAME_LIGHT.name}"
         self.wait(lambda: probe.node.count_subscribers(name) >= 2, "the lights", START_S)
-        self.wait(lambda: "policy clyde_aware" in self.processes["goal_selector"].output, "the planner", START_S)
+        self.wait(lambda: "policy lookahead" in self.processes["goal_selector"].output, "the planner", START_S)
 
     def start(self, name: str, *left_out: str) -> None:
         parameters = {key: value for key, value in NODES[name].items() if key not in left_out}
