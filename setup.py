@@ -12,22 +12,22 @@ from setuptools import setup
 NAME = "pacman_env"
 #: The nodes as commands of `ros2 run`; tests/ros/test_launch.py holds this list to the package's.
 NODES = (
-    "sim_robot",
-    "pellet_manager",
-    "audio_node",
-    "game_light_node",
-    "clyde_ghost_node",
-    "game_event_mapper",
-    "game_controller",
-    "wait_for_amcl_pose",
-    "goal_selector",
+    "simulated_robot.sim_robot",
+    "nodes.pellet_manager",
+    "nodes.audio_node",
+    "nodes.game_light_node",
+    "nodes.clyde_ghost_node",
+    "nodes.game_event_mapper",
+    "nodes.game_controller",
+    "nodes.wait_for_amcl_pose",
+    "selector.goal_selector",
 )
 SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
 
 commands = [f"pacman-env = {NAME}.cli:main"]
 data_files = []
 if not {"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv):  # pip's way: no ten commands on a user's path
-    commands += [f"{node} = {NAME}.ros.{node}:main" for node in NODES]
+    commands += [f"{node.partition('.')[2]} = {NAME}.ros.{node}:main" for node in NODES]
     data_files = [
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from pacman_env.cli import ERROR_STATUS
+from pacman_env.cli.main import ERROR_STATUS
 
 
 def status_of(prog: str, work: Callable[[], object]) -> int:

@@ -11,7 +11,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from pacman_env.ros.game_nodes import GAME, NAMESPACE, SELECTOR, SIMULATOR, WAIT, Game
+from pacman_env.ros.supervisor.game_nodes import GAME, NAMESPACE, SELECTOR, SIMULATOR, WAIT, Game
 
 ARGUMENTS = (
     ("map", "house", "a map's YAML, or a shipped map's name; the one that localization uses"),

@@ -1,1 +1,1 @@
-"""Maps that come with the project: YAML and PGM pairs, drawn by ``pacman_env.world.floor_plans``."""
+"""Maps that come with the project: YAML and PGM pairs, drawn by ``pacman_env.world.maps.floor_plans``."""

@@ -304,7 +304,7 @@ class ObservationConfig(_Section):
     features: bool = True  # robot, Clyde, candidates and round as numbers
     scan: bool = False  # the lidar
     grid: bool = False  # picture around the robot
-    planner: bool = False  # what the learned planner reads (sim/features.py)
+    planner: bool = False  # what the learned planner reads (sim/observation/planner_features.py)
     scan_rays: int = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: float = 0.15  # RPLIDAR A1
     scan_maximum_m: float = 12.0  # RPLIDAR A1

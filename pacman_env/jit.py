@@ -23,7 +23,7 @@ from numba.extending import intrinsic
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).resolve().parent
-_KERNEL_FOLDERS = (".", "game", "world", "sim", "heuristics")
+_KERNEL_ROOMS = ("game", "world", "sim", "heuristics")  # beside the modules of the package itself
 
 
 def cache_dir() -> Path:
@@ -35,10 +35,10 @@ def cache_dir() -> Path:
 def source_hash() -> str:
     """Hash of the kernel sources, 12 hexadecimal digits."""
     digest = hashlib.sha256()
-    for folder in _KERNEL_FOLDERS:
-        for path in sorted((_PACKAGE / folder).glob("*.py")):
-            digest.update(path.name.encode())
-            digest.update(path.read_bytes())
+    paths = [*_PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))]
+    for path in sorted(paths):
+        digest.update(path.relative_to(_PACKAGE).as_posix().encode())
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 

@@ -14,8 +14,8 @@ import numpy as np
 import pacman_env
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.assets import map_assets
-from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
 
 MAP = "house"
 GAMES = 24

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pacman_env.world.occupancy import OccupancyMap
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 GREY = {"#": 0, ".": 254, " ": 205}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.cli import main
+from pacman_env.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]

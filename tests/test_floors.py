@@ -18,8 +18,8 @@ FLOORS = (
     ("world", "game"),
     ("sim",),
     ("policies", "heuristics"),
-    ("envs",),
-    ("cli", "panel", "ros"),
+    ("envs", "render"),
+    ("cli", "web", "ros"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SAME_FLOOR_BUT_STRANGERS = {("world", "game"), ("game", "world")}
@@ -30,7 +30,7 @@ MESSAGES = (
 )
 #: Outside package: the only rooms that may import it.
 ONLY_IN = {
-    "pymunk": {"world.physics"},
+    "pymunk": {"world.navigation.physics"},
     "gymnasium": {"envs"},
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
@@ -45,7 +45,7 @@ MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
 
 def module_name(path: Path) -> str:
-    """Below the package: ``world.grid`` for ``pacman_env/world/grid.py``."""
+    """Below the package: ``world.grid`` for ``pacman_env/world/navigation/grid.py``."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -123,8 +123,8 @@ def test_relative_absolute_and_late_imports_are_seen_and_those_for_types_are_not
         "if TYPE_CHECKING:\n    import torch\nelse:\n    import json\n"
     )
     assert imports(source, "world.cache", False) == {
-        *("pacman_env.rng", "pacman_env.sim.batch.GameBatch", "pacman_env.world.grid"),
-        *("pymunk.batch", "pacman_env.envs.setup", "json"),
+        *("pacman_env.rng", "pacman_env.sim.core.batch.GameBatch", "pacman_env.world.navigation.grid"),
+        *("pymunk.batch", "pacman_env.envs.arguments", "json"),
     }
     assert imports("from . import a\nfrom .b import c", "game", True) == {"pacman_env.game.a", "pacman_env.game.b.c"}
 

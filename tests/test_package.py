@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import pacman_env
-from pacman_env.world.occupancy import shipped_maps
+from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("pacman_env", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
@@ -23,7 +23,7 @@ SOURCES = ("pacman_env", "maps", "pyproject.toml", "setup.py", "setup.cfg", "REA
 PLAY = """
 import json, sys
 import gymnasium, pacman_env
-from pacman_env.world import occupancy
+from pacman_env.world.maps import occupancy
 rounds = {}
 for name in occupancy.shipped_maps():
     env = gymnasium.make("pacman_env/PacManBot-v0", map=name)
@@ -84,7 +84,7 @@ def test_the_build_has_nothing_to_complain_about(built: tuple[Path, str]) -> Non
     assert [line for line in built[1].splitlines() if any(word in line.lower() for word in complaints)] == []
 
 
-def test_the_wheel_holds_the_package_the_maps_the_planner_the_message_definitions_and_nothing_else(
+def test_the_wheel_holds_the_package_the_maps_the_planner_and_nothing_else(
     built: tuple[Path, str],
 ) -> None:
     wheel, _ = built
@@ -92,11 +92,7 @@ def test_the_wheel_holds_the_package_the_maps_the_planner_the_message_definition
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}
-    interfaces = ROOT / "pacman_env" / "ros" / "interfaces"
-    definitions = {
-        p.relative_to(ROOT).as_posix() for kind in ("msg", "srv", "action") for p in interfaces.rglob(f"*.{kind}")
-    }
-    assert packed == package | maps | planner | definitions | {"pacman_env/maps/__init__.py", "pacman_env/py.typed"}
+    assert packed == package | maps | planner | {"pacman_env/maps/__init__.py", "pacman_env/py.typed"}
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
 
 

@@ -27,10 +27,10 @@ from tqdm import tqdm
 
 from eval.files import write_json
 from pacman_env import __version__
-from pacman_env.cli import ERROR_STATUS
+from pacman_env.cli.main import ERROR_STATUS
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.sidecar import read_planner
-from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.policies.metadata import read_planner
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from train.arguments import FOLDER, load_hyperparameters
 from train.arguments import Arguments as GameArguments
 from train.checkpoint import facts_path, read_facts

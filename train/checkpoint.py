@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from eval.files import replaced
 from pacman_env.config import make_config
 from pacman_env.policies.base import BasePolicy
-from pacman_env.policies.sidecar import Training, dump, parse
-from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.situation import Situation
+from pacman_env.policies.metadata import Training, dump, parse
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.sim.observation.situation import Situation
 from train.network import FORBIDDEN, EntityNetwork
 
 

@@ -1,7 +1,7 @@
 """A trained planner as a file that runs without torch: ``python -m train.export``.
 
 The graph is written out from the weights, operator by operator, so that it needs no exporter and the same weights give
-the same bytes. Beside the ONNX file goes its sidecar (:mod:`pacman_env.policies.sidecar`).
+the same bytes. Beside the ONNX file goes its sidecar (:mod:`pacman_env.policies.metadata`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from torch import nn
 
 from eval.files import prepare, replaced
 from pacman_env import __version__
-from pacman_env.cli import ERROR_STATUS, Parser
+from pacman_env.cli.main import ERROR_STATUS, Parser
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.sidecar import FORMAT, NORMALISATION, Sidecar, dump, sidecar_path
-from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
+from pacman_env.policies.metadata import FORMAT, NORMALISATION, Sidecar, dump, sidecar_path
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from train.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from train.network import FORBIDDEN, EntityNetwork
 

@@ -11,12 +11,12 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from pacman_env.config import Config, PelletConfig, make_config
+from pacman_env.envs.arguments import Ghosts
 from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
-from pacman_env.envs.setup import Ghosts
-from pacman_env.sim.features import CANDIDATE_FEATURES
-from pacman_env.sim.generated import WIDE
+from pacman_env.sim.maps.generated import WIDE
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from train.arguments import Arguments, Hyperparameters
-from train.parallel import ParallelGames, Worker
+from train.game_workers import ParallelGames, Worker
 
 _PARTS = 4  # few houses at a time stay in the processor's cache
 VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them

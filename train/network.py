@@ -24,7 +24,7 @@ def _linear(inputs: int, outputs: int, gain: float = 2**0.5) -> nn.Linear:
 
 
 class EntityNetwork(nn.Module):
-    """Logits and value of situations from their planner features (``pacman_env.sim.features``).
+    """Logits and value of situations from their planner features (``pacman_env.sim.observation.planner_features``).
 
     Args:
         candidate_features: F, numbers per candidate.

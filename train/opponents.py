@@ -1,8 +1,8 @@
 """Who plays Clyde against a planner: rules for his seat, a pool that gives each game one of many, a table of results.
 
 A policy in a ghost's seat sees himself as Clyde; the candidates are the places he can be sent to and the last one is to
-wander on (:mod:`pacman_env.sim.situation`). The environment's own behaviours are in :mod:`pacman_env.game.ghosts`; the
-rules here are their like for a seat in which every game may have another player.
+wander on (``situation.py``). The environment's own behaviours are in ``game/ghosts.py``; the rules here are their like
+for a seat in which every game may have another player.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.episodes import episode_seeds, play
-from eval.statistics import wilson
+from eval.compare.episodes import episode_seeds, play
+from eval.compare.statistics import wilson
 from pacman_env.config import ClydeConfig
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.generated import GeneratedMaps
-from pacman_env.sim.parameters import draw_below
-from pacman_env.sim.records import COMPLETE
-from pacman_env.sim.situation import HOLD, Situation
+from pacman_env.sim.core.parameters import draw_below
+from pacman_env.sim.core.records import COMPLETE
+from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.observation.situation import HOLD, Situation
 from train.arguments import Arguments
 from train.games import VALIDATION_LEVEL, game_config
 

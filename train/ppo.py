@@ -20,19 +20,19 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
-from eval.episodes import episode_seeds, play
-from eval.statistics import paired_difference, wilson
-from pacman_env.cli import ERROR_STATUS
+from eval.compare.episodes import episode_seeds, play
+from eval.compare.statistics import paired_difference, wilson
+from pacman_env.cli.main import ERROR_STATUS
 from pacman_env.config import Config
 from pacman_env.policies.base import Policy
-from pacman_env.sim.generated import GeneratedMaps
-from pacman_env.sim.records import COMPLETE
+from pacman_env.sim.core.records import COMPLETE
+from pacman_env.sim.maps.generated import GeneratedMaps
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.checkpoint import TorchPlanner, facts_path, read_facts
 from train.export import export_planner
+from train.game_workers import Worker
 from train.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
 from train.imitation import imitate
-from train.parallel import Worker
 from train.policy import new_model
 from train.run import LearningRate, Run, Watch, restore
 

@@ -21,7 +21,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from eval.files import replaced, write_json
 from pacman_env import __version__
-from pacman_env.policies.sidecar import Training
+from pacman_env.policies.metadata import Training
 from train.arguments import Arguments, Hyperparameters
 from train.checkpoint import Facts, facts_path, write_facts
 from train.games import VALIDATION_LEVEL, game_config

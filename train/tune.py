@@ -23,7 +23,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
 from eval.files import prepare, replaced
-from pacman_env.cli import ERROR_STATUS
+from pacman_env.cli.main import ERROR_STATUS
 from train.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from train.ppo import train
 from train.run import check_same

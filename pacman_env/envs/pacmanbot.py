@@ -11,11 +11,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..config import Config
-from ..sim.assets import MapSource
-from ..sim.situation import Situation
-from .game import Game
-from .screen import Screen
-from .setup import RENDER_FPS, Ghosts, check_render_mode
+from ..render.display import Screen
+from ..sim.maps.assets import MapSource
+from ..sim.observation.situation import Situation
+from .arguments import RENDER_FPS, Ghosts, check_render_mode
+from .core import Game
 from .spaces import action_space, checked_action, observation_space
 
 Observation = dict[str, NDArray[Any]]
@@ -105,7 +105,7 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
-      (the numbers of `sim/features.py`).
+      (the numbers of `sim/observation/planner_features.py`).
     - `action`: `"goal"` (the default) or `"velocity"`.
     - `endless`: round follows round.
     - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to

@@ -13,12 +13,12 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ..config import Config
-from ..sim.assets import MapSource
-from ..sim.records import RUNNING
-from ..sim.situation import Situation
-from .game import Game
-from .rendering import render_frame
-from .setup import RENDER_FPS, Ghosts, check_render_mode
+from ..render.frames import render_frame
+from ..sim.core.records import RUNNING
+from ..sim.maps.assets import MapSource
+from ..sim.observation.situation import Situation
+from .arguments import RENDER_FPS, Ghosts, check_render_mode
+from .core import Game
 from .spaces import action_space, observation_space
 
 Observation = dict[str, NDArray[Any]]

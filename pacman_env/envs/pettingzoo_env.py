@@ -18,11 +18,11 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from ..config import Config, ConfigError
 from ..game.ghosts import GHOST_NAMES
-from ..sim.assets import MapSource
-from ..sim.observation import FAST_MPS, observe
-from .game import Game
-from .screen import Screen
-from .setup import RENDER_FPS, Ghosts, check_render_mode
+from ..render.display import Screen
+from ..sim.maps.assets import MapSource
+from ..sim.observation.robot_features import FAST_MPS, observe
+from .arguments import RENDER_FPS, Ghosts, check_render_mode
+from .core import Game
 from .spaces import (
     action_space,
     checked_action,

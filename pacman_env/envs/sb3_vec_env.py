@@ -20,8 +20,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
+from .arguments import check_render_mode
 from .pacmanbot_vector import PacManBotVectorEnv
-from .setup import check_render_mode
 
 Observation = dict[str, NDArray[Any]]
 

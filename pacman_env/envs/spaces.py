@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from ..sim.batch import GameBatch
-from ..sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from ..sim.observation import (
+from ..sim.core.batch import GameBatch
+from ..sim.observation.observer import CHANNELS
+from ..sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from ..sim.observation.robot_features import (
     CANDIDATE_COLUMNS,
     CLYDE_COLUMNS,
     FAST_MPS,
@@ -17,7 +18,6 @@ from ..sim.observation import (
     ROBOT_COLUMNS,
     ROUND_COLUMNS,
 )
-from ..sim.observer import CHANNELS
 
 Columns = tuple[tuple[str, float, float, str], ...]
 _BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
@@ -60,7 +60,7 @@ def _features(batch: GameBatch) -> dict[str, spaces.Space[Any]]:
 
 
 def planner_spaces(candidates: int) -> dict[str, spaces.Space[Any]]:
-    """Of the learned planner's features (``sim/features.py``)."""
+    """Of the learned planner's features (``sim/observation/planner_features.py``)."""
     return {
         "planner_candidates": spaces.Box(-10.0, 10.0, (candidates, len(CANDIDATE_FEATURES)), np.float32),
         "planner_globals": spaces.Box(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .dances import Motion
 from .lights import GHOST_COLOURS
-from .motion import Motion
 
 
 @dataclass(frozen=True)

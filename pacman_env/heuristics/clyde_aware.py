@@ -25,7 +25,7 @@ from pacman_env.game.goal_cost import (
 )
 from pacman_env.jit import kernel
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
-from pacman_env.sim.situation import HOLD, PELLET, Situation
+from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
 
 @kernel

@@ -1,8 +1,7 @@
 """A rule over Clyde's futures, without learning: the nearest pellet whose way is safe enough, else a place to wait.
 
 Every candidate has a cost in seconds: the time to get there beyond that to the nearest pellet, what being caught or
-approached on the way costs by its probability (:mod:`pacman_env.sim.futures`), and for refuges and hold what waiting
-costs. The cheapest is the goal.
+approached on the way costs by its probability (``prediction.py``), and for refuges and hold what waiting costs. The cheapest is the goal.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.policies.base import BasePolicy
-from pacman_env.sim.futures import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
-from pacman_env.sim.situation import PELLET, Situation
+from pacman_env.sim.observation.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
+from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class Parameters(NamedTuple):

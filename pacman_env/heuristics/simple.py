@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pacman_env.jit import kernel
 from pacman_env.policies.base import BasePolicy
 from pacman_env.rng import POLICY, stream, uniform
-from pacman_env.sim.situation import PELLET, Situation
+from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class Nearest(BasePolicy):

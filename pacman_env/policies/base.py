@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.sim.situation import HOLD, Situation
+from pacman_env.sim.observation.situation import HOLD, Situation
 
 #: Per game, per candidate: named terms of the decision, plain Python values.
 Explanation = list[list[dict[str, float | bool | str]]]

@@ -1,6 +1,6 @@
-"""The learned planner as a policy: an ONNX file run by onnxruntime alone, on the features of ``sim/features.py``.
+"""The learned planner as a policy: an ONNX file run by onnxruntime alone, on the planner features.
 
-What belongs to such a file is read and checked in :mod:`pacman_env.policies.sidecar`; training and export are not
+What belongs to such a file is read and checked in :mod:`pacman_env.policies.metadata`; training and export are not
 part of the package. onnxruntime is imported when the first planner is made.
 """
 
@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.policies.base import BasePolicy, Explanation
-from pacman_env.policies.sidecar import read_planner
-from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.situation import Situation
+from pacman_env.policies.metadata import read_planner
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.sim.observation.situation import Situation
 
 #: The planner that comes with the package.
 PRETRAINED = Path(__file__).parent / "pretrained" / "ppo.onnx"
 _FORBIDDEN = -1e7  # a network's logit below this means: may not be chosen
-#: Features that an explanation shows, in the units of ``sim/features.py``.
+#: Features that an explanation shows, in the units of ``sim/observation/planner_features.py``.
 _SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
 _INPUTS: dict[str, tuple[str, tuple[int | None, ...]]] = {  # type, sizes; None: any
     "candidates": ("tensor(float)", (None, None, len(CANDIDATE_FEATURES))),

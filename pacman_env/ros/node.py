@@ -24,8 +24,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from .footprint import settle
 from .messages import BadMessage
+from .process_memory import settle
 
 FAREWELL_S = 2.0  # for answers and acknowledgements together
 TEARDOWN_S = 5  # many participants that leave at once can hang inside FastDDS

@@ -11,7 +11,7 @@ import pacman_env
 from pacman_env.config import ConfigError
 from pacman_env.envs.pettingzoo_env import PACMAN
 from pacman_env.policies.base import BasePolicy
-from pacman_env.sim.situation import Situation
+from pacman_env.sim.observation.situation import Situation
 from tests.envs.helpers import QUICK, make, make_vector, same
 
 FAST_GHOSTS = {**QUICK, "clyde.speed_mps": 0.8}

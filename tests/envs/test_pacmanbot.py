@@ -17,7 +17,7 @@ import pytest
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.policies.registry import make_policy
-from pacman_env.world.occupancy import MapError, load_map, shipped_maps
+from pacman_env.world.maps.occupancy import MapError, load_map, shipped_maps
 from tests.envs.helpers import ID, QUICK, arrays, make, same
 
 MAPS = Path(__file__).resolve().parents[2] / "maps"

@@ -12,9 +12,9 @@ import numpy as np
 from pacman_env.config import Config, ObservationConfig, RewardConfig, make_config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.sim import observation as columns
-from pacman_env.sim import raster
-from pacman_env.sim.generated import TEST_LEVEL, TEST_LEVELS
+from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS
+from pacman_env.sim.observation import raster
+from pacman_env.sim.observation import robot_features as columns
 from tests.envs.helpers import make
 
 EVERYTHING: dict[str, Any] = {"ghosts": 3, "observation": ("features", "scan", "grid")}

@@ -10,10 +10,10 @@ from gymnasium import spaces
 
 from pacman_env.config import make_config
 from pacman_env.envs.spaces import action_space, observation_space
-from pacman_env.sim.assets import map_assets
-from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.observation import CANDIDATE_COLUMNS, ROBOT_COLUMNS, observe
-from pacman_env.world.occupancy import OccupancyMap, shipped_maps
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.robot_features import CANDIDATE_COLUMNS, ROBOT_COLUMNS, observe
+from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 
 
 def games(source: Any = "house", n: int = 1, **settings: Any) -> GameBatch:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eval.episodes import EPISODE, episode_seeds, play
-from eval.sources import Levels, open_place
+from eval.compare.episodes import EPISODE, episode_seeds, play
+from eval.compare.scenarios import Levels, open_place
 from pacman_env.config import make_config
-from pacman_env.sim.assets import map_assets
-from pacman_env.sim.records import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.sim.maps.assets import map_assets
 
 #: Two houses, each with room for a few rounds.
 LEVELS = Levels("test", count=2)

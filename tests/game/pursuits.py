@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pacman_env.config import make_config
+from pacman_env.game.goal_executor import Action, Pursuit
 from pacman_env.game.goals import Home
-from pacman_env.game.pursuit import Action, Pursuit
 
 CONFIG = make_config("robot")
 

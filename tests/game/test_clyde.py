@@ -19,7 +19,7 @@ from pacman_env.game.clyde import (
     find_path,
     search_memory,
 )
-from pacman_env.world.occupancy import OccupancyMap, load_map
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from tests.drawn import box, drawn
 from tests.shared import shared_path
 

@@ -22,10 +22,10 @@ from pacman_env.game.execution import (
     result_action,
     within,
 )
-from pacman_env.sim.assets import map_assets
-from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.records import CLEARED, RUNNING
-from pacman_env.world.navigator import ABORTED, CANCELED, IDLE, SUCCEEDED
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import CLEARED, RUNNING
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.world.navigation.navigator import ABORTED, CANCELED, IDLE, SUCCEEDED
 
 HOLD = -1
 

@@ -17,9 +17,9 @@ from pacman_env.game.ghosts import (
     walk,
     wander,
 )
-from pacman_env.sim.assets import MapAssets, map_assets
-from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.records import GHOST
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import GHOST
+from pacman_env.sim.maps.assets import MapAssets, map_assets
 from tests.drawn import drawn
 from tests.game.test_clyde import PERIOD, POCKETS, house, pocket_cells
 

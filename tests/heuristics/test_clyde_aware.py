@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.heuristics.clyde_aware import ClydeAware
-from pacman_env.sim.situation import HOLD, PELLET, REFUGE, Situation
+from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 from tests.policies.contract import PolicyContract, random_situation
 from tests.shared import shared_path
 

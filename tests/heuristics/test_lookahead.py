@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eval.episodes import episode_seeds, play
+from eval.compare.episodes import episode_seeds, play
 from pacman_env.config import make_config
 from pacman_env.heuristics.lookahead import Lookahead
 from pacman_env.policies.base import Policy
-from pacman_env.sim.assets import map_assets
-from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.futures import CAUGHT, encounters
-from pacman_env.sim.records import COMPLETE, RUNNING
-from pacman_env.sim.situation import PELLET
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import COMPLETE, RUNNING
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.prediction import CAUGHT, encounters
+from pacman_env.sim.observation.situation import PELLET
 from tests.policies.contract import PolicyContract
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.policies.base import Policy
-from pacman_env.sim.assets import map_assets
-from pacman_env.sim.levels import LevelStack
-from pacman_env.sim.situation import HOLD, PELLET, REFUGE, Situation
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.level_stack import LevelStack
+from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 
 
 @cache

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pacman_env.policies.base import BasePolicy, hold_index
-from pacman_env.sim.situation import HOLD, REFUGE, Situation
+from pacman_env.sim.observation.situation import HOLD, REFUGE, Situation
 from tests.policies.contract import PolicyContract, random_situation
 
 

@@ -24,9 +24,9 @@ from onnx.external_data_helper import set_external_data
 
 from pacman_env.policies import learned
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.sidecar import sidecar_path
-from pacman_env.sim.features import CANDIDATE_FEATURES, planner_features
-from pacman_env.sim.situation import HOLD
+from pacman_env.policies.metadata import sidecar_path
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
+from pacman_env.sim.observation.situation import HOLD
 from tests.policies.contract import PolicyContract, random_situation
 from tests.train.planners import FACTS, random_planner
 

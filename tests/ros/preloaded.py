@@ -1,18 +1,18 @@
-"""What nodes have imported and compiled before they start; only the nursery's server imports this."""
+"""What nodes have imported and compiled before they start; only the fork server's server imports this."""
 
-from pacman_env.ros import (  # noqa: F401
+from pacman_env.ros import topics
+from pacman_env.ros.nodes import (  # noqa: F401
     audio_node,
     clyde_ghost_node,
     game_controller,
     game_event_mapper,
     game_light_node,
-    goal_selector,
     pellet_manager,
-    sim_robot,
-    topics,
     wait_for_amcl_pose,
 )
-from pacman_env.ros.selection import Selection
+from pacman_env.ros.selector import goal_selector  # noqa: F401
+from pacman_env.ros.selector.selection import Selection
+from pacman_env.ros.simulated_robot import sim_robot  # noqa: F401
 
 for _one in vars(topics).values():
     if isinstance(_one, topics.Topic | topics.Service | topics.Action):

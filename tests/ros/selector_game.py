@@ -12,15 +12,15 @@ from std_msgs.msg import Header
 
 from pacman_env.config import make_config
 from pacman_env.ros import topics
-from pacman_env.ros.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.ros.messages import markers_of, pose_message
-from pacman_env.sim.assets import MapAssets, map_assets
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
+from pacman_env.sim.maps.assets import MapAssets, map_assets
 from tests.ros.scripted_nav2 import Goal, ScriptedNav2
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
 
-NODE = "pacman_env.ros.goal_selector"
+NODE = "pacman_env.ros.selector.goal_selector"
 FAR_AWAY = (50.0, 50.0)
 LONG = 40.0  # s, for a node to come up on a busy machine
 

@@ -10,13 +10,13 @@ from action_msgs.msg import GoalStatus
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message, seconds_of
-from pacman_env.ros.sim_robot import FAULT, FAULTS_NOW
+from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from tests.sim.robots import RIGHT, rooms
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
 
-NODE = "pacman_env.ros.sim_robot"
+NODE = "pacman_env.ros.simulated_robot.sim_robot"
 SUCCEEDED, CANCELED, ABORTED = GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED
 LEFT = (-1.5, 1.0)
 COMPILE_S = 240.0

@@ -22,7 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.ros.topics import Action, Service, Topic
-from tests.ros.nursery import Forked
+from tests.ros.fork_server import Forked
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "/robot_15"

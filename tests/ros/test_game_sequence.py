@@ -12,6 +12,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
+from pacman_env.ros.supervisor.game_nodes import module_of
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, System
@@ -30,8 +31,8 @@ def test_another_planner_plays_and_short_shows_break_the_motions_off(probe: Prob
     probe.record(topics.GAME_STATE, topics.SCORE, topics.GAME_RESULT, topics.PELLETS_SPAWNED, topics.CMD_VEL)
     for node in ("game_event_mapper", "clyde_ghost_node", "pellet_manager"):
         maps = {} if node == "game_event_mapper" else {"map_yaml": "loop"}
-        system.start(f"pacman_env.ros.{node}", **maps)
-    system.start("pacman_env.ros.game_controller", start_show_s=SHOW_S, death_show_s=SHOW_S)
+        system.start(module_of(node), **maps)
+    system.start("pacman_env.ros.nodes.game_controller", start_show_s=SHOW_S, death_show_s=SHOW_S)
     probe.wait_for(lambda: probe.values(topics.GAME_STATE), UP_S, "the referee")
     probe.publisher(topics.GAME_EVENT)
     probe.wait_for(

@@ -24,7 +24,8 @@ from pacman_env.game.execution import CANCELED
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pellets_of, pose_message, pose_of, seconds_of
-from pacman_env.ros.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
+from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
+from pacman_env.ros.supervisor.game_nodes import module_of
 from tests.ros.system import Probe, System
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class Game:
 
     def start(self, name: str, *left_out: str) -> None:
         parameters = {key: value for key, value in NODES[name].items() if key not in left_out}
-        self.processes[name] = self.system.start(f"pacman_env.ros.{name}", use_sim_time=True, **parameters)
+        self.processes[name] = self.system.start(module_of(name), use_sim_time=True, **parameters)
 
     def kill(self, name: str) -> None:
         """As a crash does it: nothing is said."""

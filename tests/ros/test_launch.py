@@ -20,7 +20,18 @@ import yaml
 
 from pacman_env import __version__
 from pacman_env.config import Config
-from pacman_env.ros.game_nodes import GAME, NODES, QUIET, SELECTOR, SIMULATOR, STOP_ORDER, WAIT, Game, full_namespace
+from pacman_env.ros.supervisor.game_nodes import (
+    GAME,
+    NODES,
+    QUIET,
+    SELECTOR,
+    SIMULATOR,
+    STOP_ORDER,
+    WAIT,
+    Game,
+    full_namespace,
+    module_of,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -116,7 +127,7 @@ def test_package_xml_is_of_this_version_and_names_every_ros_package_that_is_impo
     assert (ROOT / "resource" / "pacman_env").is_file()
     named = {element.text for element in package.iter("exec_depend")}
     imported = set()
-    for path in (ROOT / "pacman_env" / "ros").glob("*.py"):
+    for path in (ROOT / "pacman_env" / "ros").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 imported |= {alias.name.partition(".")[0] for alias in node.names}
@@ -131,9 +142,9 @@ def test_every_node_is_a_command_of_the_ros_package_and_a_module() -> None:
         for node in ast.parse((ROOT / "setup.py").read_text()).body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "NODES"
     ]
-    assert commands == NODES
+    assert tuple(f"pacman_env.ros.{name}" for name in commands) == tuple(map(module_of, NODES))
     for name in NODES:
-        assert "def main(" in (ROOT / "pacman_env" / "ros" / f"{name}.py").read_text(), name
+        assert "def main(" in (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), name
     assert set(STOP_ORDER) <= set(NODES)
 
 

@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.robot_reference import main
-from pacman_env.ros.game_nodes import NODES
+from pacman_env.ros.supervisor.game_nodes import NODES
+from tools.robot_reference import main
 
 
 def test_the_committed_page_is_what_the_nodes_say(domain: int, tmp_path: Path) -> None:

@@ -19,12 +19,12 @@ pytest.importorskip("irobot_create_msgs")
 from action_msgs.msg import GoalStatus
 
 from pacman_env.config import make_config
+from pacman_env.game.dances import SPEED_RADPS
 from pacman_env.game.lights import ANIMATIONS
-from pacman_env.game.motion import SPEED_RADPS
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of, seconds_of
-from pacman_env.ros.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
+from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
 from tests.ros.system import Probe, System
 from tests.ros.whole_game import CAGE, CLOSET, GOALS, PELLETS, Recording, Said, Table
 

@@ -21,11 +21,11 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR, WAIT
-from pacman_env.ros.goal_scores import DIAGNOSTICS
 from pacman_env.ros.messages import pose_of, seconds_of
-from pacman_env.ros.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
-from pacman_env.world.occupancy import OccupancyMap
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
+from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, WAIT, module_of
+from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.ros.system import Probe, System
 
 SPEED = 10.0
@@ -172,8 +172,8 @@ class Table:
             SELECTOR: {"map_yaml": map_yaml, "policy": policy},
         }
         for node in (SIMULATOR, *GAME, SELECTOR):
-            system.start(f"pacman_env.ros.{node}", use_sim_time=True, **own.get(node, {}))
-        waiter = system.start(f"pacman_env.ros.{WAIT}", use_sim_time=True)
+            system.start(module_of(node), use_sim_time=True, **own.get(node, {}))
+        waiter = system.start(module_of(WAIT), use_sim_time=True)
         probe.wait_for(lambda: waiter.popen.poll() == 0, UP_S, "the robot's pose")
         probe.wait_for(self._ready, UP_S, "the planner")
         self._greet()

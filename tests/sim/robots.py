@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from pacman_env.config import make_config
-from pacman_env.sim.navigation import Ended, Navigation
-from pacman_env.sim.robot import SimulatedRobot
-from pacman_env.world.occupancy import OccupancyMap
+from pacman_env.sim.core.navigate_to_pose import Ended, Navigation
+from pacman_env.sim.core.robot import SimulatedRobot
+from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.drawn import drawn
 
 #: Two rooms of 4 x 4 m, a doorway 0.8 m wide, beyond the left wall unknown ground; home is in the left room.

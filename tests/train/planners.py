@@ -7,8 +7,8 @@ from typing import Any
 
 import torch
 
-from pacman_env.policies.sidecar import Training
-from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.policies.metadata import Training
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from train.checkpoint import Facts
 from train.export import export_planner
 from train.network import EntityNetwork

@@ -17,8 +17,8 @@ import torch
 
 import pacman_env
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.policies.metadata import read_planner, sidecar_path
 from pacman_env.policies.registry import make_policy
-from pacman_env.policies.sidecar import read_planner, sidecar_path
 from tests.train.planners import FACTS, random_network, random_planner
 from train.adversary import Arguments, main, network_of, new_model, parse, starting_model
 from train.arguments import FOLDER, load_hyperparameters

@@ -14,12 +14,12 @@ import torch
 
 from pacman_env.config import make_config
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.sim.assets import map_assets
-from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.features import planner_features
-from pacman_env.sim.generated import GeneratedMaps
-from pacman_env.sim.records import RUNNING
-from pacman_env.sim.situation import Situation
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import RUNNING
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.observation.planner_features import planner_features
+from pacman_env.sim.observation.situation import Situation
 from tests.train.planners import FACTS, random_network, random_planner
 from train.checkpoint import TorchPlanner
 

@@ -17,8 +17,8 @@ import onnx
 import torch
 
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.sidecar import read_planner
-from pacman_env.sim.features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.policies.metadata import read_planner
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from tests.train.planners import FACTS, random_network, random_planner
 from train.export import OPSET, export_planner, main, model_bytes
 from train.network import FORBIDDEN, EntityNetwork

@@ -11,8 +11,8 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
-from pacman_env.sim.features import CANDIDATE_FEATURES
-from pacman_env.sim.generated import TEST_LEVEL
+from pacman_env.sim.maps.generated import TEST_LEVEL
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from tests.envs.helpers import QUICK
 from tests.train.test_arguments import tiny
 from train.arguments import Arguments

@@ -15,7 +15,7 @@ import dataclasses
 import pacman_env
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.features import planner_features
+from pacman_env.sim.observation.planner_features import planner_features
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.games import game_settings
 from train.ghost_games import CLYDE, GhostGames, make_ghost_games

@@ -13,7 +13,7 @@ pytest.importorskip("sb3_contrib")
 import torch
 from sb3_contrib import MaskablePPO
 
-from pacman_env.sim.features import CANDIDATE_FEATURES
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from tests.train.test_arguments import tiny
 from train import imitation
 from train.games import TrainingGames, dropped, make_games

@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import ConfigError
-from pacman_env.envs.game import Game
-from pacman_env.envs.setup import Ghosts
+from pacman_env.envs.arguments import Ghosts
+from pacman_env.envs.core import Game
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.records import DEAD, RUNNING
-from pacman_env.sim.situation import HOLD, Situation
+from pacman_env.sim.core.records import DEAD, RUNNING
+from pacman_env.sim.observation.situation import HOLD, Situation
 from tests.train.planners import random_planner
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.opponents import Arcade, Chase, Opponents, Table, Wander, completed_against, make_pool, robustness

@@ -16,10 +16,10 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 pytest.importorskip("tyro")
 
-from eval.episodes import episode_seeds, play
+from eval.compare.episodes import episode_seeds, play
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.assets import map_assets
+from pacman_env.sim.maps.assets import map_assets
 from tests.policies.contract import random_situation
 from tests.train.test_arguments import section, tiny
 from train.checkpoint import TorchPlanner, facts_path, read_facts

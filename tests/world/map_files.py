@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pacman_env.world.occupancy import OccupancyMap
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 GOOD: dict[str, Any] = {
     "image": "m.pgm",

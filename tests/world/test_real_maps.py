@@ -8,8 +8,8 @@ import yaml
 
 from pacman_env.config import PelletConfig
 from pacman_env.game.pellets import generate_pellets
-from pacman_env.world.map_check import MapReport, check_map
-from pacman_env.world.occupancy import load_map
+from pacman_env.world.maps.map_check import MapReport, check_map
+from pacman_env.world.maps.occupancy import load_map
 from tests.shared import SHARED, shared_path
 
 

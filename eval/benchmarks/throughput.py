@@ -1,0 +1,187 @@
+"""How fast the environments are: ``python -m eval.benchmarks.throughput``.
+
+Decisions per second of the native vector environment at 64 and 1,024 games and of the unwrapped single environment;
+in the same run, in turns with it, bare Chipmunk stepping of the same bodies among the same walls, as decisions that
+cost nothing but physics; what a second ``gymnasium.make`` of the same map costs, and what a generated house for each
+episode costs. Everything runs in one thread. Machines are noisy: the ratio is the median over rounds of figures
+measured one after the other.
+"""
+
+from __future__ import annotations
+
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import pacman_env
+from eval.files import prepare, write_json
+from pacman_env.cli.main import Parser
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.world.navigation.physics import PhysicsWorld
+
+HELD = 20  # decisions for which a random action is held: about what a planner does
+ROUNDS = 9
+
+
+def vector_rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> float:
+    """Decisions per second over ``steps`` steps with random goals, each held for a while."""
+    choices = rng.integers(0, env.batch.candidates, size=(steps // HELD + 1, env.num_envs))
+    began = time.perf_counter()
+    for k in range(steps):
+        env.step(choices[k // HELD])
+    return steps * env.num_envs / (time.perf_counter() - began)
+
+
+def single_rate(env: PacManBotEnv, rng: np.random.Generator, steps: int) -> float:
+    """Decisions per second of the unwrapped single environment, resets included."""
+    choices = rng.integers(0, env.batch.candidates, size=steps // HELD + 1).tolist()
+    began = time.perf_counter()
+    for k in range(steps):
+        _, _, terminated, truncated, _ = env.step(choices[k // HELD])
+        if terminated or truncated:
+            env.reset()
+    return steps / (time.perf_counter() - began)
+
+
+def bare_rate(world: PhysicsWorld, env: PacManBotVectorEnv, steps: int) -> float:
+    """Decisions per second if a decision were physics steps and nothing else, from where the games are now."""
+    games = env.batch.games
+    for i in range(world.n):
+        world.place(i, games[i]["x"], games[i]["y"])
+    began = time.perf_counter()
+    world.bare_steps(steps * env.batch.substeps, env.config.robot.speed_mps)
+    return steps * world.n / (time.perf_counter() - began)
+
+
+def make_vector(n: int, map_source: str) -> PacManBotVectorEnv:
+    """The native vector environment, warmed up."""
+    env = gym.make_vec(
+        "pacman_env/PacManBot-v0", num_envs=n, vectorization_mode="vector_entry_point", map=map_source
+    ).unwrapped
+    assert isinstance(env, PacManBotVectorEnv)
+    env.reset(seed=0)
+    vector_rate(env, np.random.default_rng(0), 2 * HELD)
+    return env
+
+
+def make_again_ms(map_source: str, repeats: int) -> float:
+    """Milliseconds of a ``gymnasium.make`` of a map that was made before."""
+    gym.make("pacman_env/PacManBot-v0", map=map_source)
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        gym.make("pacman_env/PacManBot-v0", map=map_source)
+        times.append(1000 * (time.perf_counter() - began))
+    return float(np.median(times))
+
+
+def new_level_ms(episodes: int) -> float:
+    """Milliseconds that an episode on a generated house of its own adds to 64 games: draw, prepare, build, start.
+
+    Slots are used before: memory that the system has to find first is not what a level costs.
+    """
+    batch = make_vector(64, "generated").batch
+    seeds = np.random.default_rng(0).integers(2**63, size=64 + episodes, dtype=np.uint64)
+    times = []
+    for k, seed in enumerate(seeds):
+        began = time.perf_counter()
+        batch.reset(np.array([k % 64]), np.array([seed]))
+        times.append(1000 * (time.perf_counter() - began))
+    return float(np.mean(times[64:]))
+
+
+def generated_rate(rng: np.random.Generator, steps: int) -> float:
+    """Decisions per second of 64 games, each in a generated house of its own, new ones included."""
+    return vector_rate(make_vector(64, "generated"), rng, steps)
+
+
+def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
+    """All figures; ``seconds`` is roughly what each figure may take.
+
+    Raises:
+        ValueError: less than one round, or a map that cannot be played on.
+    """
+    if rounds < 1:
+        raise ValueError(f"rounds = {rounds}: must be at least 1")
+    rng = np.random.default_rng(0)
+    level_ms = new_level_ms(max(8, round(50 * seconds)))
+    env = make_vector(64, map_source)
+    robot = env.config.robot
+    bare = PhysicsWorld(
+        env.batch.assets.grid.walls,
+        64,
+        radius_m=robot.radius_m,
+        mass_kg=robot.mass_kg,
+        step_s=env.config.physics_step_s,
+    )
+    steps = max(HELD, int(seconds / rounds * vector_rate(env, rng, 4 * HELD) / 64))
+    full, empty = [], []
+    for _ in range(rounds):
+        full.append(vector_rate(env, rng, steps))
+        empty.append(bare_rate(bare, env, steps))
+    ratios = np.array(full) / np.array(empty)
+
+    many = make_vector(1024, map_source)
+    many_steps = max(4, int(seconds / rounds * np.median(full) / 1024))
+    many_rate = float(np.median([vector_rate(many, rng, many_steps) for _ in range(rounds)]))
+
+    single = gym.make("pacman_env/PacManBot-v0", map=map_source).unwrapped
+    assert isinstance(single, PacManBotEnv)
+    single.reset(seed=0)
+    single_rate(single, rng, 4 * HELD)
+    single_steps = max(HELD, int(seconds / rounds * 8000))
+    one_rate = float(np.median([single_rate(single, rng, single_steps) for _ in range(rounds)]))
+    return {
+        "decisions_per_s": {"1": one_rate, "64": float(np.median(full)), "1024": many_rate},
+        "bare_decisions_per_s_64": float(np.median(empty)),
+        "bare_ratio_64": float(np.median(ratios)),
+        "bare_ratio_64_range": [float(ratios.min()), float(ratios.max())],
+        "make_again_ms": make_again_ms(map_source, rounds),
+        "new_level_ms": level_ms,
+        "generated_decisions_per_s_64": generated_rate(rng, steps),
+        "map": env.batch.assets.occupancy.name,
+        "map_hash": env.batch.assets.occupancy.hash,
+        "wall_segments": len(env.batch.assets.grid.walls),
+        "version": pacman_env.__version__,
+        "python": platform.python_version(),
+        "processor": platform.processor() or platform.machine(),
+    }
+
+
+def main(argv: list[str] | None = None) -> int:
+    """The command; see the module."""
+    parser = Parser(prog="eval.benchmarks.throughput", description=__doc__)
+    parser.add_argument("--map", default="house", help="name or YAML file")
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    arguments = parser.parse_args(argv)
+    try:
+        if arguments.json:
+            prepare(arguments.json)
+        figures = run(arguments.map, arguments.rounds, arguments.seconds)
+    except (ValueError, OSError) as error:
+        parser.error(str(error))
+    rates = figures["decisions_per_s"]
+    print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread")
+    for n in ("1", "64", "1024"):
+        print(f"  N = {n:>4}: {rates[n]:9,.0f} decisions/s")
+    low, high = figures["bare_ratio_64_range"]
+    print(f"  bare Chipmunk, 64 bodies: {figures['bare_decisions_per_s_64']:9,.0f} decisions/s")
+    print(f"  ratio to bare at 64: {figures['bare_ratio_64']:.3f} ({low:.3f} to {high:.3f})")
+    print(f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}")
+    print(f"  gymnasium.make of the same map again: {figures['make_again_ms']:.1f} ms")
+    print(f"  generated houses, a new one per episode: {figures['new_level_ms']:.1f} ms each at 64 games,")
+    print(f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once")
+    if arguments.json:
+        write_json(arguments.json, figures)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,131 @@
+"""The processes of a game with a simulated robot, and the recorder beside them, as one thing that starts and stops.
+
+Also what can be seen of the processes from outside: whether they live, what they log, how long they wait for a core.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import re
+import time
+from collections import defaultdict
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+from eval.campaign.schedule import ground_of, part_of_map
+from pacman_env.config import make_config
+from pacman_env.game.pellets import generate_pellets
+from pacman_env.ros.supervisor.game_nodes import (
+    GAME,
+    REFEREE,
+    SELECTOR,
+    SIMULATOR,
+    STOP_ORDER,
+    WAIT,
+    Game,
+    full_namespace,
+)
+from pacman_env.ros.supervisor.processes import Crew, Lost
+
+START_WALL_S = 300.0  # the first system compiles
+_BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
+
+
+class Lateness:
+    """How long one of some processes, or this one, waited for a core, wall s, and when, ns.
+
+    Args:
+        processes: their ids.
+        proc: where Linux tells of processes; where it does not, nobody waited.
+    """
+
+    LOOK_S = 0.1
+    STARVED = 0.9  # share of a look's time: less is taking turns
+
+    def __init__(self, processes: Collection[int], proc: Path = Path("/proc")) -> None:
+        self._files = [proc / str(process) / "schedstat" for process in (*processes, os.getpid())]
+        self._waited: dict[Path, float] = {}
+        self._streak: defaultdict[Path, float] = defaultdict(float)
+        self._looked_s = time.monotonic()
+        self.lags: list[tuple[int, float]] = []
+
+    def look(self) -> None:
+        """To be called often."""
+        passed_s = time.monotonic() - self._looked_s
+        if passed_s < self.LOOK_S:
+            return
+        self._looked_s += passed_s
+        for file in self._files:
+            with contextlib.suppress(OSError, ValueError, IndexError):
+                waited = int(file.read_text().split()[1]) * 1e-9
+                more = waited - self._waited.get(file, waited)
+                self._waited[file] = waited
+                self._streak[file] = self._streak[file] + more if more > self.STARVED * passed_s else 0.0
+                if self._streak[file] > 0.0:
+                    self.lags.append((time.time_ns(), self._streak[file]))
+
+
+def bad_lines(text: str) -> list[str]:
+    """What no node may log: errors, exceptions that nobody caught, and the middleware's last words."""
+    return [line.strip()[:300] for line in text.splitlines() if _BAD_WORDS.search(line)]
+
+
+class System:
+    """All processes of a game on one ground, and the witness; ``with`` starts and stops them."""
+
+    def __init__(self, seed: int, speed: float, folder: Path) -> None:
+        name, within_m = ground_of(seed)
+        ground = part_of_map(name, within_m)
+        self.ground = name if math.isinf(within_m) else f"{name}, {within_m:g} m"
+        self.pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
+        extra: dict[str, Any] = {SIMULATOR: {"seed": seed}, "clyde_ghost_node": {"seed": seed}, REFEREE: {"memory": ""}}
+        self._game = Game(str(ground.save(folder / "ground.yaml")), "nearest", sim=True, speed=speed, extra=extra)
+        self.folder = folder
+        self._read: dict[Path, int] = {}  # bytes of the logs
+        self.said: list[str] = []  # by the crew
+
+    def __enter__(self) -> System:
+        from eval.campaign.recorder import Recorder
+        from pacman_env.ros.supervisor.up import environment
+
+        self._crew = Crew(self.folder, {**os.environ, **environment(self._game, None)}, self.said.append)
+        self.recorder = Recorder(full_namespace(self._game.namespace))
+        try:
+            for name in (SIMULATOR, *GAME, WAIT):
+                self._crew.start(name, self._game.arguments(name))
+            if not self.recorder.wait_for(lambda: self._crew.status(WAIT) is not None, START_WALL_S):
+                raise Lost(f"the robot is not localized: {self._crew.last_words(SIMULATOR)}")
+            self._crew.dismiss(WAIT)
+            self._crew.start(SELECTOR, self._game.arguments(SELECTOR))
+            if not self.recorder.wait_for(lambda: self.recorder.ready() or self._crew.tend(), START_WALL_S):
+                raise Lost(f"the game does not come up, see {self.folder}")
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.said += [f"{name} did not stop and was killed" for name in self._crew.stop(STOP_ORDER)]
+        self.recorder.close()
+
+    def troubles(self) -> list[str]:
+        """Processes that have ended, and bad words in the logs, since the last call."""
+        try:
+            found = [f"{name} ended" for name in self._crew.tend()]
+        except Lost as lost:
+            found = [str(lost)]
+        found += self.said
+        self.said.clear()
+        for path in sorted(self.folder.glob("*.log")):
+            text = path.read_bytes()
+            new = text[self._read.get(path, 0) :].decode(errors="replace")
+            self._read[path] = len(text)
+            found += [f"{path.stem}: {line}" for line in bad_lines(new)]
+        return found
+
+    def lateness(self) -> Lateness:
+        """Of its processes, from now on."""
+        return Lateness(self._crew.processes().values())

@@ -1,0 +1,327 @@
+"""What is right and what is wrong in one recorded game of the robot's nodes.
+
+Plain values in, lines about violations out: recording is ``robot_games.py``'s business. Instants are ns of the wall's
+clock at which messages left their publishers, so that those of different processes can be put in order; durations are
+of the robot's time, which no jump of the simulated clock touches.
+"""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import math
+import re
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pacman_env.game.dances import SHAKE_S, SPEED_RADPS, SPIN_S
+
+DRIVING = frozenset({"running", "returning_home"})
+SHOWS = {"starting": SPIN_S, "dying": SHAKE_S}
+#: Where each state leads by itself; a reset leads to the menu from everywhere.
+NEXT = {
+    "menu": {"returning_home"},
+    "returning_home": {"starting", "menu"},
+    "starting": {"running"},
+    "running": {"complete", "dying"},
+    "complete": {"returning_home"},
+    "dying": {"returning_home"},
+}
+#: s of wall time in which what one process says may cross what another one says; at ten times speed that is 2 s of the
+#: robot's time. Messages need a millisecond, but a process may have to wait for a core, and acts on what it hears with
+#: its next tick. How long one of them did wait for a core just then comes on top.
+CROSSING_S = 0.2
+LAG_COUNTS_S = 0.5  # of wall time around it in which a waiting process may be why
+TICK_S = 0.2  # of the robot's time: of the timers that end a show, and of the samples
+CANCEL_S = 1.5  # of the robot's time: a cancel that was lost is sent again after 1 s
+FASTEST_MPS = 0.306
+BRAKING_M = FASTEST_MPS**2 / (2 * 0.9)
+STANDING_M = 0.05
+OUTCOMES = ("complete", "lost")
+_SEEN = {"complete": "complete", "lost": "dying"}  # states
+_COLLECTED = re.compile(r"pellet_collected:(\d{1,9})", re.ASCII)
+ENDED = frozenset({4, 5, 6})  # action_msgs/GoalStatus
+
+
+@dataclass(frozen=True)
+class Record:
+    """One message: when it left its publisher, ns of wall time, its topic and what it said."""
+
+    at: int
+    topic: str
+    value: Any
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The robot's own time, s, and where its odometry has it, m, at an instant of wall time, ns."""
+
+    at: int
+    time_s: float
+    x: float
+    y: float
+
+
+@dataclass
+class Evidence:
+    """Everything that was seen of one game, from its menu to the next.
+
+    ``records`` by topic: ``game_state``, ``game_command``, ``game_result``, ``game_status``, ``game/score``,
+    ``game/round``, ``game/pellets_spawned``, ``game/pellets_collected``, ``clyde/speed``; ``turn`` (rad/s), ``sent``
+    (a goal's words), ``goals`` (status by id).
+    """
+
+    own_pellets: frozenset[int]
+    base_speed_mps: float
+    speed_step_mps: float = 0.05
+    started: int = 0  # when game/start was called, ns
+    records: list[Record] = field(default_factory=list)
+    track: list[Sample] = field(default_factory=list)
+    resets: list[int] = field(default_factory=list)  # when game/reset was called, ns
+    forged_reports: list[int] = field(default_factory=list)  # when a false report of the pellets was sent, ns
+    lags: list[tuple[int, float]] = field(default_factory=list)  # when, ns, one had waited for a core how long, s
+    troubles: list[tuple[float, float]] = field(default_factory=list)  # robot's time in which faults were active
+
+    def of(self, topic: str) -> list[Record]:
+        """The records of a topic, in order."""
+        return sorted((r for r in self.records if r.topic == topic), key=lambda r: r.at)
+
+    def last(self, topic: str, before: float = math.inf) -> Any:
+        """The last value of a topic until an instant; None: none."""
+        return next((r.value for r in reversed(self.of(topic)) if r.at <= before), None)
+
+    @property
+    def score(self) -> int:
+        """That it began with."""
+        return int(self.last("game/score", self.started) or 0)
+
+    @property
+    def round(self) -> int:
+        """That it was played as."""
+        return int(self.last("game/round", self.started) or 1)
+
+    def time_s(self, at: int) -> float:
+        """The robot's time at an instant; of the last sample before it."""
+        index = bisect.bisect_right(self.track, at, key=lambda s: s.at) - 1
+        return self.track[max(index, 0)].time_s if self.track else 0.0
+
+    def crossing_ns(self, at: int) -> int:
+        """Tolerance at an instant for messages that cross one another, of wall time."""
+        near = [lag_s for when, lag_s in self.lags if abs(when - at) * 1e-9 <= LAG_COUNTS_S + lag_s]
+        return round((CROSSING_S + max(near, default=0.0)) * 1e9)
+
+    def crossing_s(self, at: int) -> float:
+        """The same in the robot's time."""
+        return self.crossing_ns(at) * 1e-9 * self.speed
+
+    @property
+    def speed(self) -> float:
+        """The robot's time in wall time, at least 1."""
+        if len(self.track) < 2:
+            return 1.0
+        first, last = self.track[0], self.track[-1]
+        return max(1.0, (last.time_s - first.time_s) / max(1e-9, (last.at - first.at) * 1e-9))
+
+    def states(self) -> list[tuple[int, str]]:
+        """When each state began, without repetitions; the words that are states only."""
+        states: list[tuple[int, str]] = []
+        for record in self.of("game_state"):
+            if record.value in NEXT and (not states or states[-1][1] != record.value):
+                states.append((record.at, record.value))
+        return states
+
+    def intervals(self, of: Collection[str]) -> list[tuple[int, int]]:
+        """The instants in which the game was in one of these states; those that follow one another are one."""
+        found: list[tuple[int, int]] = []
+        states = self.states()
+        end = max((s.at for s in self.track), default=0)
+        for (begin, state), (until, _) in zip(states, [*states[1:], (max(end, states[-1][0]), "")], strict=True):
+            if state in of:
+                if found and found[-1][1] == begin:
+                    found[-1] = found[-1][0], until
+                else:
+                    found.append((begin, until))
+        return found
+
+
+def outcome(evidence: Evidence) -> str:
+    """How it went: ``complete``, ``lost``, ``reset``, ``home failed`` before it began, or ``never`` begun."""
+    states = evidence.states()
+    words = [state for _, state in states]
+    ends = [k for k in range(1, len(states)) if words[k] == "menu"]
+    if not ends:
+        return "never"
+    at, before = states[ends[-1]][0], words[ends[-1] - 1]
+    if before != "returning_home" or _was_reset(evidence, at):
+        return "reset"
+    return next((how for how in OUTCOMES if _SEEN[how] in words), "home failed")
+
+
+def _was_reset(e: Evidence, at: int) -> bool:
+    tolerance = e.crossing_ns(at)
+    return any(called - tolerance <= at <= called + 2 * tolerance for called in e.resets)
+
+
+def violations(evidence: Evidence) -> list[str]:
+    """Everything that was wrong, one line each."""
+    if not evidence.states():
+        return ["the game's state was never heard"]
+    checks = (_transitions, _shows, _goals, _motion, _turns, _scores, _results)
+    return [line for check in checks for line in check(evidence)]
+
+
+def _inside(e: Evidence, at: int, intervals: Sequence[tuple[int, int]]) -> bool:
+    tolerance = e.crossing_ns(at)
+    return any(begin - tolerance <= at <= end + tolerance for begin, end in intervals)
+
+
+def _transitions(e: Evidence) -> Iterator[str]:
+    states = e.states()
+    for (_, before), (at, after) in itertools.pairwise(states):
+        if after not in NEXT[before] and not (after == "menu" and _was_reset(e, at)):
+            yield f"the state went from {before} to {after}"
+
+
+def _shows(e: Evidence) -> Iterator[str]:
+    for state, lasts in SHOWS.items():
+        for begin, end in e.intervals((state,)):
+            lasted = e.time_s(end) - e.time_s(begin)
+            if lasted > lasts + e.crossing_s(end) + TICK_S:
+                yield f"{state} lasted {lasted:.1f} s, not {lasts:g} s"
+
+
+def _goals(e: Evidence) -> Iterator[str]:
+    driving = e.intervals(DRIVING)
+    for record in e.of("sent"):
+        if not _inside(e, record.at, driving):
+            late = min((record.at - end for _, end in driving if end <= record.at), default=0)
+            yield f"a goal was sent {late * 1e-9:.2f} s (wall) after driving was over: {record.value}"
+    sent = len(e.of("sent"))
+    accepted: dict[str, int] = {}
+    ended: dict[str, int] = {}
+    for record in e.of("goals"):
+        for key, status in record.value.items():
+            accepted.setdefault(key, record.at)
+            if status in ENDED:
+                ended.setdefault(key, record.at)
+        for key in accepted.keys() - record.value.keys():  # the server that knew it has gone
+            ended.setdefault(key, record.at)
+    if len(accepted) > sent:
+        yield f"{len(accepted)} goals were accepted, {sent} were sent"
+    last = e.track[-1].at if e.track else 0
+    for key, begin in accepted.items():
+        end = ended.get(key, last)
+        for stood, drove in e.intervals(NEXT.keys() - DRIVING):
+            since, until = e.time_s(max(begin, stood)), e.time_s(min(end, drove))
+            free = until - max([since, *(b for a, b in e.troubles if b >= since and a <= until)])
+            if free > CANCEL_S + e.crossing_s(max(begin, stood)):
+                yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
+
+
+def _motion(e: Evidence) -> Iterator[str]:
+    """The robot stands where nobody drives; each goal that is accepted late moves it once more."""
+    goals = sorted(_first_seen(e).values())
+    for begin, end in e.intervals(NEXT.keys() - DRIVING):
+        places = [(s.x, s.y) for s in e.track if begin <= s.at <= end]
+        if not places:
+            continue
+        moved = max(math.dist(places[0], place) for place in places)
+        starts = [begin, *(at for at in goals if begin <= at < end)]
+        stops = sum(FASTEST_MPS * (e.crossing_s(at) + 2 * TICK_S) + BRAKING_M for at in starts)
+        if moved > stops + STANDING_M:
+            yield f"the robot moved {moved:.2f} m while nobody was to drive"
+
+
+def _first_seen(e: Evidence) -> dict[str, int]:
+    seen: dict[str, int] = {}
+    for record in e.of("goals"):
+        for key in record.value:
+            seen.setdefault(key, record.at)
+    return seen
+
+
+def _turns(e: Evidence) -> Iterator[str]:
+    """Spin and shake: where, how fast and for how long the event mapper turned the robot."""
+    shows = e.intervals(SHOWS)
+    turn: list[Record] = []
+    turns = [record for record in e.of("turn") if math.isfinite(record.value)]  # others are nonsense from outside
+    for record in [*turns, Record(e.track[-1].at if e.track else 0, "turn", 0.0)]:
+        if record.value != 0.0:
+            if abs(record.value) > SPEED_RADPS + 1e-6:
+                yield f"a turn at {record.value:.2f} rad/s"
+            turn.append(record)
+            continue
+        if turn:
+            begin, end = turn[0].at, turn[-1].at
+            lasted = e.time_s(end) - e.time_s(begin)
+            longest = SHAKE_S if any(r.value < 0 for r in turn) else SPIN_S
+            what = f"a turn of {lasted:.1f} s"
+            if lasted > longest + e.crossing_s(end) + TICK_S:
+                yield f"{what}, longer than {longest:g} s"
+            if not any(_inside(e, at, shows) for at in (begin, end)):
+                yield f"{what} outside of a show"
+            elif not _inside(e, end, shows):
+                yield f"{what} that did not end with its show"
+        turn = []
+
+
+def _scores(e: Evidence) -> Iterator[str]:
+    running = e.intervals(("running",))
+    sure, perhaps = set(), set()
+    for record in e.of("game_status"):
+        pellet = _own_pellet(e, record.value)
+        if pellet is not None and _inside(e, record.at, running):
+            perhaps.add(pellet)
+            if any(begin <= record.at < end - e.crossing_ns(end) for begin, end in running):
+                sure.add(pellet)
+    words = [state for _, state in e.states()]
+    counted = _last_before_end(e, "game/pellets_collected")
+    if not len(sure) <= counted <= len(perhaps):
+        yield f"{counted} pellets were counted, {len(sure)} to {len(perhaps)} were collected"
+    most = max((r.value for r in e.of("game/score") if r.at > e.started), default=e.score)
+    if "running" in words and most != max(e.score + counted, e.score):
+        yield f"the score went up to {most}, from {e.score} with {counted} pellets"
+    known = not any(_near_forged(e, at) for at, state in e.states() if state == "complete")
+    if "complete" in words and known and counted != len(e.own_pellets):
+        yield f"the round was complete with {counted} of {len(e.own_pellets)} pellets"
+
+
+def _own_pellet(e: Evidence, word: str) -> int | None:
+    """The pellet that a status reports as collected."""
+    found = _COLLECTED.fullmatch(word)
+    return int(found[1]) if found and int(found[1]) in e.own_pellets else None
+
+
+def _near_forged(e: Evidence, at: int) -> bool:
+    """Whether a false report of the pellets was all that the referee knew: the next true one comes within 1 s."""
+    wall_ns = round(1e9 / e.speed) + 2 * e.crossing_ns(at)
+    return any(0 <= at - forged <= wall_ns for forged in e.forged_reports)
+
+
+def _last_before_end(e: Evidence, topic: str) -> int:
+    """The highest value: counters go up within a game and back at its end."""
+    return max((int(r.value) for r in e.of(topic)), default=0)
+
+
+def _results(e: Evidence) -> Iterator[str]:
+    """What is latched when the game is in the menu again."""
+    how, counted = outcome(e), _last_before_end(e, "game/pellets_collected")
+    if how == "never":
+        return
+    homes = [r.value for r in e.of("game_status") if r.value in ("home_reached", "home_failed")]
+    result = {"complete": f"Complete - Score: {e.score + counted}", "lost": f"Death - Score: {e.score + counted}"}
+    kept = how in ("complete", "home failed")
+    number = e.round + (how == "complete") if kept else 1
+    expected: dict[str, Any] = {
+        "game_result": "home_failed" if how != "reset" and homes[-1:] == ["home_failed"] else result.get(how, ""),
+        "game/score": e.score + counted if kept else 0,
+        "game/round": number,
+        "game/pellets_collected": 0,
+        "game/pellets_spawned": len(e.own_pellets),
+        "clyde/speed": e.base_speed_mps + (number - 1) * e.speed_step_mps,
+    }
+    for topic, value in expected.items():
+        found = e.last(topic)
+        if found is None or (abs(found - value) > 1e-3 if isinstance(value, float) else found != value):
+            yield f"{topic} is {found!r} at the end, not {value!r}"

@@ -1,0 +1,1 @@
+"""Long checks of the simulator; each module is a command."""

@@ -1,0 +1,116 @@
+"""Generated levels judged by an independent reading of their map files, ``python -m eval.checks.generated_levels``.
+
+Each level is saved as the YAML and PGM that map_server loads, read back with PyYAML and a few lines of NumPy, and
+flooded with OpenCV: home and every pellet must lie in one part where the robot's disc fits. Nothing of the project's
+own loader, grid or path fields is used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from eval.compare.arguments import at_least
+from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.config import make_config
+from pacman_env.sim.maps.generated import TEST_LEVEL, prepare_level
+
+FAULT_STATUS = 1
+FREE_ABOVE = 250  # grey, Algorithm 1
+
+
+def read_pgm(path: Path) -> NDArray[np.uint8]:
+    """Grey (H, W) of a binary PGM with 8 bits.
+
+    Raises:
+        ValueError: it is none.
+    """
+    data = path.read_bytes()
+    header = re.match(rb"P5\s+(?:#.*\n\s*)*(\d+)\s+(\d+)\s+255\s", data)
+    if header is None:
+        raise ValueError(f"{path}: no binary PGM with 8 bits")
+    width, height = int(header[1]), int(header[2])
+    pixels = np.frombuffer(data, dtype=np.uint8, offset=header.end())
+    if pixels.size != width * height:
+        raise ValueError(f"{path}: {pixels.size} pixels, {width} x {height} declared")
+    return pixels.reshape(height, width)
+
+
+def objection(yaml_path: Path, places: NDArray[np.float64], radius_m: float) -> str:
+    """Why a disc of that radius cannot go from the first of the places (P, 2), m, to all others; "" if it can.
+
+    Raises:
+        ValueError: the files are not a map that is loaded as it is meant.
+    """
+    keys: dict[str, Any] = yaml.safe_load(yaml_path.read_text())
+    x0, y0, yaw = keys["origin"]
+    resolution = keys["resolution"]
+    plain = (yaw, keys["negate"], keys["mode"]) == (0, 0, "trinary")
+    if not (plain and keys["free_thresh"] < keys["occupied_thresh"]):
+        raise ValueError(f"{yaml_path}: {keys}")
+    free = (read_pgm(yaml_path.parent / keys["image"]) > FREE_ABOVE).astype(np.uint8)
+    # Beyond the image is wall; a wall runs through the centres of its pixels.
+    bordered = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    room_m = resolution * cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    fits = (room_m >= radius_m).astype(np.uint8)
+    column = np.floor((places[:, 0] - x0) / resolution).astype(np.int64)
+    row = len(free) - 1 - np.floor((places[:, 1] - y0) / resolution).astype(np.int64)
+    inside = (column >= 0) & (column < free.shape[1]) & (row >= 0) & (row < len(free))
+    if not inside.all():
+        return f"places {places[~inside].tolist()} are off the map"
+    if not fits[row[0], column[0]]:
+        return f"the disc does not fit at {places[0].tolist()}"
+    reached = fits.copy()
+    cv2.floodFill(reached, None, (int(column[0]), int(row[0])), 2, flags=4)
+    sealed = reached[row, column] != 2
+    return f"no way from {places[0].tolist()} to {places[sealed].tolist()}" if sealed.any() else ""
+
+
+def judge(level: int, folder: Path) -> tuple[int, str]:
+    """The number of pellets of a level, and why it is not playable, "" if it is; its files are left in the folder."""
+    config = make_config()
+    assets = prepare_level(level, config)
+    path = assets.occupancy.save(folder / f"level-{level}.yaml")
+    home, pellets = assets.grid.home[None, :2], assets.goal_xy[: assets.pellets]
+    return assets.pellets, objection(path, np.concatenate([home, pellets]), config.robot.inscribed_radius_m)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """The command; see the module. Exit status 1 if a level is not playable."""
+    parser = Parser(prog="eval.checks.generated_levels", description=__doc__)
+    parser.add_argument("--levels", type=at_least(1), default=200, help="half of them from the test split")
+    parser.add_argument("--start", type=at_least(0), default=0, help="the first, counted in either split")
+    arguments = parser.parse_args(argv)
+    try:
+        return _report(arguments)
+    except (ValueError, OSError) as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return ERROR_STATUS
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    numbers = np.arange(arguments.levels) // 2 + arguments.start
+    numbers[1::2] += TEST_LEVEL
+    pellets, faults = [], 0
+    with tempfile.TemporaryDirectory() as folder:
+        for level in numbers.tolist():
+            count, reason = judge(level, Path(folder))
+            pellets.append(count)
+            if reason:
+                faults += 1
+                print(f"level {level}: {reason}")
+    print(f"{len(pellets)} levels, {min(pellets)} to {max(pellets)} pellets, {faults} not playable")
+    return FAULT_STATUS if faults else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

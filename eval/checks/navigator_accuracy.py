@@ -1,0 +1,188 @@
+"""How well the Nav2 stand-in drives to random goals without Clyde: ``python -m eval.checks.navigator_accuracy``.
+
+Reports the share of goals that end SUCCEEDED, the travel time against path length over speed, and the deepest
+overlap of a body with a wall. Also drives to a goal that cannot be reached, which must end ABORTED.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.compare.arguments import at_least
+from eval.files import prepare, replaced
+from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.config import make_config
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields
+from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
+
+GAMES = 25  # games of a batch; each drives to one goal after another
+GIVE_UP_S = 600.0
+
+#: Clyde neither moves, blocks nor catches; pellets are never picked up.
+NOBODY: dict[str, Any] = {
+    "clyde.speed_mps": 0.0,
+    "nav2.clyde_keepout_m": 1e-6,
+    "execution.death_radius_m": 1e-6,
+    "execution.pickup_radius_m": 1e-6,
+    "time_limit_s": 1e6,
+}
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Results of G goals on one map."""
+
+    map: str
+    status: NDArray[np.int64]  # (G,) action_msgs/GoalStatus
+    path_m: NDArray[np.float64]  # (G,) path length at the start
+    time_s: NDArray[np.float64]  # (G,)
+    error_m: NDArray[np.float64]  # (G,) distance to the goal at the end
+    deepest_m: float  # deepest overlap of a body with a wall at any step
+
+
+def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
+    """The same map with drivable cells as its goals (-1: one that cannot be reached); its pellets play no part."""
+    goal_cell = np.concatenate([assets.goal_cell[: assets.pellets], cells]).astype(np.int32)
+    goal_xy = np.concatenate([assets.goal_xy[: assets.pellets], assets.cell_xy[cells].astype(np.float64)])
+    fields: dict[str, Any] = path_fields(assets.grid, goal_cell)
+    return dataclasses.replace(assets, goal_xy=goal_xy, goal_cell=goal_cell, **fields)
+
+
+def drive_to_random_goals(source: str, goals: int, seed: int, preset: str = "ideal") -> Trials:
+    """Drive to ``goals`` random drivable cells, each game from where its last goal was."""
+    assets = map_assets(source, make_config(preset))
+    config = make_config(preset, **NOBODY)
+    rng = np.random.default_rng(seed)
+    cells = rng.choice(len(assets.cell_xy), size=goals)
+    games = min(GAMES, goals)
+    legs = np.array_split(np.arange(goals), games)
+    batch = GameBatch(with_goals(assets, cells), config, games)
+    batch.reset(np.arange(games), np.arange(games, dtype=np.uint64))
+    deepest = watch_contacts(batch)
+    status = np.zeros(goals, dtype=np.int64)
+    path_m, time_s, error_m = np.zeros(goals), np.zeros(goals), np.zeros(goals)
+    for leg in range(max(len(part) for part in legs)):
+        trial = np.array([part[leg] if leg < len(part) else -1 for part in legs])
+        outcome = drive_leg(batch, trial)
+        for i in np.flatnonzero(trial >= 0):
+            status[trial[i]], path_m[trial[i]], time_s[trial[i]], error_m[trial[i]] = outcome[i]
+    return Trials(assets.occupancy.name, status, path_m, time_s, error_m, deepest[0])
+
+
+def watch_contacts(batch: GameBatch) -> list[float]:
+    """A list with the deepest overlap of a body with a wall (m), kept up to date at every physics step."""
+    deepest = [0.0]
+    step = batch.physics.step
+
+    def watched() -> None:
+        step()
+        deepest[0] = max(deepest[0], batch.physics.deepest_contact())
+
+    batch.physics.step = watched  # type: ignore[method-assign]
+    return deepest
+
+
+def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> list[tuple[int, float, float, float]]:
+    """Drive each game to a refuge (-1: none): status, path length, time, distance to the goal at the end."""
+    candidate = np.where(refuge >= 0, batch.pellet_slots + refuge, batch.hold)
+    start = batch.situation()
+    rows = np.arange(batch.n)
+    path = start.path_robot[rows, candidate]
+    began = batch.games["step"].copy()
+    outcome: list[tuple[int, float, float, float]] = [(NO_RESULT, float(path[i]), 0.0, 0.0) for i in rows]
+    waiting = refuge >= 0
+    while waiting.any() and (batch.games["step"] - began).max() * batch.config.physics_step_s < GIVE_UP_S:
+        batch.step(np.where(waiting, candidate, batch.hold))
+        for i in np.flatnonzero(waiting):
+            game = batch.games[i]
+            if game["nav_last"] in (SUCCEEDED, ABORTED) and game["nav_last_step"] > began[i]:
+                goal = batch.assets.goal_xy[batch.assets.pellets + refuge[i]]
+                distance = float(np.hypot(game["x"] - goal[0], game["y"] - goal[1]))
+                elapsed = float(game["nav_last_step"] - began[i]) * batch.config.physics_step_s
+                outcome[i] = (int(game["nav_last"]), float(path[i]), elapsed, distance)
+                waiting[i] = False
+    return outcome
+
+
+def unreachable_goal_status(source: str, seed: int, preset: str = "ideal") -> int:
+    """Status of a goal that no cell of the robot's area is near to."""
+    assets = map_assets(source, make_config(preset))
+    batch = GameBatch(with_goals(assets, np.array([-1])), make_config(preset, **NOBODY), 1)
+    batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
+    return drive_leg(batch, np.zeros(1, dtype=np.int64))[0][0]
+
+
+def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
+    """The figures over all maps."""
+    status = np.concatenate([t.status for t in trials])
+    path = np.concatenate([t.path_m for t in trials])
+    time = np.concatenate([t.time_s for t in trials])
+    won = status == SUCCEEDED
+    allowed = 1.2 * path[won] / speed_mps + 2.0
+    return {
+        "maps": len(trials),
+        "goals": len(status),
+        "succeeded": float(won.mean()),
+        "aborted": float((status == ABORTED).mean()),
+        "time_to_path_time_median": float(np.median(time[won] / np.maximum(path[won] / speed_mps, 1e-9))),
+        "time_over_allowed_median_s": float(np.median(time[won] - allowed)),
+        "within_allowed_time": float((time[won] <= allowed).mean()),
+        "error_m_max": float(max(t.error_m[t.status == SUCCEEDED].max(initial=0.0) for t in trials)),
+        "deepest_m": max(t.deepest_m for t in trials),
+    }
+
+
+def main(argv: list[str] | None = None) -> int:
+    """The command; see the module."""
+    parser = Parser(prog="eval.checks.navigator_accuracy", description=__doc__)
+    parser.add_argument("--map", nargs="+", default=["house", "loop", "maze", "open_plan"], help="names or YAML files")
+    parser.add_argument("--goals", type=at_least(1), default=1000, help="in all, shared among the maps")
+    parser.add_argument("--seed", type=at_least(0), default=0)
+    parser.add_argument("--preset", choices=("ideal", "robot"), default="ideal")
+    parser.add_argument("--json", type=Path, help="write the figures here too")
+    arguments = parser.parse_args(argv)
+    try:
+        return _report(arguments)
+    except (ValueError, OSError) as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return ERROR_STATUS
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    if arguments.goals < len(arguments.map):
+        raise ValueError(f"--goals {arguments.goals}: at least one for each of the {len(arguments.map)} maps")
+    target = prepare(arguments.json) if arguments.json else None
+    speed = make_config(arguments.preset).robot.speed_mps
+    trials = []
+    print(f"{'map':28} {'goals':>5} {'SUCCEEDED':>9} {'time/path':>9} {'deepest mm':>10} {'unreachable':>11}")
+    for k, source in enumerate(arguments.map):
+        goals = len(np.array_split(np.arange(arguments.goals), len(arguments.map))[k])
+        one = drive_to_random_goals(source, goals, arguments.seed + k, arguments.preset)
+        trials.append(one)
+        sealed = unreachable_goal_status(source, arguments.seed, arguments.preset)
+        figures = summary([one], speed)
+        print(
+            f"{one.map:28} {goals:5d} {100 * figures['succeeded']:8.1f}% {figures['time_to_path_time_median']:9.2f}"
+            f" {1000 * one.deepest_m:10.2f} {'ABORTED' if sealed == ABORTED else f'status {sealed}':>11}"
+        )
+    total = summary(trials, speed)
+    for name, value in total.items():
+        print(f"{name}: {value:.4g}")
+    if target is not None:
+        with replaced(target) as temporary:
+            temporary.write_text(json.dumps(total, indent=2) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,1 @@
+"""Policies on the same rounds: ``python -m eval.compare``."""

@@ -1,0 +1,182 @@
+"""Rounds, or endless games, played by a policy: seeds in, one record for each out.
+
+The records depend on map, configuration, policy and seeds alone, not on the batch a round is played in.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.compare.policies import make_contestant
+from pacman_env.config import Config
+from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import COMPLETE, RUNNING
+from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.maps.level_source import LevelSource
+from pacman_env.sim.observation.situation import Situation
+
+BATCH = 64  # more games than this at once are no faster
+MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has his highest speed
+_TIMED_EVERY = 4  # batch steps per timed decision
+_WARM_UP = 3  # decisions not timed: compilation, caches
+
+EPISODE = np.dtype(
+    [
+        ("seed", np.uint64),
+        ("level", np.int64),  # which was played on, 0 where there is one map
+        ("end", np.int64),  # DEAD, COMPLETE, CLEARED or TIMEOUT
+        ("rounds", np.int64),  # completed
+        ("spawned", np.int64),  # in a round
+        ("collected", np.int64),  # in all rounds
+        ("lost", np.int64),  # in the last round
+        ("aborts", np.int64),  # in the last round
+        ("time_s", np.float64),  # of all rounds
+    ]
+)
+
+
+def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
+    """(episodes,) the seed of each round; round k of a seed is the same however many there are.
+
+    Raises:
+        ValueError: a negative seed.
+    """
+    if seed < 0:
+        raise ValueError(f"seed = {seed}: must be at least 0")
+    sequences = (np.random.SeedSequence(seed, spawn_key=(k,)) for k in range(episodes))
+    return np.array([s.generate_state(1, np.uint64)[0] for s in sequences], dtype=np.uint64)
+
+
+def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
+    """The choices as the executor takes them: one that is masked or no candidate at all becomes hold."""
+    valid = (choices >= 0) & (choices < situation.mask.shape[1])
+    valid &= situation.mask[np.arange(len(choices)), np.where(valid, choices, hold)]
+    return np.where(valid, choices, hold)
+
+
+def play(
+    source: LevelSource | MapAssets,
+    config: Config,
+    spec: str | Policy,
+    seeds: NDArray[np.uint64],
+    *,
+    batch_size: int = BATCH,
+    trust: bool = False,
+    ghost: Policy | None = None,
+    on_end: Callable[[int], object] | None = None,
+) -> tuple[NDArray, NDArray[np.float64]]:
+    """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
+
+    Args:
+        source: the map, or levels of which each seed draws one.
+        config: the game.
+        spec: the policy, or what :func:`eval.compare.policies.make_contestant` makes it from.
+        seeds: (E,) at least one.
+        batch_size: at most so many games at once.
+        trust: the policy may be a checkpoint.
+        ghost: in the seat of the only ghost, whose behaviour is ``policy``.
+        on_end: called with the number of rounds that ended in a step.
+
+    Returns:
+        (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms that single decisions
+        took on a sample of the situations met, the policy alone, without simulator and observation. An endless game
+        that has all its rounds behind it ends as COMPLETE.
+    """
+    n = min(batch_size, len(seeds))
+    batch = GameBatch(source, config, n)
+    policy, timed = (make_contestant(spec, trust) if isinstance(spec, str) else copy.copy(spec) for _ in range(2))
+    clock = _DecisionClock(timed)
+    records = np.zeros(len(seeds), dtype=EPISODE)
+    episode = np.arange(n)  # which one each slot plays, -1: none is left
+    before_s = np.zeros(n)  # the rounds before the one that a slot plays
+    players = [policy] if ghost is None else [policy, ghost]
+    batch.reset(np.arange(n), seeds[:n])
+    for player in players:
+        player.reset(np.ones(n, dtype=np.bool_))
+    started = n
+    while (episode >= 0).any():
+        situation = batch.situation()
+        playing = np.flatnonzero(episode >= 0)
+        clock.look(situation, playing)
+        told = None if ghost is None else ghost.select(batch.situation(0))[:, None]
+        batch.step(_choices(policy, situation, playing, batch.hold), told)
+        follows = batch.games["tick_rounds"] > 0
+        if follows.any():
+            before_s[follows] += situation.time_s[follows] + config.execution.tick_s
+            for player in players:
+                player.reset(follows)
+        over = (batch.games["end"] != RUNNING) | (batch.games["round"] > MOST_ROUNDS)
+        ended = np.flatnonzero(over & (episode >= 0))
+        if len(ended) == 0:
+            continue
+        records[episode[ended]] = _records(batch, ended, before_s)
+        episode[ended] = -1
+        again = ended[: len(seeds) - started]
+        if len(again) > 0:
+            episode[again] = np.arange(started, started + len(again))
+            before_s[again] = 0.0
+            batch.reset(again, seeds[episode[again]])
+            for player in players:
+                player.reset(np.isin(np.arange(n), again))
+            started += len(again)
+        if on_end is not None:
+            on_end(len(ended))
+    return records, np.array(clock.times_ms)
+
+
+def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
+    """What the policy picks for each game; towards the end, when few still play, it is not asked about the others."""
+    nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
+    if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
+        return allowed(situation, policy.select(situation), hold)
+    choices = np.full(len(situation), hold)
+    some = situation.rows(playing)
+    choices[playing] = allowed(some, policy.select(some), hold)
+    return choices
+
+
+def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:
+    """What came of the games ``index``."""
+    games = batch.games[index]
+    result = np.zeros(len(index), dtype=EPISODE)
+    result["seed"] = games["episode_seed"]
+    result["level"] = batch.level_numbers()[index]
+    result["end"] = np.where(games["end"] == RUNNING, COMPLETE, games["end"])
+    result["rounds"] = games["round"] - 1 + (games["end"] == COMPLETE)
+    result["collected"] = games["score"]
+    for name in ("spawned", "lost", "aborts"):
+        result[name] = games[name]
+    result["time_s"] = before_s[index] + games["step"] * batch.config.physics_step_s
+    return result
+
+
+class _DecisionClock:
+    """Times single decisions of a policy object of its own, so that the games do not notice."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.times_ms: list[float] = []
+        self._policy = policy
+        self._steps = 0
+
+    def look(self, situation: Situation, games: NDArray[np.int64]) -> None:
+        """Perhaps time the decision in one of ``games``, each in turn."""
+        step, self._steps = self._steps, self._steps + 1
+        if step % _TIMED_EVERY != 0:
+            return
+        game = int(games[step // _TIMED_EVERY % len(games)])
+        row = situation.rows(slice(game, game + 1))
+        for _ in range(_WARM_UP if step == 0 else 0):
+            self._decide(row)
+        self.times_ms.append(self._decide(row))
+
+    def _decide(self, row: Situation) -> float:
+        self._policy.reset(np.ones(1, dtype=np.bool_))
+        start = time.perf_counter_ns()
+        self._policy.select(row)
+        return (time.perf_counter_ns() - start) / 1e6

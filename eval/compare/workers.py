@@ -1,0 +1,102 @@
+"""Blocks of rounds on one or more processes; the records are the same for any number of them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.compare.episodes import EPISODE, play
+from eval.compare.scenarios import Levels, Place, open_place, parts_of_play
+from pacman_env.config import Config
+
+_LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rounds of one policy on one map under one configuration. Plain data: it travels to other processes."""
+
+    map: Place
+    config: Config
+    policy: str
+    seeds: NDArray[np.uint64]
+    trust: bool = False  # the policy may be a checkpoint
+
+
+Played = tuple[NDArray, NDArray[np.float64]]
+
+
+class _Piece(NamedTuple):
+    """A part of a block."""
+
+    number: int  # of the block
+    part: int
+    rounds: NDArray[np.int64]  # which of the block's
+
+
+def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> Played:
+    """Records and decision times of one block, as :func:`eval.compare.episodes.play` gives them."""
+    source = open_place(block.map, block.config)
+    return play(source, block.config, block.policy, block.seeds, trust=block.trust, on_end=on_end)
+
+
+def play_all(
+    blocks: Sequence[Block], workers: int = 1, on_end: Callable[[int], object] = lambda ended: None
+) -> list[Played]:
+    """The records and decision times of every block, in the order of the blocks.
+
+    Args:
+        blocks: what to play; those on one map should follow one another.
+        workers: processes; 1 plays in this one.
+        on_end: called with the number of rounds that have ended since the last call.
+    """
+    pieces = _pieces(blocks, workers)
+    parts = [replace(blocks[p.number], seeds=blocks[p.number].seeds[p.rounds]) for p in pieces]
+    if workers == 1:
+        return _joined(blocks, pieces, [play_block(part, on_end) for part in parts])
+    # spawn: a forked child would share the locks of threads that it does not have
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers, len(pieces)), mp_context=context) as pool:
+        futures = [pool.submit(play_block, part) for part in parts]
+        try:
+            for future in as_completed(futures):
+                on_end(len(future.result()[0]))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return _joined(blocks, pieces, [future.result() for future in futures])
+
+
+def _pieces(blocks: Sequence[Block], workers: int) -> list[_Piece]:
+    """The blocks cut up; on levels, what all blocks play on the same ones comes together, while these are kept."""
+    pieces: list[_Piece] = []
+    for place, group in itertools.groupby(range(len(blocks)), key=lambda number: blocks[number].map):
+        of_place = [piece for number in group for piece in _cut(number, blocks[number], workers)]
+        pieces += sorted(of_place, key=lambda piece: piece.part) if isinstance(place, Levels) else of_place
+    return pieces
+
+
+def _cut(number: int, block: Block, workers: int) -> list[_Piece]:
+    count = 1 if workers == 1 else max(workers, math.ceil(len(block.seeds) / _LARGEST_PIECE))
+    parts = parts_of_play(block.map, block.config, block.seeds, count)
+    return [_Piece(number, k, rounds) for k, rounds in enumerate(parts)]
+
+
+def _joined(blocks: Sequence[Block], pieces: Sequence[_Piece], played: Sequence[Played]) -> list[Played]:
+    """What was played of each block, its rounds in their order again."""
+    results = []
+    for number, block in enumerate(blocks):
+        mine = [(piece.rounds, played[k]) for k, piece in enumerate(pieces) if piece.number == number]
+        records = np.empty(len(block.seeds), dtype=EPISODE)
+        for rounds, (part, _) in mine:
+            records[rounds] = part
+        results.append((records, np.concatenate([times for _, (_, times) in mine])))
+    return results

@@ -1,0 +1,1 @@
+"""One round again, filmed: ``python -m eval.replay``."""

@@ -1,0 +1,153 @@
+"""One game played by one policy, tick by tick: pictures of it, and when and why the policy changed its goal.
+
+The game is bit for bit that of ``episodes`` with the same seed. Films are written in ``video``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.compare.episodes import MOST_ROUNDS, allowed
+from eval.compare.policies import make_contestant
+from eval.replay.video import Frame
+from pacman_env.config import Config
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.policies.base import KIND_NAMES
+from pacman_env.render.frames import render_frame
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import RUNNING
+from pacman_env.sim.maps.level_source import LevelSource
+from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
+
+_Terms = list[dict[str, float | bool | str]]
+
+
+class Change(NamedTuple):
+    """A policy's choice of another goal."""
+
+    when: str  # since the round began; in an endless game with its number
+    goal: str
+    why: str
+
+
+class Watched:
+    """A game of its own for one policy.
+
+    Attributes:
+        name: of the policy.
+        changes: of its goal, so far.
+    """
+
+    def __init__(
+        self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str, trust: bool = False
+    ) -> None:
+        """Begin the game; the arguments are those of :func:`eval.compare.episodes.play`."""
+        self.name = name
+        self.changes: list[Change] = []
+        self._batch = GameBatch(source, config, 1)
+        self._policy = make_contestant(spec, trust)
+        self._chosen = -1  # none yet
+        self._before_s = 0.0
+        self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
+        self._policy.reset(np.ones(1, dtype=np.bool_))
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        game = self._batch.games[0]
+        return bool(game["end"] != RUNNING or game["round"] > MOST_ROUNDS)
+
+    @property
+    def level(self) -> int:
+        """Number of the level, 0 where there is one map."""
+        return int(self._batch.level_numbers()[0])
+
+    def step(self) -> None:
+        """One decision and what follows until the next; a game that is over stands still."""
+        if self.over:
+            return
+        batch = self._batch
+        situation = batch.situation()
+        terms = self._policy.explain(situation)[0]  # before the policy's state goes on
+        choice = int(allowed(situation, self._policy.select(situation), batch.hold)[0])
+        if choice != self._chosen:
+            why = _reason(situation, terms, choice, self._chosen, batch.alive[0])
+            goal = _goal(situation, choice, batch.pellet_slots)
+            number = f"round {batch.games['round'][0]}, " if batch.config.endless else ""
+            self.changes.append(Change(f"{number}{situation.time_s[0]:.1f} s", goal, why))
+        self._chosen = choice
+        batch.step(np.array([choice]))
+        if batch.games["tick_rounds"][0] > 0:
+            self._before_s += float(situation.time_s[0]) + batch.config.execution.tick_s
+            self._policy.reset(np.ones(1, dtype=np.bool_))
+            self._chosen = -1
+
+    def picture(self, height: int) -> Frame:
+        """The game as it is now, (height, W, 3) RGB."""
+        return render_frame(self._batch, 0, height=height, title=self.name)
+
+    def outcome(self) -> str:
+        """What came of the game, in words."""
+        batch, game = self._batch, self._batch.games[0]
+        seconds = self._before_s + game["step"] * batch.config.physics_step_s
+        if batch.config.endless:
+            return f"{OUTCOMES[game['end']]} in round {game['round']} after {seconds:.1f} s, {game['score']} pellets"
+        lost = f", {game['lost']} lost" if game["lost"] else ""
+        return f"{OUTCOMES[game['end']]} after {seconds:.1f} s, {game['collected']} of {game['spawned']} pellets{lost}"
+
+
+def film(games: Sequence[Watched], height: int) -> Iterator[Frame]:
+    """Frames (height, W, 3), RGB, one per decision, the games side by side, until the last has ended."""
+    panels = [game.picture(height) for game in games]
+    yield np.hstack(panels)
+    while not all(game.over for game in games):
+        for k, game in enumerate(games):
+            if not game.over:
+                game.step()
+                panels[k] = game.picture(height)
+        yield np.hstack(panels)
+
+
+def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:
+    """A candidate in words: pellets and refuges are counted from 0."""
+    kind = int(situation.kind[0, candidate])
+    if kind == HOLD:
+        return KIND_NAMES[HOLD]
+    number = candidate if kind == PELLET else candidate - pellet_slots
+    x, y = situation.position[0, candidate].tolist()
+    return f"{KIND_NAMES[kind]} {number} at ({x:.2f}, {y:.2f})"
+
+
+def _reason(situation: Situation, terms: _Terms, choice: int, before: int, alive: NDArray[np.bool_]) -> str:
+    """Why it is the choice and no longer the one before (-1: none), from the policy's own explanation."""
+    mask = situation.mask[0]
+    parts = []
+    other, called = -1, ""
+    if before >= 0 and mask[before]:
+        other, called = before, "the one before"
+    elif before >= 0:
+        pellet = situation.kind[0, before] == PELLET
+        parts.append("the one before is gone" if pellet and not alive[before] else "the one before may not be chosen")
+    if other < 0:
+        scores = [float(t.get("score", -np.inf)) if mask[c] and c != choice else -np.inf for c, t in enumerate(terms)]
+        best = int(np.argmax(scores))
+        if scores[best] > -np.inf:
+            other, called = best, "the next best"
+    score = f"score {_value(terms[choice].get('score', '-'))}"
+    if other >= 0:
+        score += f" against {_value(terms[other].get('score', '-'))} of {called}"
+    parts.append(score)
+    parts += [
+        name if value is True else f"{name} {_value(value)}"
+        for name, value in terms[choice].items()
+        if name not in ("kind", "allowed", "score") and value is not False
+    ]
+    return ", ".join(parts)
+
+
+def _value(value: Any) -> str:
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,1 @@
+"""The page that explains a comparison: ``python -m eval.report``."""

@@ -1,0 +1,262 @@
+"""The ``pacman-env`` command: arguments, output and exit status; all work is done by the packages below.
+
+A group of subcommands is a function that adds its parsers to the command and sets ``run`` on each of them;
+:data:`GROUPS` lists the groups. Heavy modules are imported by the subcommand that needs them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from pacman_env import __version__
+
+ERROR_STATUS = 2
+
+
+class Parser(argparse.ArgumentParser):
+    """Bad arguments are one line on stderr, as every other error."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print it and exit with status 2."""
+        self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status: 0, or 2 after one line on stderr.
+
+    Raises:
+        SystemExit: after ``--help``, ``--version`` and bad arguments, as argparse does.
+    """
+    parser = Parser(prog="pacman-env", description="PacManBot: maps, games and policies.")
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for add_group in GROUPS:
+        add_group(commands)
+    arguments = parser.parse_args(argv)
+    try:
+        status: int = arguments.run(arguments)
+    except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return ERROR_STATUS
+    return status
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+    return value
+
+
+def _add_map_group(commands: Any) -> None:
+    group = commands.add_parser("map", help="look at occupancy maps").add_subparsers(
+        metavar="SUBCOMMAND", required=True
+    )
+    check = group.add_parser("check", help="areas, pellets and warnings of one map")
+    check.add_argument("map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name")
+    check.add_argument("--json", action="store_true", help="print the report as JSON")
+    check.add_argument("--home", nargs=2, type=_finite, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)")
+    check.add_argument("--spacing", type=_finite, default=2.0, help="pellet spacing, m (%(default)s)")
+    check.set_defaults(run=_map_check)
+    group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)
+    generate = group.add_parser("generate", help="write the houses of levels as map files")
+    generate.add_argument("folder", type=Path, help="where generated-LEVEL.yaml and .pgm go")
+    generate.add_argument("--level", type=_not_negative, default=0, help="the first level (%(default)s)")
+    generate.add_argument("--count", type=_not_negative, default=1, help="how many (%(default)s)")
+    generate.set_defaults(run=_map_generate)
+
+
+def _map_check(arguments: argparse.Namespace) -> int:
+    from pacman_env.config import PelletConfig
+    from pacman_env.game.pellets import generate_pellets
+    from pacman_env.world.maps.map_check import check_map
+    from pacman_env.world.maps.occupancy import load_map
+
+    config = PelletConfig(spacing_m=arguments.spacing)
+    occupancy = load_map(arguments.map)
+    pellets = generate_pellets(occupancy, config)
+    x, y = arguments.home
+    report = check_map(occupancy, pellets.position, pellets.ids, home=(x, y), free_grey=config.free_grey)
+    refusal = _refusal(occupancy, arguments.spacing)
+    if arguments.json:
+        print(json.dumps({**report.as_dict(), "refusal": refusal}, indent=2))
+    else:
+        print(report.render(), *([f"cannot be played: {refusal}"] if refusal else []), sep="\n")
+    return 1 if refusal else 0
+
+
+def _refusal(occupancy: Any, spacing_m: float) -> str | None:
+    """Why an environment would refuse the map, None if it would not."""
+    from pacman_env.config import make_config
+    from pacman_env.sim.maps.assets import map_assets
+
+    try:
+        map_assets(occupancy, make_config().with_fields(**{"pellets.spacing_m": spacing_m}))
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _map_list(arguments: argparse.Namespace) -> int:
+    from pacman_env.world.maps.occupancy import shipped_maps
+
+    print(*shipped_maps(), sep="\n")
+    return 0
+
+
+def _map_generate(arguments: argparse.Namespace) -> int:
+    from pacman_env.config import make_config
+    from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS, level_map
+
+    config = make_config()
+    last = arguments.level + arguments.count - 1
+    if arguments.count < 1 or last >= TEST_LEVEL + TEST_LEVELS or arguments.level < TEST_LEVEL <= last:
+        raise ValueError(
+            f"levels {arguments.level} to {last}: training has 0 to {TEST_LEVEL - 1}, "
+            f"testing {TEST_LEVEL} to {TEST_LEVEL + TEST_LEVELS - 1}"
+        )
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    for level in range(arguments.level, arguments.level + arguments.count):
+        print(level_map(level, config).save(arguments.folder / f"generated-{level}.yaml"))
+    return 0
+
+
+def _add_play(commands: Any) -> None:
+    play = commands.add_parser("play", help="play rounds in a window, with mouse and keys (F1: which)")
+    play.add_argument(
+        "--map", default="house", metavar="FILE_OR_NAME", help="as for 'map check', or 'generated' (%(default)s)"
+    )
+    play.add_argument("--preset", default="robot", help="robot or ideal (%(default)s)")
+    play.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
+    play.add_argument("--seed", type=_not_negative, help="of the first round; the others follow from it (random)")
+    play.add_argument("--clyde-speed", type=_finite, metavar="M_PER_S", help="Clyde's speed")
+    play.add_argument("--time-limit", type=_finite, metavar="S", help="length of a round at most")
+    play.add_argument("--drive", action="store_true", help="drive with the arrow keys instead of naming goals")
+    play.add_argument("--endless", action="store_true", help="round after round, Clyde faster each time")
+    play.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
+    )
+    play.add_argument("--fps", type=_finite, default=20.0, help="pictures per second, about (%(default)s)")
+    play.add_argument("--speed", type=_finite, default=1.0, help="times real time (%(default)s)")
+    play.set_defaults(run=_play)
+
+
+def _not_negative(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least 0")
+    return value
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    from pacman_env.envs.pacmanbot import PacManBotEnv
+    from pacman_env.render.play import Player, play
+    from pacman_env.render.window import HumanWindow
+    from pacman_env.settings import parse_settings
+
+    try:
+        window = HumanWindow()
+    except ImportError as error:  # pygame is an extra
+        raise OSError(error) from error
+    given = {
+        "clyde.speed_mps": arguments.clyde_speed,
+        "time_limit_s": arguments.time_limit,
+        "action": "velocity" if arguments.drive else None,
+        "endless": arguments.endless or None,
+    }
+    settings = {name: value for name, value in given.items() if value is not None} | parse_settings(arguments.set)
+    kind = arguments.map, arguments.preset, arguments.execution
+    try:
+        window.require_screen()
+        env = PacManBotEnv(*kind, settings=settings, render_mode="rgb_array")
+        play(Player(env, seed=arguments.seed, speed=arguments.speed), window, fps=arguments.fps)
+    finally:
+        window.close()
+    return 0
+
+
+def _add_ros_group(commands: Any) -> None:
+    group = commands.add_parser("ros", help="the game on a robot").add_subparsers(metavar="SUBCOMMAND", required=True)
+    up = group.add_parser("up", help="start all nodes, show how the game stands, stop them in order")
+    up.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
+    up.add_argument("--policy", default="ppo", help="who picks the goals: a name or an .onnx file (%(default)s)")
+    up.add_argument(
+        "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
+    )
+    up.add_argument("--speed", type=_finite, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
+    up.add_argument("--start", action="store_true", help="begin the first round as soon as the robot is localized")
+    up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
+    up.set_defaults(run=_ros_up)
+    record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
+    record.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="the new bag")
+    record.add_argument("--sim", action="store_true", help="stamp with the simulated robot's clock")
+    record.set_defaults(run=_ros_record)
+    for parser in (up, record):
+        parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
+        parser.add_argument("--domain-id", type=_not_negative, help="ROS_DOMAIN_ID (that of the environment)")
+    replay = group.add_parser("replay", help="what a policy would have done in a recorded game")
+    replay.add_argument("bag", type=Path, help="a bag's folder or its .mcap file")
+    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map of the game")
+    replay.add_argument("--policy", default="ppo", help="a name or an .onnx file (%(default)s)")
+    replay.add_argument("--namespace", help="which robot's game (the only one in the bag)")
+    replay.add_argument("--json", action="store_true", help="print the report as JSON")
+    replay.set_defaults(run=_ros_replay)
+
+
+def _ros_up(arguments: argparse.Namespace) -> int:
+    from pacman_env.ros.supervisor.game_nodes import Game
+
+    game = Game(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed)
+    with _what_ros_needs():
+        from pacman_env.ros.supervisor.up import up
+    return up(game, arguments.domain_id, arguments.logs, arguments.start)
+
+
+def _ros_record(arguments: argparse.Namespace) -> int:
+    with _what_ros_needs():
+        from pacman_env.ros.bags.record import record
+    return record(arguments.out, arguments.namespace, arguments.domain_id, arguments.sim)
+
+
+def _ros_replay(arguments: argparse.Namespace) -> int:
+    with _what_ros_needs():
+        from pacman_env.ros.bags.bag_replay import replay
+    report = replay(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
+    print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
+    return 0
+
+
+@contextlib.contextmanager
+def _what_ros_needs() -> Iterator[None]:
+    """A package that is missing becomes one line that says where it comes from."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        name = (error.name or "").partition(".")[0]
+        if name == "rosbags":
+            raise OSError("recording and replaying need rosbags: pip install rosbags") from None
+        if name == "rclpy" or name.endswith("_msgs"):
+            raise OSError(
+                f"this needs ROS 2 Jazzy ({name} is missing): source /opt/ros/jazzy/setup.bash on a robot; elsewhere "
+                "pip install 'pacman_env[ros]' and python -m tools.ros_interfaces.build"
+            ) from None
+        raise
+
+
+GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, _add_ros_group)
+
+if __name__ == "__main__":
+    sys.exit(main())

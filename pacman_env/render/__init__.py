@@ -1,0 +1,1 @@
+"""Pictures of a game, and the window that shows them."""

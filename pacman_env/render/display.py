@@ -1,0 +1,46 @@
+"""What the environments of one game show: a picture, or a window that is opened when it is first needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from ..envs.arguments import RENDER_FPS
+from ..sim.core.batch import GameBatch
+from .frames import render_frame
+
+
+class Screen:
+    """``render``, ``close`` and copies of an environment with ``batch`` and ``render_mode``."""
+
+    batch: GameBatch
+    render_mode: str | None
+    _window: Any = None
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
+        if self.render_mode is None:
+            gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")
+            return None
+        frame = render_frame(self.batch, 0)
+        if self.render_mode == "rgb_array":
+            return frame
+        if self._window is None:
+            from .window import HumanWindow
+
+            self._window = HumanWindow()
+        self._window.show(frame, RENDER_FPS)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the window: a copy opens its own."""
+        return {**self.__dict__, "_window": None}

@@ -1,0 +1,235 @@
+"""A human plays: clicks and keys become actions, and the rounds run in a window.
+
+:class:`Player` knows no window: it takes inputs, gives pictures and a caption, and can be used without a screen.
+pygame is in :mod:`pacman_env.render.window` alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from ..sim.observation.situation import PELLET, Situation
+from .frames import game_view
+from .window import HumanWindow, Input
+
+SPEEDS = (1 / 8, 16.0)  # times real time, least and most
+CLICK_M, CLICK_PX = 0.4, 16.0  # a click means a goal within the larger of the two
+GOAL_KEYS = "click: goal, 1-9: n-th nearest pellet, space: hold, s: one decision"
+DRIVE_KEYS = "arrows or WASD: drive"
+KEYS = "r: new round, p: pause, + and -: speed, q: quit"
+#: Column of the action (v, omega), and which way each key turns it.
+DRIVE = {"up": (0, 1), "w": (0, 1), "down": (0, -1), "s": (0, -1)} | {
+    "left": (1, 1), "a": (1, 1), "right": (1, -1), "d": (1, -1)
+}  # fmt: skip
+
+
+class Controls:
+    """Inputs as actions of an environment.
+
+    In a ``Discrete`` action space the goal named last is pursued until it may not be chosen any more, then the robot
+    holds. In a ``Box`` of (v, omega) the keys held drive, each at the bound of the space.
+    """
+
+    def __init__(self, action_space: spaces.Space[Any]) -> None:
+        """Hold.
+
+        Raises:
+            ValueError: the space is neither.
+        """
+        self.space = action_space
+        self.drives = isinstance(action_space, spaces.Box) and action_space.shape == (2,)
+        if not self.drives and not isinstance(action_space, spaces.Discrete):
+            raise ValueError(f"action space {action_space}: a human plays in Discrete or in a Box of (v, omega)")
+        self.goal: int | None = None
+        self._held: set[str] = set()
+
+    def click(self, xy: NDArray[np.float64], reach_m: float, situation: Situation) -> None:
+        """Pursue the pellet or refuge nearest to (2,) in m, if one that may be chosen is within reach."""
+        away = np.hypot(*(situation.position[0] - xy).T)
+        away[~situation.mask[0]] = np.inf
+        away[-1] = np.inf  # hold
+        if away.min() <= reach_m:
+            self.goal = int(away.argmin())
+
+    def press(self, key: str, situation: Situation) -> bool:
+        """A key goes down; returns whether it means an action."""
+        if self.drives:
+            self._held.add(key)
+            return key in DRIVE
+        if key in ("space", "h"):
+            self.goal = None
+            return True
+        if len(key) == 1 and key in "123456789":
+            length = np.where(situation.mask[0] & (situation.kind[0] == PELLET), situation.path_robot[0], np.inf)
+            nearest = np.argsort(length, kind="stable")[int(key) - 1 : int(key)]
+            if np.isfinite(length[nearest]).any():
+                self.goal = int(nearest[0])
+            return True
+        return False
+
+    def release(self, key: str) -> None:
+        """A key comes up."""
+        self._held.discard(key)
+
+    def action(self, situation: Situation) -> Any:
+        """For the next decision."""
+        if isinstance(self.space, spaces.Box):
+            action = np.zeros(2)
+            for column, way in {DRIVE[key] for key in self._held & DRIVE.keys()}:  # two keys of one way are one
+                action[column] += (self.space.high if way > 0 else self.space.low)[column]
+            return np.clip(action, self.space.low, self.space.high).astype(self.space.dtype)
+        if self.goal is not None and not situation.mask[0, self.goal]:
+            self.goal = None
+        return situation.mask.shape[1] - 1 if self.goal is None else self.goal
+
+
+class Player:
+    """Rounds of one environment, as inputs steer them.
+
+    Attributes:
+        quit, paused: as the player wants.
+        speed: times real time.
+        score: sum of the rewards of this round.
+        outcome: how the round stands, as ``info["outcome"]``; ``over`` once it has ended.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], *, seed: int | None = None, speed: float = 1.0) -> None:
+        """Start the first round.
+
+        Args:
+            env: of this package, wrapped or not, with ``render_mode="rgb_array"``.
+            seed: of the first round.
+            speed: times real time.
+
+        Raises:
+            ValueError: the environment cannot be played or shown, or the speed is out of range.
+        """
+        if not SPEEDS[0] <= speed <= SPEEDS[1]:
+            raise ValueError(f"speed = {speed}: must be {SPEEDS[0]} to {SPEEDS[1]} times real time")
+        if env.render_mode != "rgb_array":
+            raise ValueError(f"render_mode = {env.render_mode!r}: must be 'rgb_array'")
+        self.env, self.speed = env, speed
+        self.batch: Any = env.unwrapped.batch  # type: ignore[attr-defined]
+        self.tick_s: float = self.batch.config.execution.tick_s
+        self.controls = Controls(env.action_space)
+        self.quit = self.paused = self.help = False
+        self.new_round(seed)
+
+    @property
+    def situation(self) -> Situation:
+        """What there is to choose from."""
+        return self.env.unwrapped.situation  # type: ignore[attr-defined]
+
+    def new_round(self, seed: int | None = None) -> None:
+        """Start over; without a seed the environment's generator goes on."""
+        _, info = self.env.reset(seed=seed)
+        self.controls.goal = None
+        self.score, self.over, self.outcome = 0.0, False, info["outcome"]
+        self._before = self._state()
+        self._one = False
+
+    def handle(self, event: Input) -> None:
+        """Take one input; what means nothing is ignored."""
+        if event.kind == "click" and not self.controls.drives:
+            view = game_view(self.batch, 0, len(self.picture()))
+            xy = view.metres(np.array(event.at, dtype=float))
+            self.controls.click(xy, max(CLICK_M, CLICK_PX / view.scale), self.situation)
+        elif event.kind == "release":
+            self.controls.release(event.key)
+        elif event.kind == "press" and not self.controls.press(event.key, self.situation):
+            self._command(event.key)
+
+    def _command(self, key: str) -> None:
+        if key in ("q", "escape"):
+            self.quit = True
+        elif key == "r":
+            self.new_round()
+        elif key == "p":
+            self.paused = not self.paused
+        elif key == "s":
+            self.paused = self._one = True
+        elif key in ("+", "="):
+            self.speed = min(2 * self.speed, SPEEDS[1])
+        elif key == "-":
+            self.speed = max(self.speed / 2, SPEEDS[0])
+        elif key in ("?", "f1"):
+            self.help = not self.help
+
+    def advance(self) -> bool:
+        """Take one decision unless the round is over or paused; returns whether it was taken."""
+        if self.over or (self.paused and not self._one):
+            return False
+        self._one = False
+        self._before = self._state()
+        _, reward, terminated, truncated, info = self.env.step(self.controls.action(self.situation))
+        self.score += float(reward)
+        self.over, self.outcome = terminated or truncated, info["outcome"]
+        return True
+
+    def picture(self, share: float = 1.0) -> NDArray[np.uint8]:
+        """The game (H, W, 3) as it was on its way from the decision before to now: 1 is now."""
+        now = self._state()
+        if share < 1.0:
+            self._show(self._before)
+            old, new = self._before[0], now[0]
+            for k, moving in enumerate((self.batch.games, self.batch.ghosts)):
+                for name in ("x", "y"):
+                    moving[name] = self._before[k][name] + share * (now[k][name] - self._before[k][name])
+            turned = [math.remainder(a, 2 * math.pi) for a in (new["heading"] - old["heading"]).tolist()]
+            self.batch.games["heading"] = old["heading"] + share * np.array(turned)
+        try:
+            frame: Any = self.env.render()
+        finally:
+            self._show(now)
+        return frame
+
+    @property
+    def caption(self) -> str:
+        """Score, and what to do; the keys when asked for."""
+        if self.help:
+            return f"{DRIVE_KEYS if self.controls.drives else GOAL_KEYS}, {KEYS}"
+        if self.over:
+            state = f"{self.outcome}, r: new round"
+        else:
+            state = "paused, p: go on" if self.paused else f"{self.speed:g}x"
+        return f"PacManBot   score {self.score:.1f}   {state}   F1: keys"
+
+    def _state(self) -> tuple[NDArray[Any], ...]:
+        """All that a picture shows."""
+        return tuple(array.copy() for array in self._shown())
+
+    def _show(self, state: tuple[NDArray[Any], ...]) -> None:
+        for array, values in zip(self._shown(), state, strict=True):
+            array[...] = values
+
+    def _shown(self) -> tuple[NDArray[Any], ...]:
+        return self.batch.games, self.batch.ghosts, self.batch.alive, self.batch.paths
+
+
+def play(player: Player, window: HumanWindow, *, fps: float = 20.0) -> None:
+    """Play until the player quits or closes the window.
+
+    The pictures between two decisions show the way from one to the next, so that what is seen is a decision late.
+
+    Raises:
+        ValueError: ``fps`` is not 1 to 100.
+    """
+    if not 1 <= fps <= 100:
+        raise ValueError(f"fps = {fps}: must be 1 to 100")
+    while not player.quit and not window.closed:
+        real_s = player.tick_s / player.speed
+        pictures = max(1, round(fps * real_s))
+        moves = player.advance()
+        for k in range(1, pictures + 1) if moves else (1,):
+            window.caption = player.caption
+            shown = window.show(player.picture(k / pictures if moves else 1.0), pictures / real_s)
+            for event in window.inputs():
+                player.handle(event)
+            if player.quit or not shown:
+                break

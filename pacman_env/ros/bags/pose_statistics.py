@@ -1,0 +1,125 @@
+"""How a robot moves and how its pose comes, as a few numbers: of a recorded game and of the simulator, alike.
+
+The simulator's game here is only watched, at the rate at which poses can come; nothing is played for its result.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config
+from pacman_env.policies.base import Policy
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.poses import Pose, compose, relative
+from pacman_env.sim.core.records import RUNNING
+from pacman_env.sim.maps.assets import MapAssets
+
+DRIVING_MPS = 0.05  # slower is standing
+STANDING_S = 5.0  # a longer pause between two poses is no cadence: AMCL is silent while the robot stands
+MOST_S = 300.0  # of a simulated game
+_LOOK_S = 0.1  # the lidar's period: no pose comes more often
+#: What is compared, with its unit.
+QUANTITIES = {
+    "speed": "driving speed, m/s",
+    "interval": "time between poses, s",
+    "distance": "way between poses, m",
+    "jump": "jump of a pose against odometry, m",
+    "turn": "turn of a pose against odometry, rad",
+    "clyde": "Clyde's speed as seen, m/s",
+}
+
+
+@dataclass
+class Motion:
+    """Samples of one or several games; times in s, in order."""
+
+    samples: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in QUANTITIES})
+    pose: Pose | None = None  # the last that came
+    odometry: Pose | None = None  # now, in a frame of its own
+    counts: bool = True  # False: what comes is followed, but no sample
+    _pose_s: float = 0.0
+    _pose_odometry: Pose | None = None  # when it came
+    _clyde: tuple[float, float, float] | None = None  # x, y, when
+
+    @property
+    def believed(self) -> Pose | None:
+        """The last pose carried on by odometry, as TF has it; None before the first."""
+        if self.pose is None or self.odometry is None or self._pose_odometry is None:
+            return self.pose
+        return compose(self.pose, relative(self._pose_odometry, self.odometry))
+
+    def drive(self, odometry: Pose, speed_mps: float) -> None:
+        """Odometry has come."""
+        self.odometry = odometry
+        if speed_mps > DRIVING_MPS:
+            self._sample("speed", speed_mps)
+
+    def localize(self, at_s: float, pose: Pose) -> None:
+        """A pose has come."""
+        if self.pose is not None and 0 < at_s - self._pose_s < STANDING_S:
+            self._sample("interval", at_s - self._pose_s)
+            self._sample("distance", math.dist(pose[:2], self.pose[:2]))
+            if self._pose_odometry is not None and (believed := self.believed) is not None:
+                jump = relative(believed, pose)
+                self._sample("jump", math.hypot(*jump[:2]))
+                self._sample("turn", abs(jump[2]))
+        self.pose, self._pose_s, self._pose_odometry = pose, at_s, self.odometry
+
+    def see_clyde(self, at_s: float, x: float, y: float) -> None:
+        """Clyde was seen."""
+        if self._clyde is not None and 0 < at_s - self._clyde[2] < 1.0:
+            moved_m = math.dist((x, y), self._clyde[:2])
+            if moved_m > 0:
+                self._sample("clyde", moved_m / (at_s - self._clyde[2]))
+        self._clyde = x, y, at_s
+
+    def _sample(self, name: str, value: float) -> None:
+        if self.counts:
+            self.samples[name].append(value)
+
+    def forget(self) -> None:
+        """Another game: what comes next does not follow from what came last."""
+        self.pose = self.odometry = self._pose_odometry = self._clyde = None
+
+    def quantiles(self) -> dict[str, list[float] | None]:
+        """10 %, 50 % and 90 % of each quantity, None where there is no sample."""
+        return {
+            name: [float(q) for q in np.quantile(values, (0.1, 0.5, 0.9))] if values else None
+            for name, values in self.samples.items()
+        }
+
+
+def simulated_motion(assets: MapAssets, config: Config, policy: Policy, rounds: int = 4) -> Motion:
+    """The same of simulated rounds of that policy on that map, the seeds 0 to ``rounds`` - 1."""
+    motion = Motion()
+    finer = config.with_fields(**{"execution.tick_s": _LOOK_S, "execution.check_period_s": _LOOK_S})
+    decide_every = round(config.execution.tick_s / _LOOK_S)
+    batch = GameBatch(assets, finer, 1)
+    for seed in range(rounds):
+        batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
+        policy.reset(np.ones(1, dtype=np.bool_))
+        motion.forget()
+        game, last_update, last_clyde = batch.games[0], -1, None
+        choice: NDArray[np.int64] = np.array([batch.hold])
+        for tick in range(round(MOST_S / _LOOK_S)):
+            if tick % decide_every == 0:
+                choice = policy.select(batch.situation())
+            batch.step(choice)
+            if game["end"] != RUNNING:
+                break
+            at_s = float(game["step"]) * config.physics_step_s
+            motion.drive(
+                (float(game["x"]), float(game["y"]), float(game["heading"])), float(game["left"] + game["right"]) / 2
+            )
+            if game["amcl_step"] != last_update:
+                last_update = game["amcl_step"]
+                motion.localize(at_s, (float(game["amcl_x"]), float(game["amcl_y"]), float(game["amcl_heading"])))
+            clyde = tuple(batch.obstacles[0, 0, :2].tolist())
+            if clyde != last_clyde:
+                last_clyde = clyde
+                motion.see_clyde(at_s, *clyde)
+    return motion

@@ -1,0 +1,1 @@
+"""The nodes of the game, beside the goal selector; one module each."""

@@ -1,0 +1,83 @@
+"""Node ``audio_node``: plays sound words with the Create 3's loudspeaker (Algorithm 8).
+
+The melodies, and which of them is played when, are decided in ``game/sounds.py``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from irobot_create_msgs.msg import AudioNote, AudioNoteVector
+from rclpy.duration import Duration
+
+from pacman_env.game.sounds import MELODIES, SoundQueue, frequency_hz
+
+from .. import topics
+from ..messages import word_of
+from ..node import GameNode, run
+
+NAME = "audio_node"
+_TICK_S = 0.1
+
+
+def goal_of(word: str) -> Any:
+    """The action goal that plays a melody once, in place of what sounds."""
+    notes = [
+        AudioNote(frequency=frequency_hz(note), max_runtime=Duration(nanoseconds=round(seconds * 1e9)).to_msg())
+        for note, seconds in MELODIES[word]
+    ]
+    return topics.PLAY_NOTES.type.Goal(iterations=1, note_sequence=AudioNoteVector(notes=notes, append=False))
+
+
+class AudioNode(GameNode):
+    """Sends one melody at a time to the base."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._queue = SoundQueue()
+        self._number = 0  # of the melody that sounds: answers about earlier ones come too late
+        self._player = topics.PLAY_NOTES.client(self)
+        self.listen(topics.GAME_SOUND, self._hear, "bad sound")
+        self.create_timer(_TICK_S, self._tick)
+
+    def _hear(self, message: Any) -> None:
+        self._play(self._queue.ask(word_of(message, MELODIES), self.now_s()))
+
+    def _tick(self) -> None:
+        if self._queue.overdue(self.now_s()):
+            self.once.warning("no end", f"{topics.PLAY_NOTES.name}: the end of a melody was never reported")
+            self._over(self._number)
+
+    def _play(self, word: str | None) -> None:
+        if word is None:
+            return
+        self._number += 1
+        if not self._player.server_is_ready():
+            self.once.warning("no loudspeaker", f"{topics.PLAY_NOTES.name}: nobody there to play {word!r}")
+            self._over(self._number)
+            return
+        self.once.over("no loudspeaker")
+        number = self._number
+        self._player.send_goal_async(goal_of(word)).add_done_callback(lambda sent: self._sent(sent, number))
+
+    def _sent(self, sent: Any, number: int) -> None:
+        if sent.exception() is not None or not sent.result().accepted:
+            self.once.warning("refused", f"{topics.PLAY_NOTES.name}: a melody was refused")
+            self._over(number)
+            return
+        sent.result().get_result_async().add_done_callback(lambda result: self._over(number))
+
+    def _over(self, number: int) -> None:
+        if number == self._number:
+            self._play(self._queue.ended(self.now_s()))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; the exit status."""
+    return run(AudioNode, NAME, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""Node ``game_event_mapper``: turns an event into a light, a sound and a motion of the robot (Algorithm 6).
+
+Which they are is decided in ``game/events.py``, how a motion goes in ``game/dances.py``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from pacman_env.game.dances import Motion, angular_velocity
+from pacman_env.game.events import FEEDBACK
+
+from .. import topics
+from ..messages import twist_message, word_of
+from ..node import GameNode, run
+
+NAME = "game_event_mapper"
+_PERIOD_S = 0.05  # the base stops by itself 0.5 s after the last command
+#: The command with which the planner takes over from a motion. No other ends it, for a command may be heard after an
+#: event that was sent later.
+_TAKES_OVER: dict[Motion, str] = {"spin": "enable", "shake": "return_home"}
+
+
+class GameEventMapper(GameNode):
+    """Listens for events; drives only while a motion lasts."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._light = topics.GAME_LIGHT.publisher(self)
+        self._sound = topics.GAME_SOUND.publisher(self)
+        self._velocity = topics.CMD_VEL.publisher(self)
+        self._motion: Motion = "stop"
+        self._since_s = 0.0
+        self._command = ""  # the last
+        self._timer = self.create_timer(_PERIOD_S, self._move)
+        self._timer.cancel()
+        self.listen(topics.GAME_EVENT, self._hear, "bad event")
+        topics.GAME_COMMAND.subscription(self, self._hear_command)
+
+    def _hear(self, message: Any) -> None:
+        answer = FEEDBACK[word_of(message, FEEDBACK)]
+        if answer.light is not None:
+            self._light.publish(topics.GAME_LIGHT.type(data=answer.light))
+        if answer.sound is not None:
+            self._sound.publish(topics.GAME_SOUND.type(data=answer.sound))
+        if answer.motion == "stop":
+            self._stop()
+        elif answer.motion is not None and answer.motion != self._motion:  # repeated events prolong nothing
+            self._begin(answer.motion)
+
+    def _begin(self, motion: Motion) -> None:
+        if self._command != _TAKES_OVER[motion]:  # else the planner drives
+            self._motion, self._since_s = motion, self.now_s()
+            self._timer.reset()
+            self._move()
+
+    def _hear_command(self, message: Any) -> None:
+        """From now on the planner drives: a show that is longer than the referee's must not go on."""
+        self._command = message.data
+        if self._command == _TAKES_OVER.get(self._motion):
+            self._stop()
+
+    def _move(self) -> None:
+        turn = angular_velocity(self._motion, self.now_s() - self._since_s)
+        if turn is None:
+            self._stop()
+        else:
+            self._drive(turn)
+
+    def _stop(self) -> None:
+        self._motion = "stop"
+        self._timer.cancel()
+        self._drive(0.0)
+
+    def _drive(self, w_radps: float) -> None:
+        self._velocity.publish(twist_message(0.0, w_radps, self.get_clock().now().to_msg()))
+
+    def farewell(self) -> Iterable[Any]:
+        """The robot stands."""
+        self._stop()
+        return ()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; the exit status."""
+    return run(GameEventMapper, NAME, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""Node ``game_light_node``: shows light words on the Create 3's ring (Algorithm 7).
+
+What a word looks like over time is decided in ``game/lights.py``. A ring that shows nothing belongs to the base again,
+whose own warnings it would otherwise hide; so does one that another process has left lit.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from irobot_create_msgs.msg import LedColor, LightringLeds
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from std_msgs.msg import Header
+
+from pacman_env.game.lights import BLACK, LASTING, LIGHTS, LightRing, Ring
+
+from .. import topics
+from ..messages import word_of
+from ..node import GameNode, run
+
+NAME = "game_light_node"
+_PERIOD_S = 0.075  # half a frame
+_REPEAT_S = 1.0  # for a base that was not there
+_GREETINGS = 5  # so often, a second apart, what is there to show is shown to a base that may not listen yet
+
+
+class GameLightNode(GameNode):
+    """The light ring; its timer runs only while something is shown."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._lights = LightRing()
+        self._shown: Ring | None = None
+        self._shown_s = 0.0
+        self._ring = topics.LIGHT_RING.publisher(self)
+        self._timer = self.create_timer(_PERIOD_S, self._show)
+        self._timer.cancel()
+        self._fresh = True  # the game's state is not known yet
+        self._greetings = _GREETINGS
+        self._greeting = self.create_timer(1.0, self._greet, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.listen(topics.GAME_LIGHT, self._hear, "bad light")
+        self.listen(topics.GAME_STATE, self._hear_state, "bad state")
+
+    def _greet(self) -> None:
+        """End what a node that was killed has left on the ring."""
+        self._greetings -= 1
+        if self._greetings == 0:
+            self._greeting.cancel()
+        self._show(anew=True)
+
+    def _hear_state(self, message: Any) -> None:
+        """Go on with what belongs to the state, after a start in the middle of a game; later events say it."""
+        state = word_of(message, topics.STATE_WORDS)
+        if self._fresh and state in LASTING:
+            self._take(LASTING[state])
+        self._fresh = False
+
+    def _hear(self, message: Any) -> None:
+        self._take(word_of(message, LIGHTS))
+
+    def _take(self, word: str) -> None:
+        self._greeting.cancel()
+        self._lights.command(word, self.now_s())
+        self._timer.reset()
+        self._show(anew=True)
+
+    def _show(self, anew: bool = False) -> None:
+        now = self.now_s()
+        ring = self._lights.ring(now)
+        if anew or ring != self._shown or not 0 <= now - self._shown_s < _REPEAT_S:
+            self._publish(ring)
+            self._shown, self._shown_s = ring, now
+        if ring is None:
+            self._timer.cancel()
+
+    def _publish(self, ring: Ring | None) -> None:
+        leds = [LedColor(red=red, green=green, blue=blue) for red, green, blue in ring or (BLACK,) * 6]
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._ring.publish(LightringLeds(header=header, leds=leds, override_system=ring is not None))
+
+    def farewell(self) -> Iterable[Any]:
+        """The ring is the base's own again."""
+        self._publish(None)
+        return ()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; the exit status."""
+    return run(GameLightNode, NAME, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

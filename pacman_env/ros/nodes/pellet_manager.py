@@ -1,0 +1,77 @@
+"""Node ``pellet_manager``: shows the pellets that still lie on the map, takes them away and puts them back.
+
+Where pellets lie is Algorithm 1's rule in ``game/pellets.py``; who collects one is decided elsewhere.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from pacman_env.config import PelletConfig
+from pacman_env.game.pellets import generate_pellets
+from pacman_env.world.maps.occupancy import load_map
+
+from .. import topics
+from ..messages import markers_of
+from ..node import GameNode, parameter, run
+
+NAME = "pellet_manager"
+_PERIOD_S = 1.0  # original
+
+
+class PelletManager(GameNode):
+    """The pellets of one map, as markers.
+
+    Raises:
+        MapError: the map cannot be read, or no pellet fits on it.
+        ConfigError: a parameter is out of range.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        rule = PelletConfig()
+        map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
+        config = PelletConfig(
+            spacing_m=parameter(self, "spacing_m", rule.spacing_m, "distance between pellets, m", 0.1, 100.0),
+            wall_clearance_m=parameter(
+                self, "wall_clearance_m", rule.wall_clearance_m, "half-width of the free square, m", 0.0, 10.0
+            ),
+            free_grey=parameter(self, "free_grey", rule.free_grey, "pixels brighter than this are free", 0, 254),
+        )
+        pellets = generate_pellets(map, config)
+        self._all = {int(i): (float(x), float(y)) for i, (x, y) in zip(pellets.ids, pellets.position, strict=True)}
+        if not self._all:
+            self.get_logger().warning(f"{map.name}: no room for a pellet, {config.spacing_m} m apart")
+        self._left = dict(self._all)
+        self._markers = topics.PELLET_MARKERS.publisher(self)
+        topics.REMOVE_PELLET.subscription(self, self._remove)
+        topics.RESET_PELLETS.server(self, self._reset)
+        self.create_timer(_PERIOD_S, self._show)
+        self.get_logger().info(f"{len(self._all)} pellets on {map.name}")
+
+    def _show(self) -> None:
+        self._markers.publish(markers_of(self._left, self.get_clock().now().to_msg()))
+
+    def _remove(self, message: Any) -> None:
+        if self._left.pop(message.data, None) is not None:
+            self._show()
+        elif message.data not in self._all:
+            self.once.warning("foreign pellet", f"pellet {message.data} is not one of this map's {len(self._all)}")
+
+    def _reset(self, request: Any, response: Any) -> Any:
+        del request
+        self._left = dict(self._all)
+        self._show()
+        response.success, response.message = True, f"{len(self._left)} pellets"
+        return response
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; the exit status."""
+    return run(PelletManager, NAME, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The goal selector: a policy on the robot."""

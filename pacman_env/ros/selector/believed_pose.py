@@ -1,0 +1,115 @@
+"""Where the robot believes that it is: from TF while that is fresh, else the latched ``amcl_pose``.
+
+TF is composed here, from the few frames that lie between the base and the map; whether a pose makes sense on a map
+is not looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from pacman_env.ros.messages import BadMessage, Pose, pose_of, seconds_of, transform_of
+from pacman_env.sim.core.poses import compose
+from pacman_env.world.navigation.localization import wrap
+
+BASE, MAP = "base_link", "map"
+_BETWEEN = frozenset({BASE, "base_footprint", "odom"})  # frames whose parents matter
+_MOTION_S = 0.1  # velocities are measured over at least this long
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A believed pose: x, y, heading (m, m, rad, map frame), v and omega (m/s, rad/s), age (s) and source."""
+
+    pose: Pose
+    velocity: tuple[float, float]
+    age_s: float
+    source: str
+
+
+@dataclass(frozen=True)
+class _Link:
+    parent: str
+    pose: Pose  # in the parent
+    heard_s: float  # infinite where it never changes
+
+
+class BelievedPose:
+    """Takes in messages, answers with the best pose.
+
+    Ages of transforms go by their arrival, for clocks of computers differ; that of a latched pose by its stamp.
+
+    Args:
+        timeout_s: a transform this old is no use.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        self._timeout_s = timeout_s
+        self._links: dict[str, _Link] = {}
+        self._latched: tuple[Pose, float] | None = None
+        self._odometry: tuple[Pose, float] | None = None  # base in odom and its stamp, where the motion began
+        self._velocity = (0.0, 0.0)
+
+    def transforms(self, message: Any, now_s: float, static: bool = False) -> list[str]:
+        """Take in a TFMessage; returns what is wrong with its transforms of interest."""
+        troubles = []
+        for transform in message.transforms:
+            if transform.child_frame_id.lstrip("/") not in _BETWEEN:
+                continue
+            try:
+                parent, child, pose = transform_of(transform)
+            except BadMessage as error:
+                troubles.append(f"transform of {transform.child_frame_id!r}: {error}")
+                continue
+            parent, child = parent.lstrip("/"), child.lstrip("/")
+            self._links[child] = _Link(parent, pose, math.inf if static else now_s)
+            if parent == "odom":
+                self._move(pose, seconds_of(transform.header.stamp))
+        return troubles
+
+    def latched(self, message: Any) -> None:
+        """Take in an ``amcl_pose``.
+
+        Raises:
+            BadMessage: as ``pose_of``.
+        """
+        self._latched = pose_of(message), seconds_of(message.header.stamp)
+
+    def at(self, now_s: float) -> Belief | None:
+        """The best pose there is; None: neither fresh transforms nor a latched pose."""
+        found = self._climb()
+        if found is not None and now_s - found[1] <= self._timeout_s:
+            pose, heard_s = found
+            return Belief(pose, self._velocity, max(0.0, now_s - heard_s) if heard_s < math.inf else 0.0, "tf")
+        if self._latched is None:
+            return None
+        pose, stamp_s = self._latched
+        return Belief(pose, (0.0, 0.0), max(0.0, now_s - stamp_s), "amcl_pose")
+
+    def _climb(self) -> tuple[Pose, float] | None:
+        """The base in the map and when the oldest transform on the way was heard."""
+        frame, pose, heard_s = BASE, (0.0, 0.0, 0.0), math.inf
+        for _ in range(len(_BETWEEN)):
+            link = self._links.get(frame)
+            if link is None:
+                return None
+            pose, heard_s, frame = compose(link.pose, pose), min(heard_s, link.heard_s), link.parent
+            if frame == MAP:
+                return pose, heard_s
+        return None
+
+    def _move(self, pose: Pose, stamp_s: float) -> None:
+        """Measure the velocity from odometry."""
+        if self._odometry is not None:
+            (x, y, heading), since_s = self._odometry
+            passed_s = stamp_s - since_s
+            if 0 <= passed_s < _MOTION_S:
+                return
+            if 0 < passed_s <= self._timeout_s:
+                forward = (pose[0] - x) * math.cos(heading) + (pose[1] - y) * math.sin(heading)
+                self._velocity = forward / passed_s, float(wrap(pose[2] - heading)) / passed_s
+            else:
+                self._velocity = (0.0, 0.0)
+        self._odometry = pose, stamp_s

@@ -1,0 +1,81 @@
+"""What a goal selector shows of itself: the score of every candidate as markers, its condition as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pacman_env.ros.messages import marker_message
+from pacman_env.ros.topics import EVENTS, LATCHED, Topic
+from pacman_env.sim.observation.situation import HOLD, Situation
+
+SCORES = Topic("goal_selector/scores", "visualization_msgs/MarkerArray", EVENTS)
+DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
+NAMESPACE = "scores"
+_HEIGHT_M = 0.25  # of the letters
+_CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
+_REMEMBERED = 1000  # decisions
+
+
+def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int, stamp: Any) -> Any:
+    """A MarkerArray: DELETEALL, then the score of every candidate that has one where it lies, the chosen one green.
+
+    The id is the candidate's number; hold is shown at the robot.
+    """
+    markers = [Marker(ns=NAMESPACE, action=Marker.DELETEALL)]
+    markers[0].header.frame_id, markers[0].header.stamp = "map", stamp
+    for candidate, score in enumerate(scores[0].tolist()):
+        if not math.isfinite(score):
+            continue
+        x, y = situation.position[0, candidate].tolist()
+        marker = marker_message(
+            NAMESPACE, candidate, (x, y), _HEIGHT_M, _CHOSEN if candidate == chosen else _OTHER, stamp
+        )
+        marker.type = Marker.TEXT_VIEW_FACING
+        marker.text = f"hold {score:.1f}" if situation.kind[0, candidate] == HOLD else f"{score:.1f}"
+        markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+class DecisionTimes:
+    """How long the last decisions took."""
+
+    def __init__(self) -> None:
+        self._times_ms: deque[float] = deque(maxlen=_REMEMBERED)
+
+    def add(self, seconds: float) -> None:
+        """One more decision."""
+        self._times_ms.append(1000 * seconds)
+
+    def summary(self) -> dict[str, float | int]:
+        """Number, the last, median, 99th percentile and longest in ms."""
+        if not self._times_ms:
+            return {"count": 0}
+        median, late = np.percentile(list(self._times_ms), (50, 99)).tolist()
+        return {
+            "count": len(self._times_ms),
+            "last_ms": round(self._times_ms[-1], 3),
+            "median_ms": round(median, 3),
+            "p99_ms": round(late, 3),
+            "longest_ms": round(max(self._times_ms), 3),
+        }
+
+
+def as_json(condition: dict[str, Any]) -> str:
+    """JSON in one line; what is not finite becomes null."""
+    return json.dumps(_finite(condition), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

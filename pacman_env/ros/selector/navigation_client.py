@@ -1,0 +1,152 @@
+"""Nav2's NavigateToPose as numbered goals whose answers come later; nothing here waits, and nothing is decided."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from functools import partial
+from time import monotonic
+from typing import Any
+
+from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
+
+from pacman_env.game.execution import CANCELED
+from pacman_env.ros import topics
+from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, pose_of
+from pacman_env.ros.selector.message_queue import Waiting
+
+_TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
+_CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
+
+
+class NavigationClient:
+    """Sends and cancels goals by number and tells what becomes of them.
+
+    Args:
+        node: of rclpy.
+        accepted: called with the number of a goal that has been taken up.
+        rejected: called with the number of one that has not.
+        finished: called with the number, the status of action_msgs/GoalStatus, and where Nav2 saw the robot last.
+    """
+
+    def __init__(
+        self,
+        node: Any,
+        accepted: Callable[[int], None],
+        rejected: Callable[[int], None],
+        finished: Callable[[int, int, Position | None], None],
+    ) -> None:
+        self._node = node
+        action = topics.NAVIGATE_TO_POSE
+        # Not rclpy's ActionClient, whom every feedback wakes: Nav2 sends a hundred in a second.
+        self._asker, self._results = action.goal_client(node), action.result_client(node)
+        self._canceller = action.cancel_client(node)
+        self._feedback = Waiting(node, action.feedback, self._take_feedback)
+        self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
+        self._accepted, self._rejected, self._finished = accepted, rejected, finished
+        self._taken: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
+        self._unanswered: dict[int, UUID] = {}
+        self._newest: Any = None  # feedback, of whichever goal
+        self._rest: Future | None = None
+        self._destroyed = False
+        self.last_status, self.last_error = 0, 0  # of the last goal that ended
+
+    @property
+    def ready(self) -> bool:
+        """Whether the server is there."""
+        return all(client.service_is_ready() for client in (self._asker, self._results, self._canceller))
+
+    def clear(self) -> bool:
+        """Have every goal cancelled that anybody has sent before; whether that is done. To be called until it is.
+
+        A node that was killed cannot do so itself, and Nav2 drives on. A goal sent too early would be cancelled too.
+        """
+        if self._clearing is None and self.ready:
+            request = self._canceller.srv_type.Request()  # all zero: every goal
+            self._clearing = self._canceller.call_async(request), monotonic() + _CLEAR_S
+        if self._clearing is None:
+            return False
+        answer, end = self._clearing
+        return monotonic() > end or (answer.done() and not answer.result().goals_canceling)
+
+    def send(self, number: int, pose: Pose) -> None:
+        """Send a goal in the map frame."""
+        name = self._unanswered[number] = UUID(uuid=list(uuid.uuid4().bytes))
+        request = self._asker.srv_type.Request(goal_id=name)
+        request.goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
+        self._asker.call_async(request).add_done_callback(partial(self._on_answer, number, name))
+
+    def cancel(self, number: int) -> None:
+        """Ask for the end of a goal, be it known to have been accepted or not: the answer may have been lost."""
+        name = self._taken.get(number, self._unanswered.get(number))
+        if name is not None and self._canceller.service_is_ready():
+            request = self._canceller.srv_type.Request()
+            request.goal_info.goal_id = name
+            self._canceller.call_async(request).add_done_callback(partial(self._on_cancel, number))
+
+    def rest(self) -> Future:
+        """Done when every goal sent has been answered and has ended; unanswered ones are cancelled."""
+        for number in self._unanswered:
+            self.cancel(number)
+        self._rest = Future()
+        self._look_for_rest()
+        return self._rest
+
+    def destroy(self) -> None:
+        """No goals any more, and nothing is told of those sent, be their answers under way."""
+        self._destroyed = True
+        self._taken.clear()
+        self._unanswered.clear()
+        self._feedback.destroy()
+        for client in (self._asker, self._results, self._canceller):
+            self._node.destroy_client(client)
+
+    def _take_feedback(self, message: Any, waited_s: float) -> None:
+        self._newest = message
+
+    def _on_answer(self, number: int, name: UUID, answer: Any) -> None:
+        if self._destroyed:
+            return
+        self._unanswered.pop(number, None)
+        if answer.result().accepted:
+            self._taken[number] = name
+            request = self._results.srv_type.Request(goal_id=name)
+            self._results.call_async(request).add_done_callback(partial(self._on_result, number))
+            self._accepted(number)
+        else:
+            self._rejected(number)
+        self._look_for_rest()
+
+    def _on_result(self, number: int, answer: Any) -> None:
+        result = answer.result()
+        self._end(number, result.status, getattr(result.result, "error_code", 0))
+
+    def _on_cancel(self, number: int, answer: Any) -> None:
+        code = answer.result().return_code
+        known = number in self._taken
+        # No result will come: from a server that was started anew, or of a goal whose acceptance was lost.
+        if (code == _UNKNOWN_GOAL and known) or (code == _TAKEN and number in self._unanswered):
+            self._end(number, CANCELED, 0)
+
+    def _end(self, number: int, status: int, error: int) -> None:
+        name = self._taken.pop(number, None) or self._unanswered.pop(number, None)
+        if name is None:
+            return
+        self.last_status, self.last_error = status, error
+        self._finished(number, status, self._seen_at(name))
+        self._look_for_rest()
+
+    def _seen_at(self, name: UUID) -> Position | None:
+        self._feedback.catch_up()
+        if self._newest is None or self._newest.goal_id != name:
+            return None
+        try:
+            x, y, _ = pose_of(self._newest.feedback.current_pose)
+        except BadMessage:
+            return None
+        return x, y
+
+    def _look_for_rest(self) -> None:
+        if self._rest is not None and not self._rest.done() and not self._unanswered and not self._taken:
+            self._rest.set_result(True)

@@ -1,0 +1,1 @@
+"""A simulated robot behind the interface of the real one."""

@@ -1,0 +1,249 @@
+"""The simulated robot's two actions: ``navigate_to_pose`` and ``audio_note_sequence``.
+
+What becomes of goals is decided in ``sim/core/navigate_to_pose.py``; here they are taken in, checked, and answered.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
+from rclpy.task import Future
+
+from ...sim.core.navigate_to_pose import Navigation
+from .. import topics
+from ..messages import BadMessage, pose_message, pose_of, seconds_of
+from ..node import GameNode
+from .sim_faults import Faults
+
+MOST_NOTES = 1000
+LONGEST_S = 600.0  # of a sequence
+
+
+class _Server(ABC):
+    """An action server whose goals end when they are told to."""
+
+    def __init__(self, node: GameNode, action: topics.Action) -> None:
+        self.node, self.action = node, action
+        self._group = ReentrantCallbackGroup()  # a goal that waits for its acceptance holds nothing else up
+        self._handles: dict[bytes, Any] = {}  # goals that have not ended
+        self._results: dict[bytes, Future] = {}  # goals whose clients have not been told how they ended
+        self._server: Any = None
+        self.open()
+
+    def open(self) -> None:
+        """Be there."""
+        if self._server is None:
+            self._server = self.action.server(
+                self.node,
+                self._execute,
+                callback_group=self._group,
+                goal_callback=self._judge,
+                handle_accepted_callback=self._take,
+                cancel_callback=self._cancel,
+            )
+
+    def close(self) -> None:
+        """Be gone, as a process that died: no goal hears of it."""
+        if self._server is not None:
+            self._server.destroy()
+            self._server = None
+            self._handles.clear()
+
+    def _take(self, handle: Any) -> None:
+        key = bytes(handle.goal_id.uuid)
+        self._handles[key], self._results[key] = handle, Future()
+        handle.execute()
+        self.begin(key, handle.request)
+
+    async def _execute(self, handle: Any) -> Any:
+        key = bytes(handle.goal_id.uuid)
+        result = await self._results[key]
+        del self._results[key]
+        return result
+
+    def end(self, key: bytes, status: int, result: Any) -> None:
+        """Tell a goal's client how it ended."""
+        handle = self._handles.pop(key)
+        ways = {GoalStatus.STATUS_SUCCEEDED: handle.succeed, GoalStatus.STATUS_CANCELED: handle.canceled}
+        ways.get(status, handle.abort)()
+        self._results[key].set_result(result)
+
+    def tell(self, key: bytes, feedback: Any) -> None:
+        """Send feedback to a goal's client."""
+        self._handles[key].publish_feedback(feedback)
+
+    async def _judge(self, request: Any) -> Any:
+        try:
+            await self.check(request)
+        except BadMessage as error:
+            self.node.once.warning(f"{self.action.name} rejected", f"{self.action.name}: goal rejected: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _cancel(self, handle: Any) -> Any:
+        return CancelResponse.ACCEPT if self.cancel(bytes(handle.goal_id.uuid)) else CancelResponse.REJECT
+
+    @abstractmethod
+    async def check(self, request: Any) -> None:
+        """Raise BadMessage for what is no goal."""
+
+    @abstractmethod
+    def begin(self, key: bytes, request: Any) -> None:
+        """A goal was accepted."""
+
+    @abstractmethod
+    def cancel(self, key: bytes) -> bool:
+        """A goal is to be cancelled; False: it cannot be."""
+
+
+class NavigateServer(_Server):
+    """``navigate_to_pose``, one call of :meth:`step` for each of the world's."""
+
+    def __init__(self, node: GameNode, navigation: Navigation, faults: Faults) -> None:
+        self.navigation, self.faults = navigation, faults
+        self._late: list[tuple[float, Future]] = []  # time of the robot's at which they are accepted
+        super().__init__(node, topics.NAVIGATE_TO_POSE)
+
+    def close(self) -> None:
+        """Be gone; the robot stops."""
+        self.navigation.forget()
+        self._late.clear()
+        super().close()
+
+    async def check(self, request: Any) -> None:
+        """A pose in the map, and nothing that was asked for to go wrong."""
+        pose_of(request.pose)
+        if "reject" in self.faults:
+            raise BadMessage("as asked for by a fault")
+        wait_s = self.faults.number("late_acceptance")
+        if wait_s is not None:
+            waiting: Future = Future()
+            self._late.append((self.navigation.robot.time_s + wait_s, waiting))
+            await waiting
+
+    def begin(self, key: bytes, request: Any) -> None:
+        """Hand the goal to the navigation."""
+        x, y, _ = pose_of(request.pose)
+        self.navigation.send(key, x, y)
+
+    def cancel(self, key: bytes) -> bool:
+        """Ask the navigation."""
+        return self.navigation.cancel(key)
+
+    def step(self) -> None:
+        """One step of the world; goals that end in it are told so."""
+        for ended in self.navigation.step():
+            result = self.action.type.Result(error_code=ended.error_code, error_msg=ended.message)
+            if ended.message:
+                self.node.get_logger().info(f"goal ended with code {ended.error_code}: {ended.message}")
+            self.end(ended.key, ended.status, result)
+        now = self.navigation.robot.time_s
+        for due, waiting in self._late:
+            if due <= now:
+                waiting.set_result(None)
+        self._late = [one for one in self._late if one[0] > now]
+
+    def send_feedback(self, stamp: Any) -> None:
+        """Tell the current goal's client where the robot is."""
+        feedback = self.navigation.feedback()
+        if feedback is not None:
+            self.tell(
+                feedback.key,
+                self.action.type.Feedback(
+                    current_pose=pose_message(*feedback.pose, stamp),
+                    navigation_time=Duration(seconds=feedback.time_s).to_msg(),
+                    estimated_time_remaining=Duration(seconds=feedback.remaining_s).to_msg(),
+                    number_of_recoveries=feedback.recoveries,
+                    distance_remaining=feedback.distance_m,
+                ),
+            )
+
+
+@dataclass
+class _Sequence:
+    """What sounds, since when (s) and how often its notes of ``length_s`` in all are to be played."""
+
+    key: bytes
+    began_s: float
+    length_s: float
+    iterations: int
+    canceled: bool = False
+
+
+class NotesServer(_Server):
+    """``audio_note_sequence``: one sequence at a time; a newer one ends the one before it."""
+
+    def __init__(self, node: GameNode, show: Callable[[dict[str, Any]], None]) -> None:
+        """``show`` is given what sounds when that changes."""
+        self._show = show
+        self._playing: _Sequence | None = None
+        self._now_s = 0.0
+        super().__init__(node, topics.PLAY_NOTES)
+
+    async def check(self, request: Any) -> None:
+        """Notes that end, and a number of iterations."""
+        notes = request.note_sequence.notes
+        if request.iterations < 1 and request.iterations != self.action.type.Goal.INFINITE:
+            raise BadMessage(f"iterations = {request.iterations}: must be at least 1, or -1 for no end")
+        if not 1 <= len(notes) <= MOST_NOTES:
+            raise BadMessage(f"{len(notes)} notes: must be 1 to {MOST_NOTES}")
+        lengths = [seconds_of(note.max_runtime) for note in notes]
+        if min(lengths) < 0.0 or not 0.0 < sum(lengths) <= LONGEST_S:
+            raise BadMessage(f"notes of {sum(lengths):g} s in all: must be more than 0, at most {LONGEST_S:g} s")
+
+    def begin(self, key: bytes, request: Any) -> None:
+        """Play."""
+        self._stop(GoalStatus.STATUS_ABORTED)
+        notes = [[int(note.frequency), seconds_of(note.max_runtime)] for note in request.note_sequence.notes]
+        self._playing = _Sequence(key, self._now_s, sum(seconds for _, seconds in notes), request.iterations)
+        self._show({"playing": True, "iterations": request.iterations, "notes": notes})
+
+    def cancel(self, key: bytes) -> bool:
+        """Silence, at the next step."""
+        if self._playing is None or self._playing.key != key:
+            return False
+        self._playing.canceled = True
+        return True
+
+    def step(self, now_s: float) -> None:
+        """Let time pass."""
+        self._now_s = now_s
+        playing = self._playing
+        if playing is None:
+            return
+        if playing.canceled:
+            self._stop(GoalStatus.STATUS_CANCELED)
+        elif 0 < playing.iterations * playing.length_s <= now_s - playing.began_s + 1e-9:
+            self._stop(GoalStatus.STATUS_SUCCEEDED)
+
+    def send_feedback(self) -> None:
+        """Tell the client how far it is."""
+        if self._playing is not None:
+            played, runtime = self._progress(self._playing)
+            self.tell(self._playing.key, self.action.type.Feedback(iterations_played=played, current_runtime=runtime))
+
+    def _progress(self, playing: _Sequence) -> tuple[int, Any]:
+        """Whole iterations played, and for how long."""
+        runtime_s = self._now_s - playing.began_s
+        played = math.floor(runtime_s / playing.length_s + 1e-6)
+        if playing.iterations > 0:
+            played = min(played, playing.iterations)
+        return played, Duration(seconds=runtime_s).to_msg()
+
+    def _stop(self, status: int) -> None:
+        """End what sounds, if anything does."""
+        playing, self._playing = self._playing, None
+        if playing is not None:
+            played, runtime = self._progress(playing)
+            self._show({"playing": False})
+            complete = status == GoalStatus.STATUS_SUCCEEDED
+            result = self.action.type.Result(complete=complete, iterations_played=played, runtime=runtime)
+            self.end(playing.key, status, result)

@@ -1,0 +1,261 @@
+"""The node ``sim_robot``: the simulated robot behind the robot's interface, in place of base, lidar, AMCL and Nav2.
+
+It owns the pace of time, takes in velocities, poses, lights and faults, and steps the world; goals and notes are taken
+in ``sim_actions.py``, what the robot says of itself is in ``sim_sensors.py``, how it moves in ``sim/core/robot.py``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import String
+
+from ...config import PRESETS, make_config
+from ...settings import parse_settings
+from ...sim.core.navigate_to_pose import Navigation
+from ...sim.core.poses import Pose
+from ...sim.core.robot import SimulatedRobot
+from ...world.maps.occupancy import load_map
+from .. import topics
+from ..messages import BadMessage, points_of, pose_of
+from ..node import GameNode, parameter, run
+from .sim_actions import NavigateServer, NotesServer
+from .sim_faults import Faults
+from .sim_sensors import TRANSFORM_TOLERANCE_NS, Sensors
+
+NAME = "sim_robot"
+LIGHT_RING_SHOWN = topics.Topic("sim/lightring", "std_msgs/String", topics.COMMANDS)  # JSON: override_system, leds
+AUDIO_SHOWN = topics.Topic("sim/audio", "std_msgs/String", topics.COMMANDS)  # JSON: playing, iterations, notes
+FAULT = topics.Topic("sim/fault", "std_msgs/String", topics.EVENTS)  # see sim_faults.py
+FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JSON: list of faults
+
+FASTEST = 10.0
+CATCH_UP_S = 0.5  # of wall time; what is late by more than that is left out
+AT_ONCE = 10  # steps; then whoever has said something meanwhile is heard
+MARK_LASTS_S = 2.0  # what is no longer seen of Clyde, the lidar clears from the costmap
+START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
+
+
+def _pose(text: str, name: str) -> Pose | None:
+    """``x,y,heading``; empty: None."""
+    if not text.strip():
+        return None
+    try:
+        x, y, heading = (float(word) for word in text.split(","))
+    except ValueError:
+        raise ValueError(f"parameter {name} = {text!r}: must be x,y,heading") from None
+    return x, y, heading
+
+
+def _warm_up(robot: SimulatedRobot) -> None:
+    """Compile everything before anybody waits for it."""
+    robot.set_goal(*robot.pose[:2])
+    robot.cancel()
+    robot.scan()
+    robot.step()
+
+
+class SimRobot(GameNode):
+    """The node; :meth:`tick` is called at the physics' rate times the speed."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        map_yaml = parameter(self, "map_yaml", "house", "map: YAML file, folder or name of a shipped one")
+        preset = parameter(self, "preset", "robot", f"configuration: one of {', '.join(sorted(PRESETS))}")
+        settings = parameter(self, "settings", "", "fields of the configuration, name=value, separated by blanks")
+        seed = parameter(self, "seed", 0, "of all that is drawn", 0, 2**63 - 1)
+        home = parameter(self, "home", "", "x,y,heading where the robot stands, m and rad; empty: as in the game")
+        localized = parameter(self, "set_initial_pose", True, "AMCL starts at home; false: it waits for initialpose")
+        self._speed = parameter(self, "speed", 1.0, "of simulated time, in wall time; needs use_sim_time", 0.1, FASTEST)
+        stamped = parameter(self, "stamped_cmd_vel", True, "cmd_vel is TwistStamped, as on Jazzy; false: Twist")
+        faults = parameter(self, "fault", "", "faults from the start on, separated by semicolons (see sim/fault)")
+        self._simulated = bool(self.get_parameter("use_sim_time").value)
+        if self._speed != 1.0 and not self._simulated:
+            raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
+        config = make_config(preset, **parse_settings(settings.split()))
+        robot = SimulatedRobot(load_map(map_yaml), config, seed, home=_pose(home, "home"), localized=localized)
+        self.robot = robot
+        _warm_up(robot)
+        self._step_ns = round(config.physics_step_s * 1e9)
+        self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
+        self._start_ns = START_NS if self._simulated else time.time_ns()
+        self._began = time.monotonic()  # wall time of step 0
+        self._marked_step: int | None = None  # when Clyde was seen last
+        self._faults = Faults()
+        self.navigation = Navigation(robot)
+        self._navigate = NavigateServer(self, self.navigation, self._faults)
+        self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
+        self._audio = AUDIO_SHOWN.publisher(self)
+        self._notes = NotesServer(self, lambda what: self._audio.publish(String(data=json.dumps(what))))
+        self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
+        self._sensors = Sensors(self, robot, self._stamp())
+        self._lightring = LIGHT_RING_SHOWN.publisher(self)
+        self._lights = ""
+        self._faults_out = FAULTS_NOW.publisher(self)
+        self._listen(stamped)
+        for text in filter(str.strip, faults.split(";")):
+            self._apply_fault(text)
+        self._show_faults()
+        period_s = config.physics_step_s / self._speed
+        self.create_timer(period_s, self.tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        x, y, heading = robot.pose
+        self.get_logger().info(f"{robot.occupancy.name}: robot at ({x:.2f}, {y:.2f}, {heading:.2f}), seed {seed}")
+
+    def _listen(self, stamped: bool) -> None:
+        velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
+        for topic, take in (
+            (velocity, self._take_velocity),
+            (topics.INITIAL_POSE, self._take_initial_pose),
+            (topics.CLYDE_POSE, self._take_clyde),
+            (topics.CLYDE_OBSTACLE, self._take_obstacle),
+            (topics.LIGHT_RING, self._take_lights),
+            (FAULT, self._take_fault),
+        ):
+            topic.subscription(self, self._checked(topic.name, take))
+
+    def _checked(self, name: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Bad messages are said once, and change nothing."""
+
+        def checked(message: Any) -> None:
+            try:
+                take(message)
+            except ValueError as error:
+                self.once.warning(f"{name} ignored", f"{name} ignored: {error}")
+
+        return checked
+
+    # Time
+
+    def _now_ns(self) -> int:
+        """The time of the step done last."""
+        ahead_s = self._faults.number("clock_jump") or 0.0
+        return max(self._start_ns + self.robot.steps * self._step_ns + round(ahead_s * 1e9), 1)
+
+    def _stamp(self, ahead_ns: int = 0) -> Any:
+        seconds, nanoseconds = divmod(self._now_ns() + ahead_ns, 1_000_000_000)
+        return Time(sec=seconds, nanosec=nanoseconds)
+
+    def tick(self) -> None:
+        """Step the world on to what the wall's clock says, but not deaf for long."""
+        step_s = self._step_ns * 1e-9 / self._speed
+        behind = math.floor((time.monotonic() - self._began) / step_s) - self.robot.steps
+        most = max(round(CATCH_UP_S / step_s), 1)
+        lost = behind - most
+        if lost > 0:
+            self.once.warning("too slow", f"too slow for {self._speed:g} times wall time: {lost} steps left out")
+            self._began += lost * step_s
+            if not self._simulated:  # stamps stay with the wall's clock
+                self._start_ns += lost * self._step_ns
+        for _ in range(min(behind, most, AT_ONCE)):
+            self._step()
+
+    def _step(self) -> None:
+        robot = self.robot
+        if self._marked_step is not None and (robot.steps - self._marked_step) * self._step_ns > MARK_LASTS_S * 1e9:
+            self._unmark()
+        self._navigate.step()
+        self._notes.step(robot.time_s)
+        stamp = self._stamp()
+        if self._clock_out is not None:
+            self._clock_out.publish(ClockMessage(clock=stamp))
+        with_scan = robot.steps % self._scan_steps == 0
+        self._sensors.publish(stamp, self._stamp(TRANSFORM_TOLERANCE_NS), with_scan)
+        if with_scan:
+            self._navigate.send_feedback(stamp)
+            self._notes.send_feedback()
+
+    # What comes in
+
+    def _take_velocity(self, message: Any) -> None:
+        twist = getattr(message, "twist", message)
+        self.robot.set_velocity(twist.linear.x, twist.angular.z)
+
+    def _take_initial_pose(self, message: Any) -> None:
+        pose = pose_of(message)
+        if "pose_lost" in self._faults:
+            raise BadMessage("the pose is lost, by a fault")
+        self.robot.set_initial_pose(pose)
+
+    def _take_clyde(self, message: Any) -> None:
+        self._mark(*pose_of(message)[:2])
+
+    def _take_obstacle(self, message: Any) -> None:
+        points = points_of(message)
+        if len(points) == 0:
+            self._unmark()
+        else:
+            self._mark(*points.mean(axis=0).tolist())
+
+    def _mark(self, x: float, y: float) -> None:
+        self.robot.set_obstacle((x, y))
+        self._marked_step = self.robot.steps
+
+    def _unmark(self) -> None:
+        self.robot.set_obstacle(None)
+        self._marked_step = None
+
+    def _take_lights(self, message: Any) -> None:
+        leds = [[led.red, led.green, led.blue] for led in message.leds]
+        text = json.dumps({"override_system": message.override_system, "leds": leds})
+        if text != self._lights:
+            self._lights = text
+            self._lightring.publish(String(data=text))
+
+    def _clear(self, request: Any, response: Any) -> Any:
+        self._unmark()
+        return response
+
+    # Faults
+
+    def _take_fault(self, message: Any) -> None:
+        self._apply_fault(message.data)
+        self._show_faults()
+
+    def _apply_fault(self, text: str) -> None:
+        """Change what is asked to go wrong, and make it so."""
+        before = dict(self._faults.now)
+        self._faults.apply(text)
+        now = self._faults.now
+        if "clock_jump" in now and not self._simulated:
+            del now["clock_jump"]
+            raise ValueError("fault clock_jump: needs use_sim_time")
+        self.navigation.abort_after_s = self._faults.number("abort")
+        changed = {name for name in before.keys() | now.keys() if before.get(name) != now.get(name)}
+        if "nav2_away" in changed:
+            self._let_nav2_go() if "nav2_away" in now else self._let_nav2_come()
+        if changed & {"pose_lost", "pose_jump"}:
+            self.robot.localizing = "pose_lost" not in now
+            x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
+            self.robot.shift_belief((x, y, heading))
+
+    def _let_nav2_go(self) -> None:
+        self._navigate.close()
+        self.destroy_service(self._clear_costmap)
+
+    def _let_nav2_come(self) -> None:
+        self._navigate.open()
+        self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
+
+    def _show_faults(self) -> None:
+        words = self._faults.words()
+        self._faults_out.publish(String(data=json.dumps(words)))
+        self.get_logger().info(f"faults: {', '.join(words) or 'none'}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run(SimRobot, NAME, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

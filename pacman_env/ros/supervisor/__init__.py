@@ -1,0 +1,1 @@
+"""The processes of a game: which there are, started, watched and stopped."""

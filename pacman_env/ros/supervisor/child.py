@@ -1,0 +1,30 @@
+"""One node's module as a process that is asked to end when its parent is gone: no node outlives ``ros up``.
+
+Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID MODULE ARGUMENTS...``; the module runs as
+if it were started alone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import runpy
+import signal
+import sys
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def main() -> None:
+    """Tie this process to its parent, then become the module."""
+    parent, module = int(sys.argv[1]), sys.argv[2]
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # gone before it could be said
+        sys.exit(1)
+    sys.argv = sys.argv[2:]
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    main()

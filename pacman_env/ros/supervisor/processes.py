@@ -1,0 +1,166 @@
+"""The nodes of a game as processes: started in order, started again when they die, stopped one after another.
+
+Nothing here knows ROS: what the processes say to one another is their own business. Which nodes there are, and with
+what parameters, stands in ``game_nodes.py``; the command that uses both is ``up.py``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from . import child
+from .game_nodes import module_of
+
+PATIENCE_S = 12.0  # how long a node may take: its farewell, then a middleware that hangs (``node.py``)
+SLOW_START_S = 10.0  # the pause between two starts of a dying node is doubled up to this
+MANY = 5  # deaths ...
+SOON_S = 60.0  # ... within this time: starting it again does not help
+BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
+_LAST_WORDS = 2000  # bytes of a log that are searched for the reason of a death
+
+
+class Lost(RuntimeError):
+    """A node that cannot be kept alive: it refused to start, or died too often in too short a time."""
+
+
+@dataclass
+class Member:
+    """One node's process; ``arguments`` are what follows the module on its command line."""
+
+    name: str
+    arguments: Sequence[str] = ()
+    process: subprocess.Popen[bytes] | None = None
+    due_s: float | None = None  # when it is started again
+    deaths: list[float] = field(default_factory=list)
+
+
+class Crew:
+    """Processes by name, in the order in which they were started.
+
+    Args:
+        logs: folder for one file per node, with all that it prints.
+        environment: of the processes.
+        say: told in one line what happens.
+        module_of: the module that runs a node, by its name.
+    """
+
+    def __init__(
+        self,
+        logs: Path,
+        environment: dict[str, str],
+        say: Callable[[str], None],
+        module_of: Callable[[str], str] = module_of,
+    ) -> None:
+        self._logs = logs
+        self._environment = environment
+        self._say = say
+        self._module_of = module_of
+        self._members: dict[str, Member] = {}
+
+    def start(self, name: str, arguments: Sequence[str] = ()) -> None:
+        """Start a node as a process of its own.
+
+        Raises:
+            OSError: its log file cannot be written, or there can be no more processes.
+        """
+        member = Member(name, arguments)
+        self._members[name] = member
+        self._launch(member, "wb")
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._members
+
+    def status(self, name: str) -> int | None:
+        """How it ended, None while it runs or waits to be started again."""
+        process = self._members[name].process
+        return None if process is None else process.poll()
+
+    def processes(self) -> dict[str, int]:
+        """The process ids, by name, of those that have been started and not found dead."""
+        return {member.name: member.process.pid for member in self._members.values() if member.process is not None}
+
+    def dismiss(self, name: str) -> None:
+        """Forget a node whose work is done."""
+        del self._members[name]
+
+    def last_words(self, name: str) -> str:
+        """The last line of its log, or where the log is."""
+        path = self._log(name)
+        with contextlib.suppress(OSError), path.open("rb") as log:
+            log.seek(max(0, path.stat().st_size - _LAST_WORDS))
+            lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
+            if lines:
+                return f"{lines[-1]} ({path})"
+        return f"no word in {path}"
+
+    def tend(self) -> list[str]:
+        """Start again what died and is due; the names of those found dead.
+
+        Raises:
+            Lost: that does not help.
+        """
+        dead, now = [], time.monotonic()
+        for member in self._members.values():
+            if member.process is None:
+                if member.due_s is not None and now >= member.due_s:
+                    self._launch(member, "ab")
+            elif (status := member.process.poll()) is not None:
+                dead.append(member.name)
+                member.process = None
+                member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
+                words = self.last_words(member.name)
+                if status == BAD_START:
+                    raise Lost(f"{member.name} does not start: {words}")
+                if len(member.deaths) >= MANY:
+                    raise Lost(f"{member.name} died {MANY} times within {SOON_S:.0f} s: {words}")
+                pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1))
+                member.due_s = now + pause
+                self._say(f"{member.name} ended with status {status}: {words}; again in {pause:.0f} s")
+        return dead
+
+    def stop(self, order: Sequence[str] = (), between: Callable[[str], None] = lambda name: None) -> list[str]:
+        """Stop all, those of ``order`` first, the others against the order of their start; the names of the killed.
+
+        One after another: several participants that leave at once can deadlock inside the middleware.
+        ``between`` is called after each.
+        """
+        names = [name for name in order if name in self._members]
+        names += [name for name in reversed(self._members) if name not in names]
+        killed = []
+        for name in names:
+            process = self._members.pop(name).process
+            if process is not None and process.poll() is None:
+                process.terminate()
+                try:
+                    process.wait(PATIENCE_S)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+                    killed.append(name)
+            between(name)
+        return killed
+
+    def _log(self, name: str) -> Path:
+        return self._logs / f"{name}.log"
+
+    def _launch(self, member: Member, mode: str) -> None:
+        command = [sys.executable, "-m", child.__name__, str(os.getpid()), self._module_of(member.name)]
+        log: IO[bytes]
+        with self._log(member.name).open(mode) as log:
+            member.process = subprocess.Popen(
+                [*command, *member.arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                start_new_session=True,  # Ctrl-C is for the command, which stops the nodes in order
+            )
+        member.due_s = None

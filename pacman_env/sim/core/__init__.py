@@ -1,0 +1,1 @@
+"""Games stepped together: their records, kernels and batches."""

@@ -1,0 +1,349 @@
+"""N independent games simulated at once.
+
+There is no second, scalar implementation: one game is a batch of one. Seeds come in from outside; game i of a batch
+is bit-identical to the same game alone with the same seed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import MAX_SPEED_MPS, Config, ConfigError
+from ...game.clyde import search_memory
+from ...game.ghosts import BEHAVIOURS, POLICY, WANDER
+from ...game.round import clyde_speed_mps
+from ...world.navigation.physics import PhysicsWorld
+from ...world.navigation.planner import PATH_POINTS, detour_memory
+from ..maps.assets import MapAssets
+from ..maps.level_source import FixedMap, LevelSource
+from ..maps.level_stack import LevelStack
+from ..observation.situation import Situation
+from ..observation.situation_kernel import fill_situation
+from . import ghost_kernels, kernels, records
+from .history import History, RoundSoFar
+from .parameters import batch_parameters, draw_episodes, next_seeds
+
+
+class GameBatch:
+    """N games under one configuration, on one map or each on a map of its own.
+
+    Candidates are numbered: ``pellet_slots`` pellets, ``refuge_slots`` refuges (those beyond the map's are padding),
+    hold.
+    """
+
+    def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1) -> None:
+        """Build the physics for ``n`` games; call :meth:`reset` before the first step.
+
+        Raises:
+            ConfigError: ``config.max_pellets`` is below the number of pellets on the map.
+            MapError: the source has no map that can be played on.
+        """
+        self.source = source = FixedMap(source, config) if isinstance(source, MapAssets) else source
+        slots = source.pellet_slots(config) if config.max_pellets is None else config.max_pellets
+        first = source.first
+        if slots < first.pellets:
+            raise ConfigError(f"max_pellets = {slots}: the map has {first.pellets} pellets")
+        self.config = config
+        self.n = n
+        self.pellet_slots = slots
+        self.refuge_slots = source.refuge_slots(config)
+        self.hold = slots + self.refuge_slots
+        self.candidates = self.hold + 1
+        self.substeps = round(config.execution.tick_s / config.physics_step_s)
+        self.behaviours = np.array([BEHAVIOURS.index(name) for name in config.clyde.ghosts], dtype=np.int64)
+        ghosts = len(self.behaviours)
+        self.games = np.zeros(n, dtype=records.GAME)
+        self.ghosts = np.zeros((n, ghosts), dtype=records.GHOST)
+        self.alive = np.zeros((n, slots), dtype=np.bool_)
+        self.obstacles = np.zeros((n, ghosts, 3))
+        self._waits = np.zeros((n, self.candidates), dtype=np.int64)
+        self._aborts = np.zeros((n, self.candidates), dtype=np.int64)
+        self.paths = np.zeros((n, PATH_POINTS, 2), dtype=np.float32)
+        self.levels = LevelStack(first, config, source.slots(n))
+        self._held = [-1] * n  # the slot of each game's map
+        self._ghost_paths = np.zeros((n, ghosts, 0), dtype=np.int32)
+        self.physics = PhysicsWorld(
+            first.grid.walls,
+            n,
+            radius_m=config.robot.radius_m,
+            mass_kg=config.robot.mass_kg,
+            step_s=config.physics_step_s,
+            shared=len(self.levels) == 1,
+        )
+        self._parameters = batch_parameters(config, self.levels.resolution, slots, self.refuge_slots)
+        self._idle = bool((self.behaviours == WANDER).all())
+        self._told = bool((self.behaviours == POLICY).any())
+        self._wander_on = np.full((n, ghosts), self.hold, dtype=np.int64)
+        self._history = History(n, ghosts, self._told, config)
+        clyde_steps = int(self._parameters[0]["clyde_steps"])
+        period = math.gcd(self.substeps, clyde_steps)
+        # Games of a batch differ in phase; ghosts can be due at any multiple of this.
+        self._ghosts_due = [k % period == 0 for k in range(self.substeps)]
+        check_steps = round(config.execution.check_period_s / config.physics_step_s)
+        self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
+        self._version = -1
+        self._bind()
+
+    @property
+    def assets(self) -> MapAssets:
+        """The map; where there are many, one of them."""
+        return self.source.first
+
+    def assets_of(self, game: int) -> MapAssets:
+        """The map that a game is played on."""
+        slot = self._held[game]
+        return self.source.first if slot < 0 else self.levels.assets(slot)
+
+    def level_numbers(self) -> NDArray[np.int64]:
+        """(N,) the number of the level that each game is played on."""
+        return self.levels.numbers[self.games["level"]]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """How each game's round began and what has been decided in it since."""
+        levels = self.level_numbers()
+        started = [i for i in range(self.n) if self._held[i] >= 0]
+        rounds = [self._history.so_far(i, self.games[i], int(levels[i])) for i in started]
+        return {"made_from": (self.source, self.config, self.n), "rounds": rounds}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
+        self.__init__(*state["made_from"])  # type: ignore[misc]
+        rounds: list[RoundSoFar] = state["rounds"]
+        longest = max((len(r.decisions) for r in rounds), default=0)
+        self.games["end"][[r.game for r in rounds]] = records.TIMEOUT  # they stand still until they begin
+        velocity = self.config.action == "velocity"
+        actions = np.zeros((self.n, 2)) if velocity else np.full(self.n, self.hold, dtype=np.int64)
+        choices = self._wander_on.copy()
+        for tick in range(longest + 1):
+            # All arrive at their present together.
+            begin = [r for r in rounds if longest - len(r.decisions) == tick]
+            if begin:
+                index = np.array([r.game for r in begin])
+                if len(self.levels) > 1:
+                    self._change_maps(index, np.array([r.level for r in begin]))
+                seeds = np.array([r.seed for r in begin], dtype=np.uint64)
+                self._start(index, seeds, np.array([r.began for r in begin], dtype=records.GAME))
+            if tick == longest:
+                break
+            for r in rounds:
+                k = tick - (longest - len(r.decisions))
+                if k >= 0:
+                    actions[r.game] = r.decisions[k]
+                    if self._told:
+                        choices[r.game] = r.ghost_choices[k]
+            self._advance(actions, choices)
+
+    def _bind(self) -> None:
+        """Take over the stacked arrays, after they have been made anew, and make the scratch memory for them."""
+        if self._version == self.levels.version:
+            return
+        self._version = self.levels.version
+        a = self.levels.arrays
+        self._goal_xy = a["goal_xy"]
+        self._plan_end = a["plan_end"]
+        self._affine, self._clearance = a["affine"], a["clearance_cm"]
+        self._nav = tuple(a[k] for k in ("affine", "snap", "neighbours", "cell_xy", "length_cm", "next_step"))
+        self._ghost_xy = a["ghost_xy"]
+        self._ghost_arrays = tuple(a[f"ghost_{k}"] for k in ("graph", "part", "part_start", "part_cells"))
+        self._ghost_places = tuple(a[k] for k in ("affine", "ghost_snap", "ghost_place", "ghost_corner"))
+        self._starts = tuple(a[k] for k in ("home", "spawn_cells", "spawn_count", "ghost_xy"))
+        seen = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
+        self._seen = tuple(a[k] for k in seen)
+        cells, longest = a["ghost_xy"].shape[1], self.levels.longest_ghost_way
+        self._ghost_search = search_memory(cells, longest)
+        self._detour_search = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)
+        # A ghost that turns round between two cells walks on to the second one first.
+        room = max(longest + 1, self._ghost_paths.shape[2])
+        paths = np.zeros((*self.ghosts.shape, room), dtype=np.int32)
+        paths[:, :, : self._ghost_paths.shape[2]] = self._ghost_paths
+        self._ghost_paths = paths
+
+    def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
+        """Start a new episode with its own seed in each of the games ``index`` (M,).
+
+        The seed decides everything that is drawn: the map where there are many, the episode's parameters, the ghosts.
+
+        Raises:
+            MapError: a map cannot be played on; nothing has been changed then.
+        """
+        index = np.asarray(index, dtype=np.int64)
+        seeds = np.asarray(seeds, dtype=np.uint64)
+        fresh = draw_episodes(seeds, self.config)
+        if len(self.levels) > 1:
+            self._change_maps(index, self.source.levels_of(seeds))
+        self._start(index, seeds, fresh)
+
+    def _change_maps(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
+        # All are prepared before the first is given up.
+        prepared = {
+            level: self.source.prepare(level) for level in dict.fromkeys(levels.tolist()) if not self.levels.has(level)
+        }
+        for i in index.tolist():
+            if self._held[i] >= 0:
+                self.levels.give_back(self._held[i])
+        for i, level in zip(index.tolist(), levels.tolist(), strict=True):
+            self._held[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
+        self._bind()
+
+    def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
+        """Begin a round; ``fresh`` holds what goes on from the round before, or the episode's parameters."""
+        self._history.began[index] = fresh
+        for k, i in enumerate(index.tolist()):
+            if self._held[i] < 0:
+                self._held[i] = 0
+            assets = self.levels.assets(self._held[i])
+            fresh[k]["level"] = self._held[i]
+            fresh[k]["pellets"], fresh[k]["refuges"] = assets.pellets, assets.refuges
+            x, y = assets.grid.home[:2].tolist()
+            self.physics.place(i, x, y, assets.grid.walls)
+        kernels.reset_games(
+            self.games,
+            index,
+            seeds,
+            fresh,
+            self.alive,
+            self._waits,
+            self._aborts,
+            self.ghosts,
+            self._ghost_paths,
+            self.obstacles,
+            self.behaviours,
+            self._starts,
+            self._parameters,
+        )
+
+    def _next_rounds(self) -> None:
+        """In an endless game a completed round is followed by another with faster ghosts."""
+        index = np.flatnonzero(self.games["end"] == records.COMPLETE)
+        if len(index) == 0:
+            return
+        before = self.games[index]
+        fresh = np.zeros(len(index), dtype=records.GAME)
+        for name in records.KEPT_FROM_ROUND_TO_ROUND:
+            fresh[name] = before[name]
+        fresh["round"] += 1
+        fresh["tick_rounds"] = 1
+        faster = self.config.clyde.speed_step_mps
+        speeds = [clyde_speed_mps(g["base_clyde_speed"], faster, g["round"]) for g in fresh]
+        fresh["clyde_speed"] = np.minimum(speeds, MAX_SPEED_MPS)
+        self._start(index, next_seeds(before["seed"]), fresh)
+
+    def step(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64] | None = None) -> None:
+        """One decision and the physics steps until the next; games that have ended stand still.
+
+        Args:
+            actions: (N,) int64 candidates, one that the mask forbids makes the robot hold; with velocity actions
+                (N, 2) float64, v in m/s and omega in rad/s.
+            ghost_choices: (N, G) int64, for ghosts told by a policy: the candidate whose place to go to, or the last
+                one to wander on; None: all wander on.
+
+        Raises:
+            ValueError: an action or a choice is none; nothing has been changed then.
+        """
+        if ghost_choices is None:
+            ghost_choices = self._wander_on
+        elif self._told:
+            self._check_ghost_choices(ghost_choices)
+        self._advance(actions, ghost_choices)
+        if self.config.endless:
+            self._next_rounds()
+
+    def _advance(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64]) -> None:
+        """A step, but for what follows a completed round."""
+        parameters, games, goal_xy = self._parameters, self.games, self._goal_xy
+        physics, nav, alive, obstacles = self.physics, self._nav, self.alive, self.obstacles
+        ghosts, ghost_paths = self.ghosts, self._ghost_paths
+        row, state, force = physics.row, physics.state, physics.force
+        self._history.make_room(games)
+        due = self._decide(actions)
+        if not self._idle:
+            self._decide_ghosts(ghost_choices)
+        for k in range(self.substeps):
+            if self._check_due[k]:
+                kernels.check(games, row, state, goal_xy, alive, obstacles, parameters)
+            if self._ghosts_due[k] and ghost_kernels.move_ghosts(
+                games, ghosts, ghost_paths, obstacles, parameters, self._ghost_xy
+            ):
+                ghost_kernels.retarget_ghosts(
+                    games, ghosts, ghost_paths, parameters, self._ghost_arrays, *self._ghost_search
+                )
+            if due & kernels.PLAN_DUE:
+                kernels.plan(games, self.paths, obstacles, parameters, self._plan_end, nav, self._detour_search)
+            due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, self._affine, self._clearance)
+            if due & kernels.RESULT_DUE:
+                kernels.apply_results(games, goal_xy, alive, self._waits, self._aborts, parameters)
+            physics.step()
+        kernels.finish(games, row, state, goal_xy, alive, obstacles, parameters)
+
+    def _decide(self, actions: NDArray[Any]) -> int:
+        """Hand the actions over; returns what is due."""
+        decisions = self._history.decisions
+        if self.config.action == "velocity":
+            due = int(kernels.decide_velocity(self.games, actions, decisions, self._parameters))
+            if due < 0:
+                raise ValueError(f"action {actions[-1 - due].tolist()} of game {-1 - due}: must be two finite numbers")
+            return due
+        due = int(kernels.decide(self.games, actions, decisions, self.alive, self._waits, self._parameters))
+        if due < 0:
+            bad = -1 - due
+            raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
+        return due
+
+    def _check_ghost_choices(self, choices: NDArray[np.int64]) -> None:
+        if choices.shape != self.ghosts.shape:
+            raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.ghosts.shape}")
+        bad = np.flatnonzero(((choices < 0) | (choices > self.hold)).any(axis=1))
+        if len(bad) > 0:
+            raise ValueError(
+                f"ghost choices {choices[bad[0]].tolist()} of game {bad[0]}: candidates are 0 to {self.hold}"
+            )
+
+    def _decide_ghosts(self, choices: NDArray[np.int64]) -> None:
+        ghost_kernels.decide_ghosts(
+            self.games,
+            self.ghosts,
+            self._ghost_paths,
+            choices,
+            self._history.ghost_choices,
+            self.behaviours,
+            self._parameters,
+            self._ghost_places,
+            self._ghost_arrays,
+            *self._ghost_search,
+        )
+
+    def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
+        """Let a ghost go on from the cell of his nearest to (x, y), m; returns where that is."""
+        cells = self.assets_of(game).clyde.position
+        cell = int(((cells - (x, y)) ** 2).sum(axis=1).argmin())
+        kernels.place_ghost(
+            self.games[game : game + 1],
+            self.ghosts[game, number : number + 1],
+            self.ghosts[game],
+            self._ghost_paths[game, number],
+            self.obstacles[game],
+            cell,
+            cells,
+        )
+        return float(cells[cell, 0]), float(cells[cell, 1])
+
+    def situation(self, seat: int = -1) -> Situation:
+        """What a policy sees now, the robot's or (``seat`` k) that of ghost k; new arrays at each call."""
+        situation = Situation.empty(self.n, self.candidates, len(self.behaviours), self.levels)
+        fill_situation(
+            self.games,
+            self.ghosts,
+            self._ghost_paths,
+            self.obstacles,
+            self.alive,
+            self._waits,
+            seat,
+            self._parameters,
+            self._seen,
+            situation.arrays(),
+        )
+        return situation

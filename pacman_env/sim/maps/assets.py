@@ -1,0 +1,228 @@
+"""Everything computed once per map and configuration: grid, goals, path fields, Clyde's cells.
+
+Kept in the process (the last few maps) and, for the path fields, on disk by the map's hash.
+"""
+
+from __future__ import annotations
+
+import collections
+import functools
+import hashlib
+import json
+import math
+import os
+import threading
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config, ConfigError
+from ...game.clyde import ClydeCells, clyde_cells
+from ...game.pellets import generate_pellets
+from ...jit import source_hash
+from ...world.maps.occupancy import MapError, OccupancyMap, load_map
+from ...world.navigation.cache import cached_arrays
+from ...world.navigation.grid import DriveGrid, build_grid
+from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
+from .ghost_targets import Haunts, find_haunts
+from .refuges import choose_refuges
+
+MapSource = str | os.PathLike[str] | OccupancyMap
+_KEEP = 16  # maps kept in the process
+
+
+@dataclass(frozen=True, eq=False)
+class MapAssets:
+    """One map, ready to be played on. G goals: P pellets, then R refuges."""
+
+    occupancy: OccupancyMap
+    grid: DriveGrid
+    clyde: ClydeCells
+    clyde_part: int  # Clyde's part that lies in the robot's area
+    spawn_cells: NDArray[np.int32]  # Clyde's cells he may start from
+    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each of Clyde's, -1: outside the robot's area
+    pellet_ids: NDArray[np.int64]  # (P,) as the game numbers them
+    dropped_ids: NDArray[np.int64]  # pellets of the game that the robot cannot reach
+    goal_xy: NDArray[np.float64]  # (G, 2) m
+    goal_cell: NDArray[np.int32]  # (G,) drivable cell, -1: none within Nav2's tolerance
+    neighbours: NDArray[np.int32]  # (K, 16)
+    cell_xy: NDArray[np.float32]  # (K, 2) m
+    length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
+    next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
+    goal_apart_m: NDArray[np.float32]  # (G,) how near Clyde's centre can come to each goal
+
+    @property
+    def pellets(self) -> int:
+        """P, the number of pellets."""
+        return len(self.pellet_ids)
+
+    @property
+    def refuges(self) -> int:
+        """R, the number of refuges."""
+        return len(self.goal_xy) - len(self.pellet_ids)
+
+    @functools.cached_property
+    def haunts(self) -> Haunts:
+        """Where the ghosts can be sent."""
+        return find_haunts(self.grid, self.clyde, self.clyde_part, self.goal_xy)
+
+
+_assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()
+_lock = threading.Lock()
+
+
+def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None) -> str:
+    relevant = {
+        "map": occupancy.hash,
+        "inscribed": config.robot.inscribed_radius_m,
+        "inflation": [config.nav2.inflation_radius_m, config.nav2.inflation_scale],
+        "tolerance": [config.nav2.unreachable_tolerance_m, config.execution.pickup_radius_m],
+        "pellets": asdict(config.pellets),
+        "clyde": [config.clyde.clearance_m, config.clyde.spawn, config.clyde.spawn_distance_m],
+        "refuges": asdict(config.refuges),
+        "home": home,
+        "code": source_hash(),
+    }
+    return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
+    """The assets of a map (name, file or loaded map) under a configuration.
+
+    Raises:
+        MapError: the map cannot be read, or has no place for the robot or no pellet to play for.
+        ConfigError: Clyde's spawn rule leaves him no cell.
+    """
+    occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
+    if home is not None:
+        home = _pose(home, occupancy.name)
+    key = _key(occupancy, config, home)
+    with _lock:
+        if key in _assets:
+            _assets.move_to_end(key)
+            # The same content under another name is the same work, but keeps its name.
+            known = _assets[key]
+            return known if known.occupancy.name == occupancy.name else replace(known, occupancy=occupancy)
+        assets = _build(occupancy, config, home, key)
+        _assets[key] = assets
+        while len(_assets) > _KEEP:
+            _assets.popitem(last=False)
+        return assets
+
+
+def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
+    """The same as :func:`map_assets`, computed anew: nothing is looked up or kept, in the process or on disk.
+
+    For a map that is played on once. Threads may prepare different maps at the same time.
+
+    Raises:
+        MapError: the map has no place for the robot or no pellet to play for.
+        ConfigError: Clyde's spawn rule leaves him no cell.
+    """
+    return _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
+
+
+def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, float]:
+    try:
+        x, y, heading = (float(value) for value in home)
+    except (TypeError, ValueError):
+        x = y = heading = math.nan
+    if not all(map(math.isfinite, (x, y, heading))) or abs(heading) > 2 * math.pi:
+        raise MapError(f"{name}: the home pose must be x, y, heading (m, m, rad within 2 pi), not {home!r}")
+    return x, y, heading
+
+
+def _build(
+    occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str | None
+) -> MapAssets:
+    """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
+    grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
+    pellets = generate_pellets(occupancy, config.pellets)
+    tolerance = config.nav2.unreachable_tolerance_m
+    cells = np.array([grid.nearest_cell(x, y, tolerance) for x, y in pellets.position], dtype=np.int32)
+    near = np.zeros(len(pellets), dtype=np.bool_)
+    for i, cell in enumerate(cells):
+        if cell >= 0:
+            x, y = grid.to_world(*grid.cell[cell])
+            offset = np.hypot(x - pellets.position[i, 0], y - pellets.position[i, 1])
+            # Pellets lie on the corners of cells: on a coarse map no centre is nearer than half a diagonal.
+            near[i] = offset <= max(config.execution.pickup_radius_m, occupancy.resolution * math.sqrt(0.5) + 1e-9)
+    keep = near if config.pellets.reachable_only else np.ones(len(pellets), dtype=np.bool_)
+    if not near.any():
+        raise MapError(
+            f"{occupancy.name}: no pellet that the robot can reach at a spacing of {config.pellets.spacing_m} m"
+        )
+    clyde = clyde_cells(occupancy, config.clyde, config.pellets.free_grey)
+    clyde_drive = grid.cells_of_pixels(clyde.pixel, occupancy.height)
+    part = _connected_part(clyde, clyde_drive, occupancy.name)
+    known = grid.path_fields()
+    refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
+    refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
+    goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
+    cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
+    names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, known)
+    fields = compute() if key is None else cached_arrays(key, names, compute)
+    goal_xy = np.concatenate([pellets.position[keep], refuge_xy])
+    return MapAssets(
+        occupancy=occupancy,
+        grid=grid,
+        clyde=clyde,
+        clyde_part=part,
+        spawn_cells=_spawn_cells(grid, clyde, part, config),
+        clyde_drive=clyde_drive,
+        pellet_ids=pellets.ids[keep],
+        dropped_ids=pellets.ids[~keep],
+        goal_xy=goal_xy,
+        goal_cell=goal_cell,
+        neighbours=grid.neighbours,
+        cell_xy=cell_xy,
+        length_cm=fields["length_cm"],
+        next_step=fields["next_step"],
+        goal_apart_m=_apart(goal_xy, clyde.position[clyde.cells_in(part)]),
+    )
+
+
+def _apart(goal_xy: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(G,) m from each goal to the nearest place."""
+    x, y = places.T.astype(np.float32)
+    nearest = [((x - np.float32(gx)) ** 2 + (y - np.float32(gy)) ** 2).min() for gx, gy in goal_xy]
+    return np.sqrt(np.array(nearest, dtype=np.float32))
+
+
+def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
+    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere.
+
+    ``fields`` are those of the grid; a field that was computed before is not computed again.
+    """
+    count, goals = len(grid.cell), len(goal_cell)
+    length_cm = np.empty((goals, count), dtype=np.uint16)
+    next_step = np.empty((goals, count), dtype=np.int16)
+    fields = fields or grid.path_fields()
+    for k, cell in enumerate(goal_cell.tolist()):
+        length_cm[k], next_step[k] = fields.to(cell) if cell >= 0 else (UNREACHABLE_CM, NO_STEP)
+    return {"length_cm": np.ascontiguousarray(length_cm.T), "next_step": next_step}
+
+
+def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:
+    """Clyde's part with most cells in the robot's area."""
+    shared = np.bincount(clyde.part[clyde_drive >= 0], minlength=len(clyde.part_start) - 1)
+    if shared.max() == 0:
+        raise MapError(f"{name}: no place of the robot's area is wide enough for Clyde")
+    return int(shared.argmax())
+
+
+def _spawn_cells(grid: DriveGrid, clyde: ClydeCells, part: int, config: Config) -> NDArray[np.int32]:
+    """Cells that Clyde may start from: the rule's parts, far enough from the robot's home pose."""
+    cells = clyde.cells_in(part) if config.clyde.spawn == "connected" else clyde.part_cells
+    offset = clyde.position[cells] - grid.home[:2]
+    distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+    close = np.abs(distance - config.clyde.spawn_distance_m) < 1e-9
+    distance[close] = np.hypot(offset[close, 0], offset[close, 1])  # slower, to the last bit where that decides
+    allowed = cells[distance >= config.clyde.spawn_distance_m]
+    if len(allowed) == 0:
+        raise ConfigError(
+            f"clyde.spawn_distance_m = {config.clyde.spawn_distance_m}: Clyde's farthest cell is"
+            f" {distance.max():.2f} m from the robot's home pose"
+        )
+    return np.sort(allowed)

@@ -1,0 +1,185 @@
+"""Generated houses as levels: a new one for each episode, prepared when it is needed.
+
+Which level an episode gets is drawn from its seed. The split between training and testing is by level number, as in
+Procgen: ``generated`` draws from the levels below ``TEST_LEVEL``, ``generated:test`` from the thousand from there on.
+``generated:wide`` are the houses of ``generated``, twice as long and twice as wide.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import numbers
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config, ConfigError
+from ...jit import kernel
+from ...rng import LEVEL
+from ...world.maps.houses import MAX_EXTENT_M, draw_house
+from ...world.maps.occupancy import MapError, OccupancyMap
+from ..core.parameters import draw_below
+from .assets import MapAssets, prepare_map
+
+TEST_LEVEL = 1_000_000  # the first of the test levels
+TEST_LEVELS = 1000
+_ATTEMPTS = 60
+_SPARE_SLOTS = 64  # maps kept beyond those being played on, if all levels can then be kept
+_NEAR_M, _NEAR_SHARE = 0.5, 0.75  # the ghosts come so near to so many of the pellets
+_PELLETS = (4, 16)  # of a house at a spacing of 2 m
+WIDE = 2  # times as long and as wide
+
+
+class GeneratedMaps:
+    """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house."""
+
+    def __init__(self, config: Config, start_level: int, num_levels: int, scale: int = 1) -> None:
+        """Prepare nothing yet.
+
+        Raises:
+            ConfigError: numbers out of range.
+        """
+        if start_level < 0:
+            raise ConfigError(f"start_level = {start_level}: must be at least 0")
+        if num_levels < 1:
+            raise ConfigError(f"num_levels = {num_levels}: must be at least 1")
+        self._config = config
+        self.start_level = start_level
+        self.num_levels = num_levels
+        self.scale = scale
+
+    @classmethod
+    def named(cls, name: str, config: Config, start_level: int | None, num_levels: int | None) -> GeneratedMaps:
+        """By the name of a split; ``num_levels`` None or 0: all that the split has.
+
+        Raises:
+            ConfigError: an unknown split, or levels that are not in it.
+        """
+        for field_name, number in (("start_level", start_level), ("num_levels", num_levels)):
+            if number is not None and (not isinstance(number, numbers.Integral) or isinstance(number, bool)):
+                raise ConfigError(f"{field_name} = {number!r}: must be a whole number")
+        splits = {
+            "generated": (0, TEST_LEVEL),
+            "generated:train": (0, TEST_LEVEL),
+            "generated:wide": (0, TEST_LEVEL),
+            "generated:test": (TEST_LEVEL, TEST_LEVELS),
+        }
+        if name not in splits:
+            raise ConfigError(f"map = {name!r}: choose one of {', '.join(splits)}")
+        first, count = splits[name]
+        start = first if start_level is None else start_level
+        if not first <= start < first + count:
+            raise ConfigError(f"start_level = {start}: {name} has the levels {first} to {first + count - 1}")
+        room = first + count - start
+        if num_levels is not None and not 0 <= num_levels <= room:
+            raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
+        return cls(config, int(start), int(num_levels or room), WIDE if name == "generated:wide" else 1)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the first map, which is prepared again when it is asked for."""
+        return {name: value for name, value in self.__dict__.items() if name != "first"}
+
+    @functools.cached_property
+    def first(self) -> MapAssets:
+        """The map of the first level, kept.
+
+        Raises:
+            MapError: no house of the level can be played under the configuration.
+        """
+        return prepare_level(self.start_level, self._config, self.scale)
+
+    def slots(self, games: int) -> int:
+        """A map of its own for each game, or all levels if they are few; two at least mark changing maps."""
+        return max(self.num_levels if self.num_levels <= games + _SPARE_SLOTS else games, 2)
+
+    def pellet_slots(self, config: Config) -> int:
+        """Most pellets that a level is allowed to have."""
+        return most_pellets(config, self.scale)
+
+    def refuge_slots(self, config: Config) -> int:
+        """Home, nooks and spread-out places."""
+        return 1 + config.refuges.nooks + config.refuges.spread
+
+    def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        """(M,) drawn uniformly."""
+        return self.start_level + draw_below(seeds, LEVEL, self.num_levels)
+
+    def prepare(self, level: int) -> MapAssets:
+        """The level's house, ready to be played on."""
+        return self.first if level == self.start_level else prepare_level(level, self._config, self.scale)
+
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Of the largest house there can be."""
+        most = self.scale * MAX_EXTENT_M
+        return (-most, most), (-most, most)
+
+
+def most_pellets(config: Config, scale: int = 1) -> int:
+    """The most pellets that a generated house may have: 16 at the original's spacing."""
+    limit = round(_PELLETS[1] * max(1.0, (2.0 * scale / config.pellets.spacing_m) ** 2))
+    return limit if config.max_pellets is None else min(limit, config.max_pellets)
+
+
+def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
+    """The first house of a level that can be played under the configuration.
+
+    Every pellet can be reached, there are neither too few nor too many, and the ghosts can come to most of them.
+
+    Raises:
+        MapError: none of many houses can be.
+    """
+    reason = ""
+    for attempt in range(_ATTEMPTS):
+        house = _scaled(draw_house(level, attempt), scale)
+        try:
+            assets = prepare_map(house, config)
+        except (MapError, ConfigError) as error:
+            reason = str(error)
+            continue
+        reason = _objection(assets, config, scale)
+        if not reason:
+            return assets
+    raise MapError(f"generated level {level}: none of {_ATTEMPTS} houses can be played; the last: {reason}")
+
+
+def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
+    """The same picture with larger cells, the origin where it was."""
+    if scale == 1:
+        return house
+    x, y, yaw = house.origin
+    return dataclasses.replace(
+        house, name=f"{house.name}-wide", resolution=scale * house.resolution, origin=(scale * x, scale * y, yaw)
+    )
+
+
+def level_map(level: int, config: Config) -> OccupancyMap:
+    """The map of a level as it is played."""
+    return prepare_level(level, config).occupancy
+
+
+def _objection(assets: MapAssets, config: Config, scale: int) -> str:
+    """Why a house is no level, "" if it is one."""
+    fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1
+    if not fewest <= assets.pellets <= most_pellets(config, scale):
+        return f"{assets.pellets} pellets"
+    if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
+        return f"{len(assets.dropped_ids)} pellets out of reach"
+    clyde, part = assets.clyde, assets.clyde_part
+    cells = clyde.cells_in(part)
+    near = _come_near(assets.goal_xy[: assets.pellets], clyde.position, cells, _NEAR_M)
+    return "" if near >= _NEAR_SHARE * assets.pellets else f"the ghosts come to {near} of {assets.pellets} pellets"
+
+
+@kernel
+def _come_near(goals, position, cells, near):  # type: ignore[no-untyped-def]
+    """How many goals (P, 2) have one of the cells within ``near`` m."""
+    count = 0
+    for i in range(len(goals)):
+        for cell in cells:
+            dx, dy = goals[i, 0] - position[cell, 0], goals[i, 1] - position[cell, 1]
+            if dx * dx + dy * dy <= near * near:
+                count += 1
+                break
+    return count

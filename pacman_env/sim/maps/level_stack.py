@@ -1,0 +1,180 @@
+"""The maps that the games of a batch are played on, stacked into one array per kind for the kernels.
+
+A map that all games share is stacked alone and nothing is copied. Where maps come and go, each lies in a slot as long
+as a game is played on it, and for as long as no other needs the slot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...world.navigation.coarse_steps import TILE, strides
+from ...world.navigation.paths import UNREACHABLE_CM
+from .assets import MapAssets
+
+_SPARE = 1.5  # room for larger maps; memory is taken as it is written to
+_PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
+_VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
+_FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
+
+
+def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
+    """The arrays of one map by kind."""
+    grid, clyde = assets.grid, assets.clyde
+    # NavFn moves a goal that the robot cannot come near to the nearest place where it can be.
+    nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
+    off = np.hypot(*(nearest - assets.goal_xy).T)
+    moved = (assets.goal_cell >= 0) & (off > config.execution.pickup_radius_m)
+    kinds: dict[str, NDArray] = {
+        "affine": grid.affine,
+        "shape": np.array(grid.shape, dtype=np.int32),
+        "snap": grid.snap,
+        "neighbours": assets.neighbours[:, ::2],  # the 8 around a cell
+        "cell_xy": assets.cell_xy,
+        "length_cm": assets.length_cm,
+        "next_step": assets.next_step,
+        "clearance_cm": grid.clearance_cm,
+        "goal_xy": assets.goal_xy,
+        "goal_cell": assets.goal_cell,
+        "goal_apart_m": assets.goal_apart_m,
+        "goal_count": np.array(len(assets.goal_xy), dtype=np.int32),
+        "plan_end": np.where(moved[:, None], nearest, assets.goal_xy),
+        "home": grid.home,
+        "spawn_cells": assets.spawn_cells,
+        "spawn_count": np.array(len(assets.spawn_cells), dtype=np.int32),
+        "ghost_graph": clyde.graph,
+        "ghost_part": clyde.part,
+        "ghost_part_start": clyde.part_start,
+        "ghost_part_cells": clyde.part_cells,
+        "ghost_xy": clyde.position,
+        "ghost_drive": assets.clyde_drive,
+        "ghost_place": np.zeros(1, dtype=np.int32),
+        "ghost_snap": np.zeros((1, 1), dtype=np.int32),
+        "ghost_corner": np.zeros(4, dtype=np.int32),
+    }
+    if any(behaviour != "wander" for behaviour in config.clyde.ghosts):
+        haunts = assets.haunts
+        kinds |= {"ghost_place": haunts.place, "ghost_snap": haunts.snap, "ghost_corner": haunts.corner}
+    return kinds
+
+
+def _room(name: str, shape: tuple[int, ...], before: tuple[int, ...]) -> tuple[int, ...]:
+    """Room for maps a little larger than one that has that shape, and at least for those before."""
+    if name in _FIXED:
+        return shape
+    free = _VARIES.get(name, len(shape))  # axes that differ from map to map
+    wanted = (*(math.ceil(n * _SPARE) for n in shape[:free]), *shape[free:])
+    return tuple(map(max, wanted, before)) if before else wanted
+
+
+class LevelStack:
+    """S slots for maps; ``arrays[kind]`` is (S, ...) with the map of slot s in row s, padded at the far ends."""
+
+    def __init__(self, first: MapAssets, config: Config, slots: int = 1) -> None:
+        """Stack one map; with more slots than one there will be others."""
+        self.config = config
+        self.slots = slots
+        self.resolution = first.grid.resolution
+        self.longest_way_cm = 0  # of any goal, on any map so far
+        self.longest_ghost_way = 0  # cells
+        self.version = 0  # grows when the arrays are replaced by larger ones
+        self._assets: list[MapAssets | None] = [None] * slots
+        self.numbers = np.full(slots, -1, dtype=np.int64)  # the level in each slot
+        self._users = np.zeros(slots, dtype=np.int64)
+        self._last_use = np.zeros(slots, dtype=np.int64)
+        self._clock = 0
+        self._strides = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
+        self._strided = np.zeros(slots, dtype=np.bool_)  # they are those of the slot's map
+        kinds = _kinds(first, config)
+        if slots == 1:
+            self.arrays = {name: np.asarray(array, order="C")[None] for name, array in kinds.items()}
+            self._assets[0], self.numbers[0] = first, 0
+            self._measure(first)
+        else:
+            self.arrays = {
+                name: np.zeros((slots, *_room(name, array.shape, ())), dtype=array.dtype)
+                for name, array in kinds.items()
+            }
+
+    def __len__(self) -> int:
+        return self.slots
+
+    def assets(self, slot: int) -> MapAssets:
+        """The map in a slot."""
+        assets = self._assets[slot]
+        assert assets is not None
+        return assets
+
+    def has(self, level: int) -> bool:
+        """Whether the level lies in a slot."""
+        return bool((self.numbers == level).any())
+
+    def take(self, level: int, prepare: Callable[[int], MapAssets]) -> int:
+        """A slot with that level, held until it is given back; ``prepare`` is called if no slot has it."""
+        self._clock += 1
+        if self.has(level):
+            slot = int((self.numbers == level).argmax())
+        else:
+            free = np.flatnonzero(self._users == 0)
+            slot = int(free[self._last_use[free].argmin()])
+            self._load(slot, prepare(level))
+            self.numbers[slot] = level
+        self._users[slot] += 1
+        self._last_use[slot] = self._clock
+        return slot
+
+    def give_back(self, slot: int) -> None:
+        """A game has left the slot's map."""
+        self._users[slot] -= 1
+
+    def _load(self, slot: int, assets: MapAssets) -> None:
+        self.numbers[slot] = -1  # until it is there as a whole
+        for name, array in _kinds(assets, self.config).items():
+            stacked = self.arrays[name]
+            if any(n > room for n, room in zip(array.shape, stacked.shape[1:], strict=True)):
+                larger = np.zeros((self.slots, *_room(name, array.shape, stacked.shape[1:])), dtype=stacked.dtype)
+                larger[tuple(slice(n) for n in stacked.shape)] = stacked
+                stacked = self.arrays[name] = larger
+                self.version += 1
+            if name in _PADDED:  # what lies beyond the map is what lies at its edge, whatever room there is
+                rows, columns = (room - n for n, room in zip(array.shape, stacked.shape[1:], strict=True))
+                stacked[slot] = np.pad(array, ((0, rows), (0, columns)), mode="edge")
+            else:
+                place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
+                stacked[place] = array
+        self._assets[slot] = assets
+        self._strided[slot] = False
+        self._measure(assets)
+
+    def strides(self, slots: NDArray[np.int32]) -> tuple[NDArray[np.uint8], int]:
+        """(S, R C 64, G) ways in strides (``coarse_steps.py``), computed for maps when they are first asked for.
+
+        Only the rows of ``slots`` are those of the maps that lie there now.
+        """
+        height, width = self.arrays["snap"].shape[1:]
+        goals = self.arrays["next_step"].shape[1]
+        shape = self.slots, -(-height // TILE), -(-width // TILE), TILE, TILE, goals
+        if self._strides.shape != shape:
+            self._strides = np.zeros(shape, dtype=np.uint8)
+            self._strided[:] = False
+        for slot in np.unique(slots[~self._strided[slots]]).tolist():
+            assets = self.assets(slot)
+            found = strides(assets.next_step, assets.grid.cell, assets.grid.shape)
+            rows, columns, *_, goals = found.shape
+            self._strides[slot, :rows, :columns, :, :, :goals] = found
+            self._strided[slot] = True
+        return self._strides.reshape(self.slots, -1, self._strides.shape[-1]), self._strides.shape[2]
+
+    def _measure(self, assets: MapAssets) -> None:
+        lengths = assets.length_cm
+        longest = int(lengths[lengths != UNREACHABLE_CM].max(initial=0))
+        if longest > self.longest_way_cm or assets.clyde.longest > self.longest_ghost_way:
+            self.version += 1
+        self.longest_way_cm = max(self.longest_way_cm, longest)
+        self.longest_ghost_way = max(self.longest_ghost_way, assets.clyde.longest)

@@ -1,0 +1,72 @@
+"""Where a robot can wait: candidate goals beside the pellets, chosen once per map.
+
+*Nooks* are places that Clyde's centre cannot come near and that the robot can reach; the others are spread out by
+path length over the robot's area, far from the home pose and the nooks.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import RefugeConfig
+from ...game.clyde import ClydeCells
+from ...world.navigation.grid import DriveGrid, clearance_m, connected_parts
+from ...world.navigation.paths import PathFields
+
+_ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
+
+
+def choose_refuges(
+    grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig, fields: PathFields | None = None
+) -> NDArray[np.float64]:
+    """Places (R, 2) in m: the home pose, up to ``nooks`` nooks, up to ``spread`` places far from these.
+
+    The path fields that this takes stay in ``fields``, those of the grid.
+    """
+    home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
+    nooks = _nooks(grid, clyde, part, config)
+    spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config.spread)
+    places = [(float(grid.home[0]), float(grid.home[1]))]
+    places += [grid.to_world(*grid.cell[k]) for k in (*nooks, *spread)]
+    return np.array(places, dtype=np.float64)
+
+
+def _spread(grid: DriveGrid, fields: PathFields, given: list[int], count: int) -> list[int]:
+    """Farthest-point sampling by path length, from the given cells on."""
+    if count == 0:
+        return []
+    clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
+    roomy = clearance >= _ROOMY_M
+    if not roomy.any():
+        roomy = clearance >= clearance.max()
+    nearest = np.full(len(grid.cell), np.inf)
+    chosen = list(given)
+    for k in range(len(given) + count - 1):
+        length_cm, _ = fields.to(chosen[k])
+        np.minimum(nearest, length_cm, out=nearest)
+        if k + 1 == len(chosen):
+            farthest = int(np.where(roomy, nearest, -1.0).argmax())
+            if nearest[farthest] <= 0:
+                break
+            chosen.append(farthest)
+    return chosen[len(given) :]
+
+
+def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:
+    """The cell farthest from Clyde in each of the largest patches that he cannot come near."""
+    if config.nooks == 0:
+        return []
+    away = np.ones(grid.shape, dtype=np.bool_)
+    cells = clyde.cells_in(part)
+    column, row, inside = grid.locate(clyde.position[cells])
+    away[row[inside], column[inside]] = False
+    distance = clearance_m(away, grid.resolution)
+    # Clyde's positions and cell centres can be half a cell's diagonal apart.
+    safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)
+    labels, areas = connected_parts(safe)
+    number, patch, distance = grid.cell_id[safe], labels[safe], distance[safe]
+    largest = np.argsort(-areas[1:], kind="stable")[: config.nooks] + 1
+    return [int(number[np.where(patch == k, distance, -1.0).argmax()]) for k in largest]

@@ -1,0 +1,162 @@
+"""What a learned planner reads: numbers per candidate and of the whole, none of which names a particular map.
+
+Built from a situation and its maps, alike in the simulator and on a robot. All are of the order of one; what is
+unreachable is far, not infinite. Rows of candidates that may not be chosen are 0. ``VERSION`` changes with the meaning
+of any column: a network trained on other columns must not be run on these.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...game.goal_cost import TOTAL, Parameters, is_threatening, score_situation
+from ...jit import kernel
+from ...world.navigation.paths import UNREACHABLE_CM
+from . import prediction as futures
+from .situation import HOLD, PELLET, REFUGE, Situation
+
+VERSION = 3
+FAR_M = 20.0
+_AROUND_M = 2.5  # pellets within this way are around a place
+_SCORER = Parameters()  # the handcrafted one, as deployed
+
+CANDIDATE_FEATURES = (
+    "is_pellet",
+    "is_refuge",
+    "is_hold",
+    "is_current",
+    "path_robot",
+    "nearness_robot",
+    "path_clyde",
+    "nearness_clyde",
+    "time_margin",
+    "clyde_distance",
+    "caught_soon",
+    "caught",
+    "approached",
+    "closest_mean",
+    "closest_least",
+    "turn_cosine",
+    "towards_clyde",
+    "standing_clearance",
+    "nearest_pellet",
+    "mean_pellet",
+    "pellets_around",
+    "clyde_apart",
+    "handcrafted_cost",
+    "beyond_nearest",
+)
+GLOBAL_FEATURES = (
+    "clyde_distance",
+    "clyde_near",
+    "closing_speed",
+    "clyde_speed",
+    "v",
+    "omega",
+    "pellets_left",
+    "last_pellet",
+    "clyde_towards",
+    "pose_age",
+    "nearest_way",
+)
+
+
+def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Candidates (N, C, 24) and globals (N, 11), float32.
+
+    Raises:
+        ValueError: the situation has no maps.
+    """
+    meetings = futures.encounters(situation, robot_speed_mps)
+    assert situation.maps is not None
+    arrays = situation.maps.arrays
+    n, c = situation.mask.shape
+    candidates = np.zeros((n, c, len(CANDIDATE_FEATURES)), dtype=np.float32)
+    whole = np.zeros((n, len(GLOBAL_FEATURES)), dtype=np.float32)
+    s = situation
+    seen = (
+        *(s.robot, s.robot_velocity, s.clyde, s.clyde_speed, s.closing_speed, s.kind, s.position, s.mask),
+        *(s.path_robot, s.path_clyde, s.current, s.pellets_left, s.goal, s.level),
+        *(s.clyde_velocity, s.pose_age_s),
+    )
+    maps = arrays["length_cm"], arrays["goal_cell"], arrays["goal_apart_m"]
+    _fill(seen, maps, meetings, robot_speed_mps, np.empty((c, 6)), candidates, whole)
+    return candidates, whole
+
+
+@kernel
+def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: ignore[no-untyped-def]
+    (
+        robot, velocity, clyde, clyde_speed, closing, kind, position, mask, path_robot, path_clyde, current,
+        pellets_left, goal, level, clyde_velocity, pose_age,
+    ) = situation  # fmt: skip
+    lengths, goal_cells, aparts = maps
+    for i in range(len(robot)):
+        length_cm, goal_cell = lengths[level[i]], goal_cells[level[i]]
+        x, y = robot[i, 0], robot[i, 1]
+        cx, cy = clyde[i, 0], clyde[i, 1]
+        d = math.sqrt((cx - x) ** 2 + (cy - y) ** 2)
+        whole[i, 0] = min(d, FAR_M) / 5.0
+        whole[i, 1] = math.exp(-d)
+        whole[i, 2] = min(max(closing[i] / 0.5, -2.0), 2.0)
+        whole[i, 3] = min(clyde_speed[i] / 0.5, 4.0)
+        whole[i, 4] = velocity[i, 0] / 0.3
+        whole[i, 5] = velocity[i, 1] / 2.0
+        whole[i, 6] = min(pellets_left[i], 32) / 8.0
+        whole[i, 7] = pellets_left[i] == 1
+        vx, vy = clyde_velocity[i, 0], clyde_velocity[i, 1]
+        v = math.sqrt(vx * vx + vy * vy)
+        whole[i, 8] = (vx * (x - cx) + vy * (y - cy)) / (v * d) if v * d > 1e-6 else 0.0
+        whole[i, 9] = min(pose_age[i], 10.0) / 5.0
+        shortest = np.inf  # way to a pellet that may be chosen
+        for c in range(mask.shape[1]):
+            if mask[i, c] and kind[i, c] == PELLET:
+                shortest = min(shortest, path_robot[i, c])
+        shortest = shortest if math.isfinite(shortest) else 0.0
+        whole[i, 10] = min(shortest, FAR_M) / 5.0
+        threatened = is_threatening(d, closing[i], False, _SCORER)
+        score_situation(robot[i], clyde[i], position[i], threatened, False, _SCORER, terms)
+        count = mask.shape[1]
+        for c in range(count):
+            if not mask[i, c]:
+                continue
+            f = candidates[i, c]
+            is_pellet = kind[i, c] == PELLET
+            f[0], f[1], f[2] = is_pellet, kind[i, c] == REFUGE, kind[i, c] == HOLD
+            f[3] = c == current[i]
+            mine, his = min(path_robot[i, c], FAR_M), min(path_clyde[i, c], FAR_M)
+            if kind[i, c] == HOLD:
+                his = min(d, FAR_M)
+            f[4], f[5] = mine / 5.0, math.exp(-mine / 2.0)
+            f[23] = min(max(path_robot[i, c] - shortest, -FAR_M), FAR_M) / 5.0
+            f[6], f[7] = his / 5.0, math.exp(-his / 2.0)
+            f[8] = min(max((his / max(clyde_speed[i], 0.05) - mine / speed) / 20.0, -2.0), 2.0)
+            px, py = position[i, c, 0], position[i, c, 1]
+            f[9] = min(math.sqrt((px - cx) ** 2 + (py - cy) ** 2), FAR_M) / 5.0
+            for k in range(3):
+                f[10 + k] = meetings[i, c, k]
+            f[13] = min(meetings[i, c, 3], 10.0) / 3.0
+            f[14] = min(meetings[i, c, 4], 10.0) / 3.0
+            f[15], f[16], f[17] = meetings[i, c, 5], meetings[i, c, 6], min(meetings[i, c, 7], 10.0) / 3.0
+            g = goal[i, c]
+            if g < 0 or goal_cell[g] < 0:
+                continue
+            here = goal_cell[g]
+            nearest, total, others, around = FAR_M, 0.0, 0, 0
+            for other in range(count):
+                if kind[i, other] != PELLET or not mask[i, other] or other == c or goal[i, other] < 0:
+                    continue
+                cm = length_cm[here, goal[i, other]]
+                metres = FAR_M if cm == UNREACHABLE_CM else min(cm * 0.01, FAR_M)
+                nearest = min(nearest, metres)
+                total += metres
+                others += 1
+                around += metres <= _AROUND_M
+            f[18] = nearest / 5.0 if others > 0 else 0.0
+            f[19] = total / others / 5.0 if others > 0 else 0.0
+            f[20] = around / 4.0
+            f[21] = min(aparts[level[i], g], 1.0)
+            f[22] = min(terms[c, TOTAL], FAR_M) / 5.0 if is_pellet else 0.0

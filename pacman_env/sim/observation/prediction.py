@@ -1,0 +1,328 @@
+"""What may happen in the next seconds: ways that Clyde may take, and how near he comes to the robot's own ways.
+
+Clyde's futures are ways over the game's own map: from where he is along the shortest ways to the places of the map's
+goals, which are spread over it as his targets are, each as likely as his last motion makes it; where a place is
+reached, on to another. The robot's future is the way to a candidate at its speed, the first turn included, and waiting
+there. Nothing here knows where Clyde really goes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import kernel, prefetch
+from ...world.navigation.coarse_steps import ARRIVED, NO_WAY, stride_of, tile_index
+from ...world.navigation.grid import cell_of
+from .situation import Situation
+
+STEP_S = 0.5  # between the instants that are looked at
+STEPS = 20  # instants: 10 s
+NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
+_SOON = round(SOON_S / STEP_S)  # instants
+_FIRST_M = 0.4  # the stretch of a way that tells its direction
+_SHARPNESS = 4.0  # how fast the weight of a way falls with the angle to Clyde's last motion
+_FREE_TURN = 0.7  # rad off the way that are turned while driving (world/navigation/controller.py)
+_TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
+_FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
+_AHEAD = 3  # instants written per stride, most of the time enough
+_LANES = 24  # candidates are compared so many at a time; a fixed number makes loops without overhead
+_BLOCK = (STEPS + _AHEAD) * _LANES  # numbers of a block: instant by instant, lane by lane
+
+#: Columns of :func:`encounters`.
+CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING = range(8)
+
+
+def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
+    """How near Clyde may come on the way to each candidate within 10 s, (N, C, 8) float32.
+
+    Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over his
+    futures of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
+    heading, and with the direction to Clyde; smallest distance if he stood still, m. Rows of masked candidates are 0.
+
+    Raises:
+        ValueError: the situation has no maps.
+    """
+    if situation.maps is None:
+        raise ValueError("the situation has no maps to look ahead on")
+    a = situation.maps.arrays
+    s = situation
+    goals, candidates = a["next_step"].shape[1] + 1, s.mask.shape[1]
+    result = np.zeros((*s.mask.shape, 8), dtype=np.float32)
+    _encounters(
+        (s.robot, s.clyde, s.clyde_velocity, s.clyde_speed, s.mask, s.goal, s.level),
+        (a["affine"], a["snap"], a["cell_xy"], *situation.maps.strides(s.level), a["goal_count"]),
+        robot_speed_mps,
+        (_instants(goals), _instants(goals), np.empty(goals, np.float32)),
+        (_instants(candidates), _instants(candidates), np.empty(candidates, np.int64)),
+        _walkers(max(goals, candidates)),
+        (np.empty(_LANES, np.float32), np.empty((6, _LANES), np.float32)),
+        result,
+    )
+    return result
+
+
+def _instants(walkers: int) -> NDArray[np.float32]:
+    """Room for a coordinate of each walker at each instant."""
+    return np.zeros(-(-walkers // _LANES) * _BLOCK, dtype=np.float32)
+
+
+def _walkers(count: int) -> tuple[NDArray[Any], ...]:
+    """Room for the state of so many walkers."""
+    whole = np.int32
+    return (
+        np.empty((count, 3)),
+        np.empty((count, 2), whole),
+        np.empty(count, whole),
+        np.empty(count),
+        np.empty(count, whole),
+    )
+
+
+@kernel
+def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-def]
+    part = min(max(share, 0.0), 1.0)
+    out_x[at], out_y[at] = x + dx * part, y + dy * part
+
+
+@kernel
+def _walk(strides, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
+    """Positions of ``count`` walkers at every instant, each along the static way to its goal.
+
+    All of them take a stride in turn: their ways lie apart in memory, so that waiting for one hides behind the others.
+    Instants that lie beyond a stride are written all the same, and again by the strides to come: no branch to guess.
+
+    Args:
+        strides: of the map.
+        count: of walkers; walker ``w`` has lane ``w % _LANES`` of block ``w // _LANES``.
+        goals: above 1, whoever has arrived goes on to another of so many; else he stays.
+        stretch: cells from one instant to the next, of all.
+        walkers: (W, 3) position and the cells that others walk before the first stride; (W, 2) column and row of the
+            drivable cell there; (W,) goals; and for use here cells walked and instants written.
+        out_x: (B, STEPS + _AHEAD, _LANES) columns.
+        out_y: likewise, rows.
+    """
+    starts, cells, targets, walked, written = walkers
+    walking = 0
+    for w in range(count):
+        at = w // _LANES * _BLOCK + w % _LANES
+        x, y, late = starts[w]
+        waits = STEPS if late >= STEPS * stretch else int(late / stretch)
+        for j in range(waits):
+            out_x[at + j * _LANES], out_y[at + j * _LANES] = x, y
+        written[w], walked[w] = waits, late
+        walking += waits < STEPS
+    per_cell = 1.0 / max(stretch, 1e-9)
+    while walking > 0:
+        for w in range(count):
+            first = written[w]
+            if first >= STEPS:
+                continue
+            at = w // _LANES * _BLOCK + w % _LANES + first * _LANES
+            x, y = starts[w, 0], starts[w, 1]
+            column, row, goal = cells[w, 0], cells[w, 1], targets[w]
+            here = tile_index(column, row, across)
+            code = strides[here, goal]
+            if code == ARRIVED and goals > 1:
+                goal = (7 * goal + 5) % goals  # any that is not here will do, the same each time
+                if strides[here, goal] == ARRIVED:
+                    goal = (goal + 1) % goals
+                code = strides[here, goal]
+                targets[w] = goal
+            if code in (ARRIVED, NO_WAY):
+                for j in range(STEPS - first):
+                    out_x[at + j * _LANES], out_y[at + j * _LANES] = x, y
+                written[w] = STEPS
+                walking -= 1
+                continue
+            columns, rows = stride_of(code)
+            column, row = column + columns, row + rows
+            prefetch(strides, tile_index(column, row, across))
+            ahead_x, ahead_y = column + 0.5, row + 0.5
+            dx, dy = ahead_x - x, ahead_y - y
+            length = math.sqrt(dx * dx + dy * dy)
+            before = walked[w]
+            after = before + length
+            last = min(int(after * per_cell), STEPS)  # instants that lie within the stride
+            slope = 1.0 / max(length, 1e-9)
+            share, more = ((first + 1) * stretch - before) * slope, stretch * slope
+            for u in range(_AHEAD):
+                _write(out_x, out_y, at + u * _LANES, x, y, dx, dy, share + u * more)
+            if last - first > _AHEAD:
+                for u in range(_AHEAD, last - first):
+                    _write(out_x, out_y, at + u * _LANES, x, y, dx, dy, share + u * more)
+            walked[w], written[w] = after, max(last, first)
+            starts[w, 0], starts[w, 1] = ahead_x, ahead_y
+            cells[w, 0], cells[w, 1] = column, row
+            walking -= last >= STEPS
+
+
+@kernel
+def _clyde_ways(strides, across, clyde, cell, velocity, stretch, first, goals, walkers, his):  # type: ignore[no-untyped-def]
+    """Fill in Clyde's futures and their weights, which sum to 1; returns how many there are.
+
+    After them comes one in which he stands still, without a weight.
+    """
+    starts, cells, targets = walkers[:3]
+    his_x, his_y, weights = his
+    cx, cy = clyde
+    here = tile_index(cell[0], cell[1], across)
+    cells[: goals + 1, 0], cells[: goals + 1, 1] = cell
+    used = 0
+    for k in range(goals):
+        if strides[here, k] != NO_WAY:
+            starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, 0.0
+            targets[used] = k
+            used += 1
+    starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, np.inf
+    _walk(strides, across, used + 1, goals, stretch, walkers, his_x, his_y)
+    vx, vy = velocity
+    v = math.sqrt(vx * vx + vy * vy)
+    early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
+    total = 0.0
+    for k in range(used):
+        at = k // _LANES * _BLOCK + early * _LANES + k % _LANES
+        dx, dy = his_x[at] - cx, his_y[at] - cy
+        d = math.sqrt(dx * dx + dy * dy)
+        weight = 1.0
+        if v > 1e-6 and d > 1e-6:
+            weight = math.exp(_SHARPNESS * ((dx * vx + dy * vy) / (d * v) - 1.0))
+        weights[k] = weight
+        total += weight
+    for k in range(used):
+        weights[k] /= total
+    return used
+
+
+@kernel
+def _first_stretch(strides, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
+    """What the first stretch of the robot's way to a goal tells; returns how long it turns before, s."""
+    column, row = cell
+    for _ in range(2):
+        code = strides[tile_index(column, row, across), goal]
+        if code == NO_WAY:
+            return 0.0
+        columns, rows = stride_of(code)
+        column, row = column + columns, row + rows
+    dx, dy = column + 0.5 - start[0], row + 0.5 - start[1]
+    d = math.sqrt(dx * dx + dy * dy)
+    if d <= 1.0:
+        return 0.0
+    cx, cy = clyde[0] - start[0], clyde[1] - start[1]
+    along, across = dx * heading[0] + dy * heading[1], dx * heading[1] - dy * heading[0]
+    result[TURN_COSINE] = along / d
+    result[TOWARDS_CLYDE] = (dx * cx + dy * cy) / (d * max(math.sqrt(cx * cx + cy * cy), 1e-6))
+    return max(math.atan2(abs(across), along) - _FREE_TURN, 0.0) / _TURN_RADPS
+
+
+@kernel
+def _nearer(mine_x, mine_y, his_x, his_y, k, first, last, best):  # type: ignore[no-untyped-def]
+    """Lower the squared distances ``best`` to those of some instants; the loop over candidates has no branches."""
+    at = k // _LANES * _BLOCK + k % _LANES
+    for j in range(first, last):
+        x, y = his_x[at + j * _LANES], his_y[at + j * _LANES]
+        for c in range(_LANES):
+            dx, dy = mine_x[j, c] - x, mine_y[j, c] - y
+            d2 = dx * dx + dy * dy
+            best[c] = d2 if d2 < best[c] else best[c]
+
+
+@kernel
+def _meet(mine_x, mine_y, his, used, cells_per_m, best, sums):  # type: ignore[no-untyped-def]
+    """Compare a block of the robot's ways with all of Clyde's."""
+    his_x, his_y, weights = his
+    soon, caught, approached, mean, least, standing = sums
+    far = np.float32((_FAR_M * cells_per_m) ** 2)
+    near, wide = np.float32((NEAR_M * cells_per_m) ** 2), np.float32((WIDE_M * cells_per_m) ** 2)
+    sums[:4], sums[4:] = 0.0, far
+    _nearer(mine_x, mine_y, his_x, his_y, used, 0, STEPS, standing)
+    for k in range(used):
+        w = weights[k]
+        best[:] = far
+        _nearer(mine_x, mine_y, his_x, his_y, k, 0, _SOON, best)
+        for c in range(_LANES):
+            soon[c] += w * np.float32(best[c] < near)
+        _nearer(mine_x, mine_y, his_x, his_y, k, _SOON, STEPS, best)
+        for c in range(_LANES):
+            b = best[c]
+            caught[c] += w * np.float32(b < near)
+            approached[c] += w * np.float32(b < wide)
+            mean[c] += w * np.sqrt(b)
+            least[c] = b if b < least[c] else least[c]
+
+
+@kernel
+def _in_cells(affine, x, y):  # type: ignore[no-untyped-def]
+    return affine[0] * x + affine[1] * y + affine[2], affine[3] * x + affine[4] * y + affine[5]
+
+
+@kernel
+def _turned(affine, x, y):  # type: ignore[no-untyped-def]
+    return affine[0] * x + affine[1] * y, affine[3] * x + affine[4] * y
+
+
+@kernel
+def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
+    """Column and row of the nearest one that can be driven on."""
+    rows, columns = snap.shape
+    column, row = cell_of(affine, rows, columns, x, y)
+    k = snap[row, column]
+    return cell_of(affine, rows, columns, cell_xy[k, 0], cell_xy[k, 1])
+
+
+@kernel
+def _encounters(situation, maps, speed, his, mine, walkers, scratch, result):  # type: ignore[no-untyped-def]
+    robots, clydes, velocities, speeds, mask, goals, level = situation
+    affines, snaps, cell_xys, all_strides, across, counts = maps
+    mine_x, mine_y, chosen = mine
+    starts, cells, targets = walkers[:3]
+    best, sums = scratch
+    for i in range(len(robots)):
+        m = level[i]
+        affine, strides = affines[m], all_strides[m]
+        per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+        clyde = _in_cells(affine, clydes[i, 0], clydes[i, 1])
+        cell = _drivable_cell(affine, snaps[m], cell_xys[m], clydes[i, 0], clydes[i, 1])
+        velocity = _turned(affine, velocities[i, 0], velocities[i, 1])
+        used = _clyde_ways(
+            strides,
+            across,
+            clyde,
+            cell,
+            velocity,
+            speeds[i] * STEP_S * per_m,
+            _FIRST_M * per_m,
+            counts[m],
+            walkers,
+            his,
+        )
+        robot = _in_cells(affine, robots[i, 0], robots[i, 1])
+        cell = _drivable_cell(affine, snaps[m], cell_xys[m], robots[i, 0], robots[i, 1])
+        x, y = _turned(affine, math.cos(robots[i, 2]), math.sin(robots[i, 2]))
+        heading = x / per_m, y / per_m
+        count = 0
+        for c in range(mask.shape[1]):
+            if not mask[i, c]:
+                continue
+            goal = goals[i, c]
+            starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
+            if goal >= 0:
+                turning = _first_stretch(strides, across, robot, cell, heading, clyde, goal, result[i, c])
+                starts[count, 2] = turning * speed * per_m
+            cells[count, 0], cells[count, 1] = cell
+            targets[count] = goal
+            chosen[count] = c
+            count += 1
+        _walk(strides, across, count, 0, speed * STEP_S * per_m, walkers, mine_x, mine_y)
+        for block in range(-(-count // _LANES)):
+            part = slice(block * _BLOCK, (block + 1) * _BLOCK)
+            block_x, block_y = mine_x[part].reshape(-1, _LANES), mine_y[part].reshape(-1, _LANES)
+            _meet(block_x, block_y, his, used, per_m, best, sums)
+            for k in range(min(count - block * _LANES, _LANES)):
+                r = result[i, chosen[block * _LANES + k]]
+                r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[0, k], sums[1, k], sums[2, k]
+                r[CLOSEST_MEAN] = sums[3, k] / per_m if used > 0 else _FAR_M
+                r[CLOSEST], r[STANDING] = math.sqrt(sums[4, k]) / per_m, math.sqrt(sums[5, k]) / per_m

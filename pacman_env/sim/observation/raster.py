@@ -1,0 +1,109 @@
+"""The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up.
+
+What a network sees as numbers instead is in ``observation.py``; pictures for people are in ``render/frames.py``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...jit import kernel
+
+WALLS, PELLETS, GHOSTS, ROBOT = 0, 1, 2, 3  # channels
+PELLET_RADIUS_M = 0.15
+
+_ON, _OFF = np.uint8(255), np.uint8(0)
+
+
+@kernel
+def _disc(image, channel, row, column, radius):  # type: ignore[no-untyped-def]
+    """Mark the pixels whose centres lie within the disc, and the one that holds its centre; all in pixels."""
+    size = len(image)
+    if not (row > -radius and column > -radius and row < size + radius and column < size + radius):
+        return
+    inside = radius * radius
+    first_row, last_row = int(max(row - radius, 0.0)), int(min(row + radius, size - 1.0))
+    first_column, last_column = int(max(column - radius, 0.0)), int(min(column + radius, size - 1.0))
+    for r in range(first_row, last_row + 1):
+        for c in range(first_column, last_column + 1):
+            if (r + 0.5 - row) ** 2 + (c + 0.5 - column) ** 2 <= inside:
+                image[r, c, channel] = _ON
+    if row >= 0.0 and column >= 0.0 and row < size and column < size:
+        image[int(row), int(column), channel] = _ON
+
+
+@kernel
+def _walls(affine, clearance_cm, x, y, forward_x, forward_y, image):  # type: ignore[no-untyped-def]
+    """Write every pixel: the channel of walls, and 0 in the others. ``forward``: one pixel ahead, in m."""
+    rows, columns = clearance_cm.shape
+    size = len(image)
+    # One pixel down is backwards, one to the right is forwards turned by -90 degrees; in cells.
+    down_x = -(affine[0] * forward_x + affine[1] * forward_y)
+    down_y = -(affine[3] * forward_x + affine[4] * forward_y)
+    right_x = affine[0] * forward_y - affine[1] * forward_x
+    right_y = affine[3] * forward_y - affine[4] * forward_x
+    centre_x = affine[0] * x + affine[1] * y + affine[2]
+    centre_y = affine[3] * x + affine[4] * y + affine[5]
+    for r in range(size):
+        down = r + 0.5 - 0.5 * size
+        row_x, row_y = centre_x + down * down_x, centre_y + down * down_y
+        for c in range(size):
+            right = c + 0.5 - 0.5 * size
+            cx, cy = row_x + right * right_x, row_y + right * right_y
+            wall = _ON
+            if cx >= 0.0 and cy >= 0.0 and cx < columns and cy < rows and clearance_cm[int(cy), int(cx)] != 0:
+                wall = _OFF
+            image[r, c, WALLS] = wall
+            image[r, c, PELLETS] = image[r, c, GHOSTS] = image[r, c, ROBOT] = _OFF
+
+
+@kernel
+def raster_all(  # type: ignore[no-untyped-def]
+    affine, clearance_cm, shape, level, pose, pellet_xy, pellet_there, ghosts, metres_per_pixel, radius_m, images
+):
+    """Fill ``images`` (N, S, S, 4) uint8, 0 or 255, with the surroundings of N robots, robot i on map ``level[i]``.
+
+    The robot is in the middle, row 0 is ahead of it and column 0 to its left. Channels: walls (the cell under the
+    pixel's centre is not free or off the grid), pellets, ghosts, robot. A disc reaches into the picture as far as it
+    lies inside; a pellet or ghost whose position is not finite is not drawn.
+
+    Args:
+        affine: (L, 6) world to cell, of :class:`~pacman_env.world.navigation.grid.DriveGrid`.
+        clearance_cm: (L, H, W) uint8 of the same grids, 0 is not free.
+        shape: (L, 2) int32: rows and columns of each grid; what lies beyond is a wall.
+        level: (N,) int32, in [0, L).
+        pose: (N, 3) believed x, y, heading in m and rad; any finite numbers.
+        pellet_xy: (N, P, 2) m.
+        pellet_there: (N, P) bool.
+        ghosts: (N, G, 2) m.
+        metres_per_pixel: m.
+        radius_m: of ghosts and robot; pellets have ``PELLET_RADIUS_M``.
+        images: written.
+    """
+    pixels_per_m = 1.0 / metres_per_pixel
+    middle = 0.5 * images.shape[1]
+    for i in range(len(pose)):
+        m, image = level[i], images[i]
+        x, y, heading = pose[i, 0], pose[i, 1], pose[i, 2]
+        cos, sin = math.cos(heading), math.sin(heading)
+        _walls(
+            affine[m],
+            clearance_cm[m, : shape[m, 0], : shape[m, 1]],
+            x,
+            y,
+            cos * metres_per_pixel,
+            sin * metres_per_pixel,
+            image,
+        )
+        for k in range(pellet_xy.shape[1]):
+            if pellet_there[i, k]:
+                dx, dy = (pellet_xy[i, k, 0] - x) * pixels_per_m, (pellet_xy[i, k, 1] - y) * pixels_per_m
+                row, column = middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)
+                _disc(image, PELLETS, row, column, PELLET_RADIUS_M * pixels_per_m)
+        for k in range(ghosts.shape[1]):
+            dx, dy = (ghosts[i, k, 0] - x) * pixels_per_m, (ghosts[i, k, 1] - y) * pixels_per_m
+            row, column = middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)
+            _disc(image, GHOSTS, row, column, radius_m * pixels_per_m)
+        _disc(image, ROBOT, middle, middle, radius_m * pixels_per_m)

@@ -1,0 +1,231 @@
+"""A situation of one game from what a robot knows: its pose, where Clyde was seen, which pellets are shown.
+
+The arrays are filled by the simulator's own kernels on a map prepared as for a simulation, so that a policy sees the
+same numbers on a robot as in a game. No message and no clock here, and nothing is decided.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Config
+from ...game.execution import closing_speed
+from ...game.pellets import generate_pellets
+from ...world.navigation.grid import cell_of
+from ..core import kernels, records
+from ..core.parameters import batch_parameters
+from ..maps.assets import MapAssets
+from ..maps.level_stack import LevelStack
+from .situation import Situation
+from .situation_kernel import fill_situation
+
+_AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
+_JUMP_M = 0.5  # Clyde was put elsewhere if he moved so much farther than his speed allows
+_BESIDE = 1.2  # cells: as far behind a cell the nearest is its neighbour, straight or diagonal
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A candidate as a place to drive to; of a pellet with its id."""
+
+    candidate: int
+    x: float  # m
+    y: float
+    pellet: int | None = None
+
+
+@dataclass(frozen=True)
+class Pellets:
+    """What a report of pellets shows, as this map knows it."""
+
+    known: dict[int, tuple[float, float]]  # the map's own, m; those that the robot cannot reach included
+    strange: tuple[int, ...]  # ids that the map does not have, or elsewhere
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a robot knows at a decision; poses in the map frame."""
+
+    time_s: float  # since the round began
+    pose: tuple[float, float, float]  # m, m, rad as believed
+    left: Collection[int]  # ids of the pellets on the map
+    velocity: tuple[float, float] = (0.0, 0.0)  # m/s, rad/s
+    pose_age_s: float = 0.0
+    barred: Collection[int] = ()  # candidates that may not be chosen now
+    pursued: int = -1  # candidate, -1: none
+
+
+class LiveGame:
+    """One game on a prepared map, as its robot sees it.
+
+    Candidates are numbered as in a simulation of the map: pellets, refuges, hold.
+
+    Args:
+        assets: the map, prepared under ``config``.
+        config: of the robot; ``execution.tick_s`` is the time between decisions.
+        seed: of the rounds, for policies that draw.
+        levels: the map stacked before; None: it is stacked anew.
+    """
+
+    def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelStack | None = None) -> None:
+        self.assets = assets
+        self.hold = assets.pellets + assets.refuges
+        self.clyde_speed_mps = config.clyde.speed_mps
+        self._config = config
+        self._levels = levels or LevelStack(assets, config)
+        self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
+        self._parameters["use_tf"] = 1  # the pose that is given is the one believed, wherever it comes from
+        a = self._levels.arrays
+        seen = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
+        self._maps = tuple(a[name] for name in seen)
+        pellets = generate_pellets(assets.occupancy, config.pellets)
+        positions = map(tuple, pellets.position.tolist())
+        self._pellets: dict[int, tuple[float, float]] = dict(zip(pellets.ids.tolist(), positions, strict=True))
+        self._slot = {number: slot for slot, number in enumerate(assets.pellet_ids.tolist())}
+        self._games = np.zeros(1, dtype=records.GAME)
+        self._games["seed"] = seed
+        self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
+        self._ghosts = np.zeros((1, 1), dtype=records.GHOST)
+        self._ghosts["place"] = -1
+        self._cells = np.zeros((1, 1, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
+        self._obstacles = np.zeros((1, 1, 3))
+        self._alive = np.zeros((1, assets.pellets), dtype=np.bool_)
+        self._waits = np.zeros((1, self.hold + 1), dtype=np.int64)
+        self._stamp_ns: int | None = None
+        self._looked_s: float | None = None
+
+    def begin(self) -> None:
+        """A round begins: no decision has been taken in it, and no distance is remembered."""
+        self._games["tick"] = 0
+        self._games["closing"] = 0.0
+        self._looked_s = None
+
+    @property
+    def clyde(self) -> tuple[float, float] | None:
+        """Where Clyde was seen last, m; None: never."""
+        if self._stamp_ns is None:
+            return None
+        return float(self._ghosts[0, 0]["x"]), float(self._ghosts[0, 0]["y"])
+
+    def see_clyde(self, x: float, y: float, stamp_ns: int) -> None:
+        """Clyde is at (x, y), m, at that instant; his velocity is that of his last move."""
+        ghost = self._ghosts[0, 0]
+        if self._stamp_ns == stamp_ns:
+            return
+        period = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
+        dx, dy = x - ghost["x"], y - ghost["y"]
+        if period > 0 and math.hypot(dx, dy) <= 2 * self.clyde_speed_mps * period + _JUMP_M:
+            ghost["vx"], ghost["vy"] = dx / period, dy / period
+        else:  # seen for the first time, put elsewhere, or a clock was set back
+            ghost["vx"] = ghost["vy"] = 0.0
+        ghost["x"], ghost["y"] = x, y
+        self._obstacles[0, 0, :2] = x, y
+        self._stamp_ns = stamp_ns
+        self._cells[0, 0, 0] = self._cell_passed(np.array((x, y)))
+
+    def _cell_passed(self, at: NDArray[np.float64]) -> int:
+        """The last of his cells that Clyde has passed, who goes straight from cell to cell."""
+        cells = self.assets.clyde.position
+        nearest = _nearest(cells, at)
+        ghost, ahead = self._ghosts[0, 0], cells[nearest] - at
+        distance = math.hypot(*ahead)
+        if distance < 1e-6 or ahead[0] * ghost["vx"] + ahead[1] * ghost["vy"] <= 0:
+            return nearest
+        behind = cells[nearest] - ahead / distance * _BESIDE * self.assets.clyde.resolution
+        return _nearest(cells, behind)
+
+    def pellets(self, shown: Mapping[int, tuple[float, float]]) -> Pellets:
+        """Compare a report, positions by id, with the map: a pellet is its own within a cell's edge."""
+        known, strange = {}, []
+        for number, (x, y) in shown.items():
+            own = self._pellets.get(number)
+            if own is not None and math.hypot(own[0] - x, own[1] - y) <= self.assets.grid.resolution:
+                known[number] = own
+            else:
+                strange.append(number)
+        return Pellets(known, tuple(strange))
+
+    def is_candidate(self, pellet: int) -> bool:
+        """Whether the robot can be sent to that pellet of the map."""
+        return pellet in self._slot
+
+    def off_the_map(self, x: float, y: float) -> bool:
+        """Whether a position, m, is far from every place where the robot can be."""
+        grid = self.assets.grid
+        column, row = cell_of(grid.affine, *grid.shape, x, y)
+        near = self.assets.cell_xy[grid.snap[row, column]]
+        return math.hypot(near[0] - x, near[1] - y) > _AWAY_M
+
+    def goal(self, candidate: int) -> Goal | None:
+        """A candidate as a place; None: hold."""
+        if candidate == self.hold:
+            return None
+        x, y = self.assets.goal_xy[candidate].tolist()
+        is_pellet = candidate < self.assets.pellets
+        return Goal(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
+
+    def situation(self, seen: Seen) -> Situation:
+        """The situation (N = 1, with maps) at a decision, which is counted.
+
+        Raises:
+            ValueError: Clyde has not been seen yet.
+        """
+        if self._stamp_ns is None:
+            raise ValueError("Clyde has not been seen yet")
+        g = self._games[0]
+        g["x"], g["y"], g["heading"] = seen.pose
+        g["pursued"] = seen.pursued
+        self._ghosts["speed"] = self.clyde_speed_mps
+        self._alive[:] = False
+        self._alive[0, [self._slot[number] for number in seen.left if number in self._slot]] = True
+        g["spawned"] = self._alive.sum()
+        self._waits[:] = 0
+        self._waits[0, list(seen.barred)] = g["tick"] + 1
+        self._watch_distance(seen)
+        situation = Situation.empty(1, self.hold + 1, maps=self._levels)
+        fill_situation(
+            self._games,
+            self._ghosts,
+            self._cells,
+            self._obstacles,
+            self._alive,
+            self._waits,
+            -1,
+            self._parameters,
+            self._maps,
+            situation.arrays(),
+        )
+        situation.time_s[0] = seen.time_s
+        situation.robot_velocity[0] = seen.velocity
+        situation.pose_age_s[0] = seen.pose_age_s
+        g["tick"] += 1
+        return situation
+
+    def rehearsal(self) -> Situation:
+        """A situation at the home pose with every pellet, for a policy to warm up on; nothing is remembered of it."""
+        other = LiveGame(self.assets, self._config, levels=self._levels)
+        x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()
+        other.see_clyde(x, y, 0)
+        hx, hy, heading = self.assets.grid.home.tolist()
+        return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()))
+
+    def _watch_distance(self, seen: Seen) -> None:
+        """The closing speed since the last look; a second look within half a tick keeps the one before."""
+        g, x, y = self._games[0], *seen.pose[:2]
+        passed_s = math.inf if self._looked_s is None else seen.time_s - self._looked_s
+        if 0 <= passed_s < self._config.execution.tick_s / 2:
+            return
+        _, distance = kernels.nearest(x, y, self._obstacles[0])
+        g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
+        g["distance"] = distance
+        self._looked_s = seen.time_s
+
+
+def _nearest(cells: NDArray[np.float64], at: NDArray[np.float64]) -> int:
+    dx, dy = cells[:, 0] - at[0], cells[:, 1] - at[1]
+    return int((dx * dx + dy * dy).argmin())

@@ -1,0 +1,1 @@
+"""Occupancy maps: read, written, checked, and drawn by code."""

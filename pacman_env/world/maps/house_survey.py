@@ -1,0 +1,279 @@
+"""How a robot maps a building: shapes to raster, a tour with a lidar, the grey image that SLAM would save.
+
+What stands where is decided by the caller (:mod:`pacman_env.world.maps.houses`); map files are
+:mod:`pacman_env.world.maps.occupancy`'s business.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import kernel
+from ...rng import mix
+from .occupancy import OccupancyMap
+
+RESOLUTION_M = 0.05
+MAX_PIXELS = 300  # edge of the image
+OUTSIDE, SOLID, GLASS, OPEN, DOORWAY = range(5)  # what a cell of the building is; no noise in doorways
+_OCCUPIED, _UNKNOWN, _FREE = 0, 205, 254
+#: kind, centre x, y, width, depth (m, building frame, y up), turn (degrees)
+Shape = tuple[int, float, float, float, float, float]
+
+_MARGIN_PX = (6, 45)  # least and most between the building and each edge of the image
+_CELL, _CELL_ASKEW = 5, 7  # chamfer distance
+_LATTICE_PX, _PLACES = 40, 5  # Algorithm 1 at 2 m, from pixel (0, 0), finds about five pellets and more
+_PLACE_CLEARANCE = 8 * _CELL  # the half diagonal of a pellet's free square
+_CROPS = 4  # margins tried for that
+_STOP_CLEARANCE = 6 * _CELL  # the robot stops more than 0.3 m from anything
+_HOME_CLEARANCE = 9 * _CELL  # 0.45 m, of which noise takes a cell
+_STOP_EVERY = 5  # cells of the tour
+_NEAR_PX = 36  # every place for the robot is seen from a stop at most that far away
+_RANGE_PX = 240.0  # RPLIDAR A1: 12 m
+_RAYS, _FANS = 360, 4  # rays per stop; the stops take turns with fans that lie between each other
+_BOW_M, _SKEW = 0.07, 0.02  # at most; m and rad
+_WALL_SHARES = (0.0, 0.94, 0.5, 0.15)  # of the surface seen, by depth in cells
+_SUBPIXEL = 4  # bits
+_THIN_PX = 9  # free squares of that size outside are thinned: nobody shall stand there
+_angle = np.arange(_RAYS * _FANS) * (2 * math.pi / (_RAYS * _FANS)) + 0.0007  # none along a row of cell corners
+_RAY = np.stack([np.sin(_angle), np.cos(_angle)], axis=1)  # (rays, 2) row, column
+
+
+def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]) -> OccupancyMap:
+    """The map of a building after a tour; its origin is a place with room for the robot.
+
+    Free is what some stop saw; occupied are surfaces next to it, a cell or two deep and a little ragged; the
+    rest is unknown. Some rays leave through glass and are thin fans outside, too thin for a pellet or a ghost.
+
+    Args:
+        name: of the map.
+        shapes: painted one over the other on what is OUTSIDE.
+        turn: of the building against the map, rad.
+        draw: the next random number in [0, 1).
+
+    Raises:
+        ValueError: the building has no place for the robot, or is too large for the image.
+    """
+    kind, margin = _raster(name, shapes, turn, draw)
+    seed = np.uint64(int(draw() * 2**53))
+    clearance = _clearance(kind)
+    tour = _largest_part(clearance > _STOP_CLEARANCE)
+    homes = tour[clearance.ravel()[tour] > _HOME_CLEARANCE]
+    if len(homes) == 0:
+        raise ValueError(f"{name}: no place for the robot")
+    home_row, home_column = divmod(int(homes[int(draw() * len(homes))]), kind.shape[1])
+    seen, hit = _drive(kind, tour, _RAY, seed)
+    grey = _paint(kind, seen, hit, seed)
+    out = ((grey == _FREE) & (kind == OUTSIDE)).astype(np.uint8)
+    wide = cv2.morphologyEx(out, cv2.MORPH_OPEN, np.ones((_THIN_PX, _THIN_PX), np.uint8))
+    grey.flat[np.flatnonzero(wide)[::2]] = _UNKNOWN
+    rows, columns = _crop(clearance, margin, draw)
+    x = (columns.start - home_column - 0.5) * RESOLUTION_M
+    y = (home_row + 0.5 - rows.stop) * RESOLUTION_M
+    return OccupancyMap.from_pixels(name, grey[rows, columns], RESOLUTION_M, (round(x, 3), round(y, 3), 0.0))
+
+
+def _raster(
+    name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]
+) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+    """(H, W) kinds of the turned building, and the widths of the margins beside and above it."""
+    table = np.array(shapes)
+    own = np.radians(table[:, 5])
+    # A filled polygon covers the pixels that its outline touches: half a pixel less on each side.
+    half = np.maximum(table[:, 3:5] - RESOLUTION_M, 0.01) / 2
+    x, y = (np.stack([s * half[:, k] for s in sign], axis=1) for k, sign in enumerate(((-1, 1, 1, -1), (-1, -1, 1, 1))))
+    cos, sin = np.cos(own)[:, None], np.sin(own)[:, None]
+    bx, by = table[:, 1:2] + cos * x - sin * y, table[:, 2:3] + sin * x + cos * y
+    # Maps drift: walls are neither quite straight nor quite square.
+    bow, skew = _BOW_M * draw(), _SKEW * (2 * draw() - 1)
+    bx, by = bx + skew * by + bow * np.sin(by * 0.7 + 6.3 * draw()), by + bow * np.sin(bx * 0.6 + 6.3 * draw())
+    column = (math.cos(turn) * bx - math.sin(turn) * by) / RESOLUTION_M
+    row = -(math.sin(turn) * bx + math.cos(turn) * by) / RESOLUTION_M
+    rooms = table[:, 0] == OPEN
+    left, top = math.floor(column[rooms].min()) - 4, math.floor(row[rooms].min()) - 4  # with the outer walls
+    width, height = math.ceil(column[rooms].max()) + 4 - left, math.ceil(row[rooms].max()) + 4 - top
+    if max(width, height) > MAX_PIXELS:
+        raise ValueError(f"{name}: the building takes {width} x {height} px, the image has at most {MAX_PIXELS}")
+    margin_x, margin_y = (min(_MARGIN_PX[1], (MAX_PIXELS - size) // 2) for size in (width, height))
+    image = np.full((height + 2 * margin_y, width + 2 * margin_x), OUTSIDE, np.uint8)
+    points = np.stack([column - left + margin_x, row - top + margin_y], axis=2) - 0.5
+    points = np.rint(points * 2**_SUBPIXEL).astype(np.int32)
+    for shape, corners in zip(shapes, points, strict=True):
+        cv2.fillConvexPoly(image, corners, shape[0], cv2.LINE_8, _SUBPIXEL)
+    return image, (margin_x, margin_y)
+
+
+def _crop(clearance: NDArray[np.int32], margin: tuple[int, int], draw: Callable[[], float]) -> tuple[slice, slice]:
+    """Rows and columns to keep: margins of any width, such that pellets find places where the building has them."""
+    most, kept = -1, (slice(None), slice(None))
+    spare_x, spare_y = (max(m - _MARGIN_PX[0] + 1, 0) for m in margin)
+    for _ in range(_CROPS):
+        left, right, top, bottom = (int(draw() * spare) for spare in (spare_x, spare_x, spare_y, spare_y))
+        places = int((clearance[top::_LATTICE_PX, left::_LATTICE_PX] > _PLACE_CLEARANCE).sum())
+        if places > most:
+            most = places
+            kept = slice(top, clearance.shape[0] - bottom), slice(left, clearance.shape[1] - right)
+        if most >= _PLACES:
+            break
+    return kept
+
+
+@kernel
+def _clearance(kind):  # type: ignore[no-untyped-def]
+    """Chamfer distance (H, W) int32 of each cell to the nearest that is no floor, in _CELL per cell."""
+    rows, columns = kind.shape
+    away = np.zeros((rows, columns), np.int32)
+    for r in range(1, rows - 1):
+        for c in range(1, columns - 1):
+            if kind[r, c] >= OPEN:
+                straight = min(away[r - 1, c], away[r, c - 1]) + _CELL
+                away[r, c] = min(straight, min(away[r - 1, c - 1], away[r - 1, c + 1]) + _CELL_ASKEW)
+    for r in range(rows - 2, 0, -1):
+        for c in range(columns - 2, 0, -1):
+            if away[r, c]:
+                straight = min(away[r + 1, c], away[r, c + 1]) + _CELL
+                askew = min(away[r + 1, c - 1], away[r + 1, c + 1]) + _CELL_ASKEW
+                away[r, c] = min(away[r, c], min(straight, askew))
+    return away
+
+
+@kernel
+def _largest_part(mask):  # type: ignore[no-untyped-def]
+    """Cells (flat, int64) of the largest 4-connected part of a mask with an empty border, breadth first."""
+    columns = mask.shape[1]
+    left = mask.copy().ravel()
+    queue = np.empty(left.size, np.int64)
+    first, last = 0, 0  # of the largest so far
+    end = 0
+    for cell in range(left.size):
+        if not left[cell]:
+            continue
+        start = end
+        queue[end] = cell
+        left[cell] = False
+        at, end = end, end + 1
+        while at < end:
+            for step in (-columns, -1, 1, columns):
+                beside = queue[at] + step
+                if left[beside]:
+                    left[beside] = False
+                    queue[end] = beside
+                    end += 1
+            at += 1
+        if end - start > last - first:
+            first, last = start, end
+    return queue[first:last].copy()
+
+
+@kernel
+def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
+    """Scan from each place of a tour that no earlier scan saw from nearby.
+
+    Returns ``seen`` (H, W), 1 where a ray passed, 2 near a stop, and ``hit``, 1 where one ended at something.
+    """
+    rows, columns = kind.shape
+    seen, hit = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)
+    made = 0
+    for stop in tour[::_STOP_EVERY]:
+        row0, column0 = stop // columns, stop % columns
+        if seen[row0, column0] == 2:
+            continue
+        # From one stop in three some rays pass the glass, all of them about as far.
+        mood = mix(seed + np.uint64(made))
+        clear = mood % np.uint64(3) == np.uint64(0)
+        far = 8 + np.int64((mood >> np.uint64(8)) % np.uint64(56))
+        for k in range(made % _FANS, len(ray), _FANS):
+            chance = mix(mood + np.uint64(k))
+            passes = clear and chance % np.uint64(5) < np.uint64(2)
+            beyond = far + np.int64((chance >> np.uint64(8)) % np.uint64(12))
+            dr, dc = ray[k, 0], ray[k, 1]
+            step_row, step_column = 1 if dr > 0 else -1, 1 if dc > 0 else -1
+            per_row, per_column = 1.0 / abs(dr), 1.0 / abs(dc)
+            next_row, next_column = 0.5 * per_row, 0.5 * per_column
+            row, column = row0, column0
+            along, out = 0.0, False
+            while along < _RANGE_PX:
+                here = kind[row, column]
+                if here < OPEN:
+                    if here == SOLID or (here == GLASS and (out or not passes)):
+                        hit[row, column] = 1
+                        break
+                    if here == OUTSIDE:
+                        out = True
+                        beyond -= 1
+                        if beyond == 0:
+                            break
+                if along < _NEAR_PX:
+                    seen[row, column] = 2
+                elif seen[row, column] == 0:
+                    seen[row, column] = 1
+                if next_row < next_column:
+                    along = next_row
+                    next_row += per_row
+                    row += step_row
+                else:
+                    along = next_column
+                    next_column += per_column
+                    column += step_column
+                if row < 0 or column < 0 or row >= rows or column >= columns:
+                    break
+        made += 1
+    return seen, hit
+
+
+@kernel
+def _noise(seed, row, column, cells):  # type: ignore[no-untyped-def]
+    """In [0, 1), the same for all of a square patch of cells."""
+    patch = np.uint64((row // cells) * 4096 + column // cells + cells * 2**40)
+    return float(mix(seed ^ mix(patch)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def _paint(kind, seen, hit, seed):  # type: ignore[no-untyped-def]
+    """Grey image (H, W) uint8 of what was seen and hit."""
+    rows, columns = kind.shape
+    for _ in range(2):  # lone cells between two rays
+        for r in range(1, rows - 1):
+            for c in range(1, columns - 1):
+                if seen[r, c] == 0 and kind[r, c] >= OPEN:
+                    across = seen[r, c - 1] and seen[r, c + 1]
+                    if across or (seen[r - 1, c] and seen[r + 1, c]):
+                        seen[r, c] = 1
+    grey = np.full((rows, columns), _UNKNOWN, np.uint8)
+    depth = np.full((rows, columns), 4, np.uint8)  # behind the surface that was seen, cells
+    for r in range(rows):
+        for c in range(columns):
+            if seen[r, c] and kind[r, c] != SOLID:
+                grey[r, c] = _FREE
+            elif hit[r, c]:
+                grey[r, c] = _OCCUPIED
+            if not (seen[r, c] and kind[r, c] >= OPEN):
+                continue
+            if min(kind[r - 1, c], kind[r + 1, c]) >= OPEN and min(kind[r, c - 1], kind[r, c + 1]) >= OPEN:
+                continue
+            for i in range(max(r - 3, 0), min(r + 4, rows)):
+                for j in range(max(c - 3, 0), min(c + 4, columns)):
+                    depth[i, j] = min(depth[i, j], max(abs(i - r), abs(j - c)))
+    for r in range(rows):
+        for c in range(columns):
+            here, deep = kind[r, c], depth[r, c]
+            if deep > 3:
+                continue
+            if here == SOLID:
+                # Patches where the wall is thick, thin, or missing.
+                rough = _noise(seed, r, c, 4) if deep > 1 else _noise(seed, r, c, 3)
+                if rough < _WALL_SHARES[deep] and _noise(seed, r, c, 1) < 0.97:
+                    grey[r, c] = _OCCUPIED
+            elif here == GLASS:
+                if deep < 3 and not seen[r, c] and _noise(seed, r, c, 1) < 0.5:
+                    grey[r, c] = _OCCUPIED
+            elif here == OUTSIDE:
+                if grey[r, c] == _UNKNOWN and _noise(seed, r, c, 1) < 0.05:
+                    grey[r, c] = _OCCUPIED
+            elif here == OPEN and deep == 0 and grey[r, c] == _FREE and _noise(seed, r, c, 2) < 0.07:
+                grey[r, c] = _OCCUPIED
+    return grey

@@ -1,0 +1,343 @@
+"""Occupancy maps in map_server's format (YAML + image): read as Nav2 does, written, found by name.
+
+Two readings of one image live side by side: ``occupancy`` is what Nav2's costmap gets, ``grey`` is what the
+game's rule "brighter than 250 is free" looks at. What a map is good for is judged in
+:mod:`pacman_env.world.maps.map_check`; pellets and drivable space are computed elsewhere.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+import reprlib
+import struct
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+from pacman_env.world.maps.map_image import ImageError, read_image
+
+MODES = ("trinary", "scale", "raw")
+_YES, _NO = {"y", "yes", "true", "on"}, {"n", "no", "false", "off"}
+#: What PyYAML is known to raise on broken input beside its own error.
+_YAML_ERRORS = (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
+
+
+class MapError(ValueError):
+    """A map cannot be read or written; the message names the file and the key or image that is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyMap:
+    """One map; arrays are (H, W) with row 0 at the top, read-only.
+
+    Attributes:
+        name: name of the map.
+        grey: brightness 0..255, colour turned to grey by luma. A negated map (dark is free) is inverted, so
+            that bright always means free; a pixel that is not opaque is 0: unknown is never free to the game.
+        occupancy: 0..100 or -1 (unknown), the cells of Nav2 Jazzy's map_server (map_io, 1.3.8 and later).
+        resolution: edge of a cell, m.
+        origin: pose (x, y, yaw) of the lower left corner of the image in the map frame, m and rad.
+        occupied_thresh: at least this dark is occupied, 0..1.
+        free_thresh: at most this dark is free, 0..1; wins over ``occupied_thresh``.
+        negate: the image's dark pixels are free.
+        mode: "trinary", "scale" or "raw".
+    """
+
+    name: str
+    grey: NDArray[np.uint8]
+    occupancy: NDArray[np.int8]
+    resolution: float
+    origin: tuple[float, float, float]
+    occupied_thresh: float = 0.65
+    free_thresh: float = 0.196
+    negate: bool = False
+    mode: str = "trinary"
+
+    def __post_init__(self) -> None:
+        grey, occupancy = np.array(self.grey, dtype=np.uint8), np.array(self.occupancy, dtype=np.int8)
+        if grey.ndim != 2 or grey.size == 0 or occupancy.shape != grey.shape:
+            raise MapError(f"{self.name}: grey {grey.shape} and occupancy {occupancy.shape} must be one (H, W)")
+        grey.flags.writeable = occupancy.flags.writeable = False
+        object.__setattr__(self, "grey", grey)
+        object.__setattr__(self, "occupancy", occupancy)
+        object.__setattr__(self, "origin", tuple(map(float, self.origin)))
+        _check_settings(self.name, **self._settings())
+
+    def _settings(self) -> dict[str, Any]:
+        keys = ("resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
+        return {key: getattr(self, key) for key in keys}
+
+    @classmethod
+    def from_pixels(
+        cls,
+        name: str,
+        pixels: NDArray[np.uint8],
+        resolution: float,
+        origin: tuple[float, float, float],
+        *,
+        opaque: NDArray[np.bool_] | None = None,
+        occupied_thresh: float = 0.65,
+        free_thresh: float = 0.196,
+        negate: bool = False,
+        mode: str = "trinary",
+    ) -> OccupancyMap:
+        """The map that map_server would make of an image.
+
+        Args:
+            name: name of the map.
+            pixels: (H, W) brightness as the image stores it, row 0 at the top.
+            resolution: m per pixel.
+            origin: x, y, yaw of the lower left corner, m and rad.
+            opaque: (H, W) False where alpha is below 255; None: everywhere opaque.
+            occupied_thresh: see the class.
+            free_thresh: see the class.
+            negate: see the class.
+            mode: see the class.
+
+        Raises:
+            MapError: a value is out of range.
+        """
+        occupancy = _nav2_table(mode, negate, occupied_thresh, free_thresh)[pixels]
+        grey = 255 - pixels if negate else pixels
+        if opaque is not None:
+            grey = np.where(opaque, grey, 0)
+            if mode != "raw":
+                occupancy = np.where(opaque, occupancy, -1)
+        return cls(name, grey, occupancy, resolution, origin, occupied_thresh, free_thresh, negate, mode)
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.grey.shape[0]
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self.grey.shape[1]
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 (hex) of grey, occupancy, resolution and origin: the key of what is computed from a map."""
+        digest = hashlib.sha256(struct.pack("<2q4d", *self.grey.shape, self.resolution, *self.origin))
+        digest.update(self.grey.tobytes())
+        digest.update(self.occupancy.tobytes())
+        return digest.hexdigest()
+
+    def game_free(self, free_grey: int = 250) -> NDArray[np.bool_]:
+        """(H, W) free by the game's rule: brighter than ``free_grey``. Nav2's rule is ``occupancy == 0``."""
+        return self.grey > free_grey
+
+    def cell_to_world(self, column: ArrayLike, row: ArrayLike) -> tuple[Any, Any]:
+        """Centre (x, y) of a cell in m, by map_server's formula with yaw; floats or arrays."""
+        across = (np.asarray(column, dtype=float) + 0.5) * self.resolution
+        up = (self.height - np.asarray(row, dtype=float) - 0.5) * self.resolution
+        x, y, yaw = self.origin
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        return x + cos * across - sin * up, y + sin * across + cos * up
+
+    def world_to_cell(self, x: ArrayLike, y: ArrayLike) -> tuple[Any, Any]:
+        """(column, row) as floats, whole at cell centres: the inverse of :meth:`cell_to_world`."""
+        dx, dy = np.asarray(x, dtype=float) - self.origin[0], np.asarray(y, dtype=float) - self.origin[1]
+        cos, sin = math.cos(self.origin[2]), math.sin(self.origin[2])
+        across, up = cos * dx + sin * dy, cos * dy - sin * dx
+        return across / self.resolution - 0.5, self.height - up / self.resolution - 0.5
+
+    def save(self, yaml_path: str | os.PathLike[str], *, image: str | None = None) -> Path:
+        """Write YAML and image, each atomically; loading gives the same grey, occupancy and geometry.
+
+        Args:
+            yaml_path: the YAML file; the image is written beside it.
+            image: file name of the image, .pgm or .png; None: the YAML's stem, .png where alpha is needed.
+
+        Raises:
+            MapError: ``image`` is no such name, or no such image yields this grey and occupancy.
+            OSError: a file cannot be written.
+        """
+        path = Path(yaml_path)
+        pixels = 255 - self.grey if self.negate else self.grey.copy()
+        table = _nav2_table(self.mode, self.negate, self.occupied_thresh, self.free_thresh)
+        hidden = table[pixels] != self.occupancy  # needs alpha
+        if self.mode == "raw":
+            pixels[hidden] = self.occupancy[hidden].view(np.uint8)
+        read = OccupancyMap.from_pixels(self.name, pixels, opaque=~hidden, **self._settings())
+        if read.hash != self.hash:
+            raise MapError(f"{path}: no image yields both grey and occupancy of {self.name} in mode {self.mode}")
+        image = image or f"{path.stem}{'.png' if hidden.any() else '.pgm'}"
+        suffix = Path(image).suffix.lower()
+        if image != Path(image).name or suffix not in (".pgm", ".png"):
+            raise MapError(f"{path}: key 'image': {image!r} must be a file name that ends in .pgm or .png")
+        if hidden.any() and suffix == ".pgm":
+            raise MapError(f"{path}: key 'image': {image!r}: unknown cells need alpha, choose a .png")
+        alpha = np.where(hidden, 0, 255).astype(np.uint8)
+        planes = np.dstack((pixels, pixels, pixels, alpha)) if hidden.any() else pixels
+        keys = {"image": image} | self._settings()
+        keys |= {"origin": list(self.origin), "negate": int(self.negate)}
+        _write_atomically(path.parent / image, cv2.imencode(suffix, planes)[1].tobytes())
+        _write_atomically(path, yaml.safe_dump(keys, sort_keys=False, default_flow_style=None).encode())
+        return path
+
+
+def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
+    """Read a map as Nav2 Jazzy's map_server does.
+
+    Args:
+        source: the name of a shipped map, a YAML file, or a folder that holds exactly one ``*.yaml``. Images
+            are PGM (P2, P5), PNG or BMP of at most 10,000 x 10,000 pixels.
+
+    Raises:
+        MapError: names the file and the key or image that is wrong, or lists the shipped names.
+    """
+    shipped = _shipped()
+    if isinstance(source, str) and source in shipped:
+        return _load(shipped[source], source)
+    try:
+        path = Path(source).expanduser()
+        if path.is_dir():
+            found = sorted(path.glob("*.yaml"))
+            if len(found) != 1:
+                raise MapError(f"{path}: a map's folder holds exactly one .yaml file, this one {len(found)}")
+            return _load(found[0], path.resolve().name)
+        if path.is_file():
+            return _load(path, map_name(path))
+    except (OSError, RuntimeError) as error:  # no permission, no such user's home
+        raise MapError(f"{source}: cannot be read: {error}") from error
+    if str(source).startswith("generated"):
+        raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
+    names = ", ".join(shipped) or "none found"
+    raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map ({names})")
+
+
+def map_name(path: Path) -> str:
+    """The name of a map file: a file named just "map.yaml" takes its folder's name, which tells more."""
+    return path.resolve().parent.name if path.stem == "map" else path.stem
+
+
+def shipped_maps() -> list[str]:
+    """Names of the maps that come with the project, sorted."""
+    return list(_shipped())
+
+
+def _shipped() -> dict[str, Path]:
+    """YAML files by name: inside the installed package, or in the top folder of a checkout."""
+    package = Path(__file__).resolve().parents[2]
+    folders = (package / "maps", package.parent / "maps")
+    folder = next((f for f in folders if f.is_dir()), folders[0])
+    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+
+
+def _load(path: Path, name: str) -> OccupancyMap:
+    try:
+        keys = yaml.safe_load(path.read_bytes())
+    except _YAML_ERRORS as error:
+        raise MapError(f"{path}: not a plain YAML file: {' '.join(str(error).split())}") from error
+    if not isinstance(keys, dict):
+        raise MapError(f"{path}: a map's YAML holds keys and values, this one a {type(keys).__name__}")
+    origin = _required(path, keys, "origin")
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise MapError(f"{path}: key 'origin': {reprlib.repr(origin)} must be three numbers (x, y, yaw)")
+    mode = keys.get("mode", "trinary")
+    settings: dict[str, Any] = {
+        "resolution": _number(path, keys, "resolution"),
+        "origin": tuple(_number(path, {"origin": v}, "origin") for v in origin),
+        "occupied_thresh": _number(path, keys, "occupied_thresh"),
+        "free_thresh": _number(path, keys, "free_thresh"),
+        "negate": _negate(path, keys),
+        "mode": mode.lower() if isinstance(mode, str) else mode,
+    }
+    _check_settings(str(path), **settings)
+    image = _required(path, keys, "image")
+    if not isinstance(image, str) or not image or "\0" in image:
+        raise MapError(f"{path}: key 'image': {reprlib.repr(image)} must be the name of a file")
+    try:
+        pixels, opaque = read_image(path.parent / image)
+    except ImageError as error:
+        raise MapError(f"{path}: key 'image': {path.parent / image}: {error}") from error
+    return OccupancyMap.from_pixels(name, pixels, opaque=opaque, **settings)
+
+
+def _check_settings(
+    where: str,
+    *,
+    resolution: float,
+    origin: tuple[float, float, float],
+    occupied_thresh: float,
+    free_thresh: float,
+    negate: bool,
+    mode: str,
+) -> None:
+    if not (math.isfinite(resolution) and resolution > 0):
+        raise MapError(f"{where}: key 'resolution': {resolution} must be above 0 m per pixel")
+    if len(origin) != 3 or not all(map(math.isfinite, origin)):
+        raise MapError(f"{where}: key 'origin': {origin} must be three finite numbers (x, y, yaw)")
+    for key, value in (("occupied_thresh", occupied_thresh), ("free_thresh", free_thresh)):
+        if not 0 <= value <= 1:
+            raise MapError(f"{where}: key '{key}': {value} must be within 0..1")
+    if mode not in MODES:
+        raise MapError(f"{where}: key 'mode': {reprlib.repr(mode)} must be one of {', '.join(MODES)}")
+
+
+def _required(path: Path, keys: dict[Any, Any], key: str) -> Any:
+    if key not in keys:
+        raise MapError(f"{path}: key '{key}' is missing")
+    return keys[key]
+
+
+def _number(path: Path, keys: dict[Any, Any], key: str) -> float:
+    """A finite number; strings count, for PyYAML reads ``5e-2`` as one."""
+    value = _required(path, keys, key)
+    if isinstance(value, (str, int, float)) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except (ValueError, OverflowError):
+            number = math.nan
+        if math.isfinite(number):
+            return number
+    raise MapError(f"{path}: key '{key}': {reprlib.repr(value)} must be a finite number")
+
+
+def _negate(path: Path, keys: dict[Any, Any]) -> bool:
+    """A whole number (0: no) or a truth value, quoted or not."""
+    value = _required(path, keys, "negate")
+    if isinstance(value, int):
+        return bool(value)
+    text = value.strip().lower() if isinstance(value, str) else ""
+    if text in (_YES | _NO):
+        return text in _YES
+    if re.fullmatch(r"[+-]?\d{1,9}", text):
+        return int(text) != 0
+    raise MapError(f"{path}: key 'negate': {reprlib.repr(value)} must be 0 or 1")
+
+
+def _nav2_table(mode: str, negate: bool, occupied_thresh: float, free_thresh: float) -> NDArray[np.int8]:
+    """(256,) occupancy of each brightness, in float32 as nav2_map_server's map_io computes it."""
+    levels = np.arange(256)
+    if mode == "raw":
+        return np.where(levels <= 100, levels, -1).astype(np.int8)
+    dark = levels.astype(np.float32) / np.float32(255)
+    if not negate:
+        dark = np.float32(1) - dark
+    occupied, free = np.float32(occupied_thresh), np.float32(free_thresh)
+    table = np.where(dark >= occupied, 100, -1)
+    if mode == "scale" and occupied > free:
+        share = (dark - free) / np.float32(occupied_thresh - free_thresh) * np.float32(100)
+        between = (dark > free) & (dark < occupied)
+        table = np.where(between, np.floor(share.astype(np.float64) + 0.5), table)
+    return np.where(dark <= free, 0, table).astype(np.int8)
+
+
+def _write_atomically(path: Path, data: bytes) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(data)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,1 @@
+"""A robot in a map: path lengths, physics, the Nav2 stand-in, localization, lidar."""

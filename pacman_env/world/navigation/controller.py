@@ -1,0 +1,171 @@
+"""The local controller of the Nav2 stand-in: from a plan to wheel speeds and a force on the body.
+
+Roll-outs over (v, omega) within the base's limits, scored on progress along the plan, wall clearance and distance to
+Clyde. Kernels work on one game's record ``g``.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...jit import kernel
+from .grid import cell_of
+
+_LOOKAHEAD = 0.35  # m along the path to the point that control steers to
+_ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
+HORIZON_S = 0.8  # s of a roll-out
+_SAMPLES = 3  # points looked at along a roll-out
+_BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
+
+
+@kernel
+def _turned(c, s, angle):  # type: ignore[no-untyped-def]
+    """Cosine and sine of a heading turned by a small angle: a series, 1e-5 off at 0.5 rad, no library call."""
+    a2 = angle * angle
+    ca = 1.0 - a2 * (0.5 - a2 * (1.0 / 24.0))
+    sa = angle * (1.0 - a2 * (1.0 / 6.0 - a2 * (1.0 / 120.0)))
+    return c * ca - s * sa, s * ca + c * sa
+
+
+@kernel
+def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p):  # type: ignore[no-untyped-def]
+    """Cost in m of driving (v, w) from pose (x, y, heading): how far it leaves comfort; -1: not admissible.
+
+    Looks at ``_SAMPLES`` points of the arc. A point inside the inscribed radius is only admissible if it is no
+    worse than where the robot stands: that is how it gets out again. Likewise for Clyde's region.
+    """
+    cost = 0.0
+    rows, columns = clearance.shape
+    # The chord from the start to a point of an arc turns by the same small angle from point to point.
+    step_s = HORIZON_S / _SAMPLES
+    ct, st = _turned(1.0, 0.0, 0.5 * w * step_s)
+    for k in range(1, _SAMPLES + 1):
+        ch, sh = ch * ct - sh * st, sh * ct + ch * st
+        s = v * step_s * k
+        px, py = x + s * ch, y + s * sh
+        column, row = cell_of(affine, rows, columns, px, py)
+        free = clearance[row, column]
+        if free < p.comfort_cm:
+            if free <= p.inscribed_cm and free < here:
+                return -1.0
+            cost += 0.01 * (p.comfort_cm - free)
+        if clyde_near:
+            d2 = (px - cx) * (px - cx) + (py - cy) * (py - cy)
+            now2 = (x - cx) * (x - cx) + (y - cy) * (y - cy)
+            if d2 < p.clyde_keepout * p.clyde_keepout and d2 < now2 - 1e-9:
+                return -1.0
+        elif free > p.open_cm - int(100.0 * s):
+            break  # clearance falls by no more than the way driven: the rest is free
+    return cost
+
+
+@kernel
+def limit(v, w, p):  # type: ignore[no-untyped-def]
+    """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving gives way."""
+    most = min(p.omega_max, p.wheel_max / p.half_base)
+    w = min(max(w, -most), most)
+    spare = p.wheel_max - abs(w) * p.half_base
+    return min(max(v, -spare), spare), w
+
+
+@kernel
+def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
+    """Turn rate on the spot towards a point in the robot's frame: as fast as braking in time allows."""
+    off = math.atan2(aside, forward)
+    return math.copysign(min(limit, math.sqrt(2.0 * _BRAKE * p.omega_rate * abs(off))), off)
+
+
+@kernel
+def command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[no-untyped-def]
+    """The local controller: (ok, v, omega) for the next step."""
+    points = g.nav_points
+    at = g.nav_at
+    best = (paths[i, at, 0] - bx) ** 2 + (paths[i, at, 1] - by) ** 2
+    while at + 1 < points:
+        d2 = (paths[i, at + 1, 0] - bx) ** 2 + (paths[i, at + 1, 1] - by) ** 2
+        if d2 > best:
+            break
+        best = d2
+        at += 1
+    ahead = max(at, min(g.nav_ahead, points - 1))
+    while ahead + 1 < points:
+        if (paths[i, ahead, 0] - bx) ** 2 + (paths[i, ahead, 1] - by) ** 2 > _LOOKAHEAD * _LOOKAHEAD:
+            break
+        ahead += 1
+    g.nav_at, g.nav_ahead = at, ahead
+    tx, ty = paths[i, ahead, 0] - bx, paths[i, ahead, 1] - by
+    forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
+    v_max = g.speed_limit
+    if forward < 0.0 or forward * forward < _ROTATE_COS * _ROTATE_COS * (tx * tx + ty * ty):
+        return True, 0.0, _turn_rate(forward, aside, p.omega_max, p)
+    # Pure pursuit: the arc through the point ahead, slower the sharper it is.
+    by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
+    v, w = limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
+    column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
+    here = clearance[row, column]
+    cx, cy = g.clyde_x, g.clyde_y
+    reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
+    clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
+    # In the open no roll-out needs to be looked at, and one that was clear for 0.8 s is trusted for one more step.
+    if not clyde_near and (here > p.open_cm or g.nav_clear_step == g.step - 1):
+        return True, v, w
+    if _clear(bx, by, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0:
+        g.nav_clear_step = g.step
+        return True, v, w
+    # The direct way is not admissible: sample the window and take the best progress at the highest speed that has any.
+    best_score = 1e9
+    ok, best_v, best_w = False, 0.0, 0.0
+    for k in range(4, 0, -1):
+        for j in range(-4, 5):
+            sv, sw = limit(v_max * k * 0.25, w + 0.35 * j, p)
+            cost = _clear(bx, by, ch, sh, sv, sw, cx, cy, clyde_near, here, affine, clearance, p)
+            if cost < 0.0:
+                continue
+            ca, sa = _turned(ch, sh, 0.5 * sw * HORIZON_S)
+            s = sv * HORIZON_S
+            ex, ey = s * ca - tx, s * sa - ty
+            score = math.sqrt(ex * ex + ey * ey) + cost + 0.02 * abs(j)
+            if score < best_score:
+                best_score, ok, best_v, best_w = score, True, sv, sw
+        if ok:
+            break
+    if ok:
+        return ok, best_v, best_w
+    # Nothing leads on towards the point ahead, round a corner perhaps: creep along the path itself.
+    near = min(at + 2, points - 1)
+    tx, ty = paths[i, near, 0] - bx, paths[i, near, 1] - by
+    if clyde_near:  # a way that hugs his region leads into it when it is cut short: keep farther out
+        ox, oy = paths[i, near, 0] - cx, paths[i, near, 1] - cy
+        out = max((p.clyde_keepout + 0.05) / math.sqrt(max(ox * ox + oy * oy, 1e-6)), 1.0) - 1.0
+        tx, ty = tx + out * ox, ty + out * oy
+    forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
+    if abs(aside) > 0.1 * forward:
+        return True, 0.0, _turn_rate(forward, aside, 1.0, p)
+    v = 0.25 * v_max
+    return _clear(bx, by, ch, sh, v, 0.0, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0, v, 0.0
+
+
+@kernel
+def drive_wheels(g, v, w, force, r, p):  # type: ignore[no-untyped-def]
+    """Wheels follow (v, w) within their acceleration; the force makes the body's velocity theirs."""
+    change = p.wheel_rate * p.dt
+    left, right = v - w * p.half_base, v + w * p.half_base
+    left = min(max(left, g.left - change), g.left + change)
+    right = min(max(right, g.right - change), g.right + change)
+    g.left, g.right = left, right
+    speed, turn = 0.5 * (left + right), (right - left) * p.per_base
+    # Chipmunk moves bodies first and changes velocities then, so this velocity is driven with in the next step:
+    # its direction is the heading at the middle of that.
+    g.heading += g.omega * p.dt
+    c, s = _turned(g.heading_cos, g.heading_sin, g.omega * p.dt)
+    g.heading_cos, g.heading_sin = c, s
+    c, s = _turned(c, s, 0.5 * turn * p.dt)
+    force[r, 0] = p.mass_rate * (speed * c - g.vx)
+    force[r, 1] = p.mass_rate * (speed * s - g.vy)
+    g.omega = turn
+
+
+@kernel
+def refresh_heading(g):  # type: ignore[no-untyped-def]
+    """The heading's unit vector exactly: between refreshes, once a tick, it is turned step by step."""
+    g.heading_cos, g.heading_sin = math.cos(g.heading), math.sin(g.heading)

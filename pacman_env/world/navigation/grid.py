@@ -1,0 +1,305 @@
+"""The map as the robot drives on it: clearance, the inflated costmap, the reachable cells, the walls around them.
+
+Cells are numbered row by row with row 0 at the *bottom*, so that y grows with the row; a margin of solid cells
+surrounds the part of the map that is kept. What is solid is decided by the game's rule (grey above 250 is free): what
+SLAM never saw free is no place for a robot, whatever the costmap's thresholds say.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Nav2Config, PelletConfig, RobotConfig
+from ...jit import kernel
+from ..maps.occupancy import MapError, OccupancyMap
+from .paths import STEPS16, PathFields, navfn_weights, neighbour_table
+
+LETHAL = 254  # an obstacle's own cell
+INSCRIBED = 253  # the robot's centre cannot be here
+_MARGIN = 4  # solid cells around the kept part
+_WALL_TOLERANCE_PX = 0.5  # walls are simplified contours; half a cell stays inside the inscribed margin
+
+
+def _apply(affine: NDArray[np.float64], u: Any, v: Any) -> tuple[Any, Any]:
+    return affine[0] * u + affine[1] * v + affine[2], affine[3] * u + affine[4] * v + affine[5]
+
+
+@dataclass(frozen=True, eq=False)
+class DriveGrid:
+    """The drivable part of a map.
+
+    World coordinates x, y (m, map frame) belong to the cell ``int(cx), int(cy)`` with
+    ``cx = affine[0] x + affine[1] y + affine[2]`` and ``cy = affine[3] x + affine[4] y + affine[5]``.
+    """
+
+    resolution: float  # m per cell
+    affine: NDArray[np.float64]  # (6,) world to cell
+    inverse: NDArray[np.float64]  # (6,) cell to world
+    clearance: NDArray[np.float32]  # (H, W) m, cell centre to the nearest solid cell's centre
+    clearance_cm: NDArray[np.uint8]  # the same in whole cm, at most 255: what control looks at
+    cost: NDArray[np.uint8]  # (H, W) inflated costmap, 0..254
+    cell_id: NDArray[np.int32]  # (H, W) number of a drivable cell, -1 elsewhere
+    snap: NDArray[np.int32]  # (H, W) number of the nearest drivable cell
+    cell: NDArray[np.int32]  # (K, 2) column, row of each drivable cell
+    walls: NDArray[np.float64]  # (S, 4) x0, y0, x1, y1 in m
+    home: NDArray[np.float64]  # (3,) x, y, heading
+    offset: tuple[int, int]  # column and row (from the bottom) of the kept part within the whole map
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.cell_id.shape[0], self.cell_id.shape[1]
+
+    def to_cell(self, x: float, y: float) -> tuple[int, int]:
+        """Column and row of a world position, clipped to the grid."""
+        rows, columns = self.shape
+        column, row = (math.floor(c) for c in _apply(self.affine, x, y))
+        return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
+
+    def to_world(self, column: Any, row: Any) -> tuple[Any, Any]:
+        """World position x, y (m) of a cell's centre; numbers or arrays."""
+        return _apply(self.inverse, column + 0.5, row + 0.5)
+
+    @functools.cached_property
+    def neighbours(self) -> NDArray[np.int32]:
+        """(K, 16) number of the drivable cell that each step leads to, -1: not allowed."""
+        return neighbour_table(self.cell_id, self.cell, STEPS16)
+
+    def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Column and row of each position (M, 2), and whether that lies on the grid."""
+        columns, rows = _apply(self.affine, position[:, 0], position[:, 1])
+        column, row = np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64)
+        return column, row, self._inside(column, row)
+
+    def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Number of the drivable cell under each position (M, 2); -1: none there."""
+        column, row, _ = self.locate(position)
+        return self._numbers(column, row)
+
+    def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
+        """Number of the drivable cell that each pixel (M, 2) u, v of an image of that height is; -1: none."""
+        return self._numbers(pixel[:, 0] - self.offset[0], height - 1 - pixel[:, 1] - self.offset[1])
+
+    def _inside(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.bool_]:
+        inside: NDArray[np.bool_] = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])
+        return inside
+
+    def _numbers(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.int32]:
+        inside = self._inside(column, row)
+        result = np.full(len(column), -1, dtype=np.int32)
+        result[inside] = self.cell_id[row[inside], column[inside]]
+        return result
+
+    def nearest_cell(self, x: float, y: float, within_m: float) -> int:
+        """Number of the drivable cell nearest to (x, y) inside a square of that half-width; -1: none."""
+        cx, cy = _apply(self.affine, x, y)
+        return int(_nearest(self.cell_id, cx, cy, within_m / self.resolution + 0.5))
+
+    def path_fields(self) -> PathFields:
+        """A store of path fields over this grid, still empty."""
+        return PathFields(self.cell_id, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
+
+
+@kernel
+def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
+    """Number of the cell whose centre is nearest to (cx, cy), at most ``reach`` rows and columns away; -1: none."""
+    rows, columns = cell_id.shape
+    found = -1
+    least = np.inf
+    for row in range(int(min(max(cy - reach - 1.0, 0.0), rows)), int(min(max(cy + reach + 1.0, 0.0), rows))):
+        for column in range(
+            int(min(max(cx - reach - 1.0, 0.0), columns)), int(min(max(cx + reach + 1.0, 0.0), columns))
+        ):
+            dx, dy = column + 0.5 - cx, row + 0.5 - cy
+            if cell_id[row, column] >= 0 and max(abs(dx), abs(dy)) <= reach and dx * dx + dy * dy < least:
+                least = dx * dx + dy * dy
+                found = cell_id[row, column]
+    return found
+
+
+def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:
+    """Nav2's inflation layer: cost of each cell from its distance d to the nearest obstacle's centre.
+
+    254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
+    """
+    d = clearance.astype(np.float64)
+    cost = np.zeros(d.shape, dtype=np.uint8)
+    near = d <= math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6
+    decay = np.floor(252.0 * np.exp(-nav2.inflation_scale * (d[near] - robot.inscribed_radius_m)))
+    cost[near] = np.clip(decay, 0, 254).astype(np.uint8)
+    cost[d <= robot.inscribed_radius_m] = INSCRIBED
+    cost[d == 0] = LETHAL
+    return cost
+
+
+def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
+    """First and last row, first and last column (the last ones excluded) of what is set and a margin around it."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return 0, mask.shape[0], 0, mask.shape[1]
+    return (
+        max(int(rows[0]) - margin, 0),
+        min(int(rows[-1]) + margin + 1, mask.shape[0]),
+        max(int(columns[0]) - margin, 0),
+        min(int(columns[-1]) + margin + 1, mask.shape[1]),
+    )
+
+
+def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Number (H, W) of the 4-connected part (diagonal steps need both neighbours), from 1 on, and the area of each.
+
+    What is not set has number 0 and area 0.
+    """
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
+    return labels, np.bincount(labels[mask], minlength=1)
+
+
+def _home_cell(
+    labels: NDArray[np.int32],
+    areas: NDArray[np.int64],
+    clearance: NDArray[np.float32],
+    wished: tuple[int, int],
+    any_part: bool,
+) -> tuple[int, int]:
+    """The wished cell if the robot can stand there, else the roomiest one of the largest part.
+
+    Unless ``any_part``, the wished cell must lie in a part worth playing in: a quarter of the largest or more.
+    """
+    column, row = wished
+    rows, columns = labels.shape
+    inside = 0 <= row < rows and 0 <= column < columns and labels[row, column] > 0
+    if inside and (any_part or areas[labels[row, column]] * 4 >= areas.max()):
+        return column, row
+    best = int(np.where(labels == areas.argmax(), clearance, -1.0).argmax())
+    return best % columns, best // columns
+
+
+def _walls(solid: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
+    """Closed polygons (P, 2) in cells along the centres of the solid cells that bound the free ones."""
+    contours, _ = cv2.findContours(solid.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    return [cv2.approxPolyDP(c, _WALL_TOLERANCE_PX, True)[:, 0, :].astype(np.float64) for c in contours]
+
+
+def build_grid(
+    occupancy: OccupancyMap,
+    robot: RobotConfig,
+    nav2: Nav2Config,
+    pellets: PelletConfig,
+    home: tuple[float, float, float] | None = None,
+) -> DriveGrid:
+    """Compute the drivable grid around the home pose.
+
+    Args:
+        occupancy: the map.
+        robot: radii of the robot.
+        nav2: inflation parameters.
+        pellets: gives the grey above which a cell is free.
+        home: x, y (m), heading (rad) of the home pose; None: (0, 0, 0) if the robot can stand there.
+
+    Raises:
+        MapError: the map has no place for the robot, or the asked home pose is not drivable.
+    """
+    res = occupancy.resolution
+    free = np.flipud(occupancy.game_free(pellets.free_grey))
+    free = np.pad(free, _MARGIN, constant_values=False)
+    # What lies further from all free cells is never looked at.
+    keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
+    r0, r1, c0, c1 = _frame(free, keep)
+    free = free[r0:r1, c0:c1]
+    # Ray noise far from any place where the robot fits is dropped before anything else is computed.
+    clearance = clearance_m(free, res)
+    drivable = clearance > robot.inscribed_radius_m
+    if not drivable.any():
+        raise MapError(f"{occupancy.name}: no free place wide enough for a robot of {robot.inscribed_radius_m} m")
+    ox, oy, yaw = occupancy.origin
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    if abs(yaw) < 1e-12:
+        cos, sin = 1.0, 0.0
+
+    def affine(columns_off: int, rows_off: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        column = (cos / res, sin / res, -(cos * ox + sin * oy) / res - columns_off)
+        row = (-sin / res, cos / res, (sin * ox - cos * oy) / res - rows_off)
+        x0 = ox + res * (cos * columns_off - sin * rows_off)
+        y0 = oy + res * (sin * columns_off + cos * rows_off)
+        return np.array([*column, *row]), np.array([res * cos, -res * sin, x0, res * sin, res * cos, y0])
+
+    to_cell, _ = affine(-_MARGIN, -_MARGIN)
+    hx, hy, heading = (0.0, 0.0, 0.0) if home is None else home
+    column, row = _apply(to_cell, hx, hy)
+    wished = (math.floor(column) - c0, math.floor(row) - r0)
+    labels, areas = connected_parts(drivable)
+    home_cell = _home_cell(labels, areas, clearance, wished, any_part=home is not None)
+    if home is not None and home_cell != wished:
+        raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
+    main = labels == labels[home_cell[1], home_cell[0]]
+
+    top, bottom, left, right = _frame(main, keep)
+    window = np.s_[top:bottom, left:right]
+    free, main, clearance = free[window], main[window], np.ascontiguousarray(clearance[window])
+    r0, c0 = r0 + top, c0 + left
+    # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
+    away, nearest = cv2.distanceTransformWithLabels(
+        (~main).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    swept = free & (away * res <= robot.inscribed_radius_m)
+    offset = c0 - _MARGIN, r0 - _MARGIN
+    to_cell, to_world = affine(*offset)
+
+    cell_id = np.full(main.shape, -1, dtype=np.int32)
+    cell = cv2.findNonZero(main.astype(np.uint8)).reshape(-1, 2)
+    cell_id[main] = np.arange(len(cell), dtype=np.int32)
+    by_label = np.zeros(int(nearest.max()) + 1, dtype=np.int32)
+    by_label[nearest[main]] = np.arange(len(cell), dtype=np.int32)
+
+    segments = []
+    for polygon in _walls(~swept):
+        xy = np.stack(_apply(to_world, polygon[:, 0] + 0.5, polygon[:, 1] + 0.5), axis=1)
+        segments.append(np.concatenate([xy, np.roll(xy, -1, axis=0)], axis=1))
+    roomiest = _apply(to_world, home_cell[0] - left + 0.5, home_cell[1] - top + 0.5)
+    home_xy = (hx, hy) if wished == home_cell else roomiest
+    return DriveGrid(
+        resolution=res,
+        affine=to_cell,
+        inverse=to_world,
+        clearance=clearance,
+        clearance_cm=np.minimum(np.floor(clearance * 100 + 1e-3), 255).astype(np.uint8),
+        cost=inflate(clearance, res, robot, nav2),
+        cell_id=cell_id,
+        snap=by_label[nearest],
+        cell=cell,
+        walls=np.concatenate(segments),
+        home=np.array([home_xy[0], home_xy[1], heading]),
+        offset=offset,
+    )
+
+
+def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
+    """Distance (H, W) of each cell's centre to that of the nearest cell that is not free, m."""
+    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return _whole_squares(distance, resolution)
+
+
+@kernel
+def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
+    """Distances in m. OpenCV's last bit differs from call to call; the squares are whole, so rounding is exact."""
+    rounded = np.empty(distance.shape, np.float32)
+    for row in range(len(distance)):
+        for column in range(distance.shape[1]):
+            d = np.float64(distance[row, column])
+            rounded[row, column] = np.sqrt(np.rint(d * d)) * resolution
+    return rounded
+
+
+@kernel
+def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
+    """Column and row of a world position, clipped to the grid."""
+    column = int(affine[0] * x + affine[1] * y + affine[2])
+    row = int(affine[3] * x + affine[4] * y + affine[5])
+    return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)

@@ -1,0 +1,149 @@
+"""The robot's lidar: ranges to the first cell of the drive grid that is not free, with the noise of the sensor.
+
+Only what the map holds is seen: no ray ends at anything that moves.
+"""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+
+from ...jit import kernel
+from ...rng import LIDAR, mix, stream
+
+_GAMMA, _S54 = np.uint64(0x9E3779B97F4A7C15), np.uint64(54)
+_DIAGONAL = math.sqrt(2.0) + 1e-3  # cells; the excess is for clearances rounded up and lengths kept in float32
+_JUMPS = 8  # passes over all rays before each one walks on from cell to cell
+
+#: (1024,) equally likely values of a standard normal variable: its quantiles, scaled to variance 1, up to 3.3.
+_NORMAL = np.array([NormalDist().inv_cdf((k + 0.5) / 1024) for k in range(1024)])
+_NORMAL = (_NORMAL / _NORMAL.std()).astype(np.float32)
+
+
+@kernel
+def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-untyped-def]
+    """Lengthen each ray, in cells, by what is free around its end; a ray that has left the grid grows on."""
+    rows, columns = clearance_cm.shape
+    for k in range(len(ranges)):
+        t = ranges[k]
+        column = int(min(max(x + t * ux[k], 0.0), columns - 1.0))
+        row = int(min(max(y + t * uy[k], 0.0), rows - 1.0))
+        # The end and the nearest solid point lie at most half a diagonal from the centres of their cells.
+        ranges[k] = t + max(clearance_cm[row, column] * cells_per_cm - _DIAGONAL, 0.0)
+
+
+@kernel
+def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
+    """Distance from (x, y) along the unit vector to the first cell that is not free, where none is before ``t``.
+
+    All in cells; ``limit``: there is none before, or the ray has left the grid. From edge to edge of the cells
+    (Amanatides and Woo 1987), each edge's distance counted from (x, y): the jumps leave no trace in the result.
+    """
+    rows, columns = clearance_cm.shape
+    at_x, at_y = x + t * ux, y + t * uy
+    if not (t < limit and at_x >= 0.0 and at_y >= 0.0 and at_x < columns and at_y < rows):
+        return limit
+    column, row = int(at_x), int(at_y)
+    per_column, per_row = 1.0 / abs(ux), 1.0 / abs(uy)
+    step_x, step_y = 1 if ux >= 0.0 else -1, 1 if uy >= 0.0 else -1
+    # Along an axis the other one's edges are at infinity: zero counts as upwards, where the next edge is never at x.
+    next_x = (column + 1 - x if ux >= 0.0 else x - column) * per_column
+    next_y = (row + 1 - y if uy >= 0.0 else y - row) * per_row
+    while clearance_cm[row, column] != 0:
+        if next_x < next_y:
+            t = next_x
+            next_x += per_column
+            column += step_x
+        else:
+            t = next_y
+            next_y += per_row
+            row += step_y
+        if t >= limit or column < 0 or row < 0 or column >= columns or row >= rows:
+            return limit
+    return t
+
+
+@kernel
+def scan(  # type: ignore[no-untyped-def]
+    affine, clearance_cm, resolution, x, y, heading, seed, tick, noise, minimum, maximum, ranges
+):
+    """Fill ``ranges`` (R,) float32, m, with the scan of a robot at (x, y, heading) in m and rad.
+
+    Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray that finds
+    nothing within ``maximum`` or leaves the grid reads ``maximum``; all do for a robot off the grid. Other ranges are
+    cut to [minimum, maximum], get normal noise (of 1024 steps, at most 3.3 standard deviations) and are cut again.
+    Noise is a function of seed, tick and k alone.
+
+    Args:
+        affine: (6,) world to cell, of a :class:`~pacman_env.world.navigation.grid.DriveGrid`.
+        clearance_cm: (H, W) uint8 of the same grid; 0 is not free.
+        resolution: m per cell, at least 0.01.
+        x: m, any finite number.
+        y: m, likewise.
+        heading: rad, likewise.
+        seed: of the round.
+        tick: number of the decision.
+        noise: standard deviation as a part of the range.
+        minimum: m.
+        maximum: m.
+        ranges: written.
+    """
+    rows, columns = clearance_cm.shape
+    rays = len(ranges)
+    cx = affine[0] * x + affine[1] * y + affine[2]
+    cy = affine[3] * x + affine[4] * y + affine[5]
+    if not (cx >= 0.0 and cy >= 0.0 and cx < columns and cy < rows):
+        ranges[:] = maximum
+        return
+    cells_per_cm = 0.01 / resolution
+    limit = maximum / resolution
+    cos, sin = math.cos(heading), math.sin(heading)
+    turn_cos, turn_sin = math.cos(2.0 * math.pi / rays), math.sin(2.0 * math.pi / rays)
+    ux, uy = np.empty(rays), np.empty(rays)
+    for k in range(rays):
+        ux[k] = (affine[0] * cos + affine[1] * sin) * resolution
+        uy[k] = (affine[3] * cos + affine[4] * sin) * resolution
+        cos, sin = cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin
+    # All rays jump in turn: one alone would wait for each clearance before it can look up the next.
+    ranges[:] = 0.0
+    for _ in range(_JUMPS):
+        _jump(clearance_cm, cells_per_cm, cx, cy, ux, uy, ranges)
+    state = stream(stream(seed, LIDAR), tick)
+    for k in range(rays):
+        cells = _walk(clearance_cm, cx, cy, ux[k], uy[k], float(ranges[k]), limit)
+        if cells >= limit:
+            ranges[k] = maximum
+        else:
+            length = max(cells * resolution, minimum)
+            z = _NORMAL[mix(state + _GAMMA * np.uint64(k + 1)) >> _S54]
+            ranges[k] = min(max(length + noise * length * z, minimum), maximum)
+
+
+@kernel
+def scan_all(  # type: ignore[no-untyped-def]
+    affine, clearance_cm, shape, resolution, level, pose, seeds, ticks, noise, minimum, maximum, ranges
+):
+    """Fill ``ranges`` (N, R) float32 with the scans of N robots, robot i on map ``level[i]``; see :func:`scan`.
+
+    Args:
+        affine: (L, 6).
+        clearance_cm: (L, H, W) uint8.
+        shape: (L, 2) int32: rows and columns of each map; what lies beyond is not looked at.
+        resolution: m per cell of all maps.
+        level: (N,) int32, in [0, L).
+        pose: (N, 3) x, y, heading in m and rad.
+        seeds: (N,) uint64.
+        ticks: (N,) int64.
+        noise: see :func:`scan`, as all that follow.
+        minimum: m.
+        maximum: m.
+        ranges: written.
+    """
+    for i in range(len(pose)):
+        m = level[i]
+        scan(
+            affine[m], clearance_cm[m, : shape[m, 0], : shape[m, 1]], resolution, pose[i, 0], pose[i, 1], pose[i, 2],
+            seeds[i], ticks[i], noise, minimum, maximum, ranges[i],
+        )  # fmt: skip

@@ -1,0 +1,72 @@
+"""AMCL's belief: when a pose is published, how wrong it is, and what TF says in between.
+
+At a filter update the error is drawn anew; between updates the robot's odometry carries it along unchanged, so TF is
+the true pose with the error of the last update, while the latched message keeps the pose of that instant.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...jit import kernel
+from ...rng import normal
+
+LOCALIZATION_FIELDS = [
+    ("error_x", np.float64),  # m, of the last update
+    ("error_y", np.float64),
+    ("error_heading", np.float64),  # rad
+    ("error_cos", np.float64),  # its unit vector
+    ("error_sin", np.float64),
+    ("amcl_x", np.float64),  # the latched pose: m, m, rad
+    ("amcl_y", np.float64),
+    ("amcl_heading", np.float64),
+    ("amcl_step", np.int32),  # physics step of the last update
+    ("odom_x", np.float64),  # true pose at the last update
+    ("odom_y", np.float64),
+    ("odom_heading", np.float64),
+    ("sigma_xy", np.float64),  # m
+    ("sigma_heading", np.float64),  # rad
+    ("update_distance", np.float64),  # m: the filter updates when moved farther in x or in y
+    ("update_angle", np.float64),  # rad: or turned farther
+    ("localization_stream", np.uint64),
+]
+
+
+@kernel
+def wrap(angle):  # type: ignore[no-untyped-def]
+    """The same angle in [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@kernel
+def update(g, step):  # type: ignore[no-untyped-def]
+    """A filter update of game ``g``: draw the error, publish the pose."""
+    stream = g.localization_stream
+    if g.sigma_xy > 0.0:
+        stream, a = normal(stream)
+        stream, b = normal(stream)
+        g.error_x = a * g.sigma_xy
+        g.error_y = b * g.sigma_xy
+    if g.sigma_heading > 0.0:
+        stream, c = normal(stream)
+        g.error_heading = c * g.sigma_heading
+    g.error_cos, g.error_sin = math.cos(g.error_heading), math.sin(g.error_heading)
+    g.localization_stream = stream
+    g.odom_x, g.odom_y, g.odom_heading = g.x, g.y, g.heading
+    g.amcl_x = g.x + g.error_x
+    g.amcl_y = g.y + g.error_y
+    g.amcl_heading = wrap(g.heading + g.error_heading)
+    g.amcl_step = step
+
+
+@kernel
+def scan(g, step):  # type: ignore[no-untyped-def]
+    """A laser scan arrives: update if the robot has moved or turned enough."""
+    if (
+        abs(g.x - g.odom_x) > g.update_distance
+        or abs(g.y - g.odom_y) > g.update_distance
+        or abs(wrap(g.heading - g.odom_heading)) > g.update_angle
+    ):
+        update(g, step)

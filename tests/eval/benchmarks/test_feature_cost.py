@@ -1,0 +1,27 @@
+"""The cost of features: the command on a tiny run, and that its parts are those of the whole."""
+
+from __future__ import annotations
+
+import pytest
+
+from eval.benchmarks.feature_cost import main, parts
+from tests.sim.observation.test_prediction import SPEED, batch_of
+
+
+def test_the_command_prints_rates_and_parts(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--map", "loop", "--games", "4", "--steps", "6", "--rounds", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("decisions/s") == 3
+    assert "Clyde's futures" in printed
+
+
+def test_the_parts_add_up_to_the_whole() -> None:
+    found = parts(batch_of("loop", n=8, decisions=3).situation(), SPEED, repeats=5)
+    *some, whole = found.values()
+    assert min(some) >= 0
+    assert sum(some) >= 0.99 * whole > 0
+
+
+def test_a_map_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--map", "nowhere.yaml"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,69 @@
+"""The benchmark measures and writes what it promises; how fast the machine is, it alone knows."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pacman_env
+from eval.benchmarks.throughput import main
+
+SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.2"]
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """The figures of one short run, written into a folder that did not exist."""
+    path = tmp_path_factory.mktemp("benchmark") / "results" / "speed.json"
+    assert main([*SHORT, "--json", str(path)]) == 0
+    return json.loads(path.read_text()), path
+
+
+def test_all_figures_are_written(report: tuple[dict[str, Any], Path]) -> None:
+    figures, path = report
+    assert set(figures["decisions_per_s"]) == {"1", "64", "1024"}
+    numbers = [*figures["decisions_per_s"].values(), figures["bare_decisions_per_s_64"], figures["make_again_ms"]]
+    assert all(math.isfinite(number) and number > 0 for number in numbers)
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_the_ratio_to_bare_physics_lies_in_its_range(report: tuple[dict[str, Any], Path]) -> None:
+    figures, _ = report
+    low, high = figures["bare_ratio_64_range"]
+    assert 0 < low <= figures["bare_ratio_64"] <= high < 1  # a decision costs its physics and more
+
+
+def test_the_figures_say_what_was_measured(report: tuple[dict[str, Any], Path]) -> None:
+    figures, _ = report
+    assert figures["map"] == "loop"
+    assert len(figures["map_hash"]) == 64
+    assert figures["wall_segments"] > 0
+    assert figures["version"] == pacman_env.__version__
+
+
+def test_without_a_file_the_figures_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--map", "loop", "--rounds", "1", "--seconds", "0.01"]) == 0
+    out = capsys.readouterr().out
+    for words in ("map loop", "N =    1:", "N =   64:", "N = 1024:", "ratio to bare at 64:", "gymnasium.make"):
+        assert words in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--rounds", "0"], "rounds = 0: must be at least 1"),
+        (["--map", "nowhere"], "nowhere"),
+        (["--json", "."], "is a folder"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_status_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([*SHORT, *arguments])
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]

@@ -1,0 +1,67 @@
+"""The campaign's command as far as it needs no ROS; that it plays is tested with the nodes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from eval.campaign.__main__ import Verdict, main, table, waits
+from eval.campaign.schedule import schedule
+
+
+def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> None:
+    verdicts = [
+        Verdict(0, "house", "ppo", ["abort", "reject", "no markers"], "complete"),
+        Verdict(1, "house", "ppo", ["abort", "abort"], "lost", violations=["a turn of 9 s", "hangs"]),
+        Verdict(2, "house", "ppo", [], "reset"),
+    ]
+    rows = {line[:27].strip(): list(map(int, line[27:].split())) for line in table(verdicts)[1:]}
+    assert rows["all games"] == [3, 1, 1, 1, 0, 0, 2]
+    assert rows["nothing"] == [1, 0, 0, 1, 0, 0, 0]
+    assert rows["abort"] == [2, 1, 1, 0, 0, 0, 2]
+    assert rows["reject"] == rows["no markers"] == rows["several faults"] == [1, 1, 0, 0, 0, 0, 0]
+    assert rows["pose_lost"] == [0] * 7
+
+
+@pytest.mark.parametrize(
+    ("state", "pursued", "clyde_speed_mps", "waiting"),
+    [
+        ("running", -1, 0.002, True),
+        ("running", -1, 0.005, False),  # he walks 0.6 m in two minutes
+        ("running", 3, 0.002, False),
+        ("returning_home", -1, 0.002, False),
+    ],
+)
+def test_a_planner_that_holds_waits_for_a_clyde_who_stands_and_for_no_other(
+    state: str, pursued: int, clyde_speed_mps: float, waiting: bool
+) -> None:
+    plan = dataclasses.replace(schedule(0), clyde_speed_mps=clyde_speed_mps)
+    assert waits(state, {"pursued": pursued}, plan) == waiting
+    assert not waits(state, {}, plan)
+
+
+def test_a_row_names_seed_outcome_and_faults() -> None:
+    line = Verdict(7, "loop, 3 m", "random", ["abort", "start"], "lost", 99.0, 10.0).line()
+    assert line.split() == [
+        "7",
+        "loop,",
+        "3",
+        "m",
+        "random",
+        "lost",
+        "99",
+        "10",
+        "0.00",
+        "abort;",
+        "1",
+        "interferences",
+    ]
+
+
+@pytest.mark.parametrize("arguments", [["--games", "0"], ["--only", "x"], ["--speed", "11"], ["--domain", "102"]])
+def test_bad_arguments_are_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        main(arguments)
+    assert exit_info.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,200 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from eval.compare.statistics import (
+    bootstrap_weights,
+    bootstrapped_improvement,
+    bootstrapped_iqm,
+    bootstrapped_mean,
+    improvement,
+    interquartile_mean,
+    paired_difference,
+    wilson,
+)
+
+
+@pytest.mark.parametrize(
+    ("successes", "trials", "low", "high"),
+    # Newcombe, Statistics in Medicine 17 (1998) 857-872, method 3
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_gives_the_published_limits(successes: int, trials: int, low: float, high: float) -> None:
+    assert wilson(successes, trials) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 300).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_wilson_holds_the_proportion_and_mirrors_it(case: tuple[int, int]) -> None:
+    successes, trials = case
+    low, high = wilson(successes, trials)
+    assert 0 <= low <= successes / trials <= high <= 1
+    assert low < high
+    assert wilson(trials - successes, trials) == pytest.approx((1 - high, 1 - low))
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 0), (-1, 3), (4, 3)])
+def test_wilson_refuses_impossible_counts(successes: int, trials: int) -> None:
+    with pytest.raises(ValueError, match=f"{successes} successes in {trials} trials"):
+        wilson(successes, trials)
+
+
+def pairs(both: int, ours: int, theirs: int, neither: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    counts = (both, ours, theirs, neither)
+    return np.repeat([True, True, False, False], counts), np.repeat([True, False, True, False], counts)
+
+
+@pytest.mark.parametrize(
+    ("table", "difference", "low", "high"),
+    # Newcombe, Statistics in Medicine 17 (1998) 2635-2650, method 10
+    [
+        ((36, 12, 2, 0), 0.2, 0.0569, 0.3404),
+        ((20, 12, 2, 16), 0.2, 0.0562, 0.3292),
+    ],
+)
+def test_paired_difference_gives_the_published_limits(
+    table: tuple[int, int, int, int], difference: float, low: float, high: float
+) -> None:
+    value, interval = paired_difference(*pairs(*table))
+    assert value == pytest.approx(difference)
+    assert interval == pytest.approx((low, high), abs=5e-5)
+
+
+def test_pairs_that_agree_make_the_interval_narrower() -> None:
+    _, agreeing = paired_difference(*pairs(45, 10, 0, 45))
+    _, independent = paired_difference(*pairs(25, 30, 20, 25))
+    assert agreeing[1] - agreeing[0] < 0.7 * (independent[1] - independent[0])
+
+
+@given(st.tuples(*[st.integers(0, 60)] * 4).filter(lambda table: sum(table) > 0))
+def test_a_paired_interval_holds_the_difference_and_mirrors_it(table: tuple[int, int, int, int]) -> None:
+    ours, theirs = pairs(*table)
+    difference, (low, high) = paired_difference(ours, theirs)
+    assert difference == pytest.approx((table[1] - table[2]) / sum(table))
+    assert -1 - 1e-12 <= low <= difference <= high <= 1 + 1e-12
+    mirrored, interval = paired_difference(theirs, ours)
+    assert mirrored == pytest.approx(-difference)
+    assert interval == pytest.approx((-high, -low))
+
+
+def test_pairs_must_be_pairs() -> None:
+    with pytest.raises(ValueError, match="2 trials against 3"):
+        paired_difference(np.ones(2, np.bool_), np.ones(3, np.bool_))
+    with pytest.raises(ValueError, match="0 trials"):
+        paired_difference(np.ones(0, np.bool_), np.ones(0, np.bool_))
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(3)
+
+
+@pytest.mark.parametrize(
+    ("values", "mean"),
+    [
+        ([8, 1, 7, 2, 6, 3, 5, 4], 4.5),  # 3, 4, 5, 6 are left
+        ([0, 3, 4, 5, 100], 4.0),  # one on either side
+        ([0, 10, 20, 1000], 15.0),
+        ([0, 1, 5], 2.0),  # too few to leave any out
+        ([7], 7.0),
+    ],
+)
+def test_the_interquartile_mean_is_that_of_the_middle_half(values: list[float], mean: float) -> None:
+    assert interquartile_mean(np.array(values, dtype=np.float64)) == pytest.approx(mean)
+
+
+def test_the_interquartile_mean_goes_along_the_last_axis() -> None:
+    values = np.array([[0.0, 1.0, 2.0, 9.0], [5.0, 5.0, 7.0, -40.0]])
+    np.testing.assert_allclose(interquartile_mean(values), [1.5, 5.0])
+
+
+def test_improvement_counts_all_pairs_and_ties_half() -> None:
+    ours, theirs = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 2.0])
+    # 1 against 1, 2, 2: a tie; 2: one above, two ties; 3: three above
+    assert improvement(ours, theirs, np.ones((1, 3))) == pytest.approx([(0.5 + 1 + 1 + 3) / 9])
+    # the first trial twice and the last once: 1, 1, 3 against 1, 1, 2
+    assert improvement(ours, theirs, np.array([[2.0, 0.0, 1.0]])) == pytest.approx([(2 + 3) / 9])
+
+
+SCORES = st.integers(1, 12).flatmap(lambda n: st.tuples(*[st.lists(st.integers(0, 5), min_size=n, max_size=n)] * 2))
+
+
+@given(SCORES)
+def test_improvement_is_the_share_of_pairs_and_complements_the_other_way(case: tuple[list[int], list[int]]) -> None:
+    ours, theirs = (np.array(side, dtype=np.float64) for side in case)
+    once = np.ones((1, len(ours)))
+    pairs = (np.sign(ours[:, None] - theirs) + 1) / 2
+    assert improvement(ours, theirs, once)[0] == pytest.approx(pairs.mean())
+    assert improvement(theirs, ours, once)[0] == pytest.approx(1 - pairs.mean())
+
+
+def test_bootstrap_weights_draw_every_trial_alike() -> None:
+    weights = bootstrap_weights(5, rng(), 4000)
+    assert weights.shape == (4000, 5)
+    assert (weights.sum(axis=1) == 5).all()
+    np.testing.assert_allclose(weights.mean(axis=0), 1, atol=0.08)
+    assert weights.var() == pytest.approx(1 - 1 / 5, rel=0.05)
+    with pytest.raises(ValueError, match="0 trials"):
+        bootstrap_weights(0, rng())
+
+
+def test_a_bootstrapped_mean_of_many_values_has_the_normal_interval() -> None:
+    values = rng().normal(10, 3, 900)
+    mean, (low, high) = bootstrapped_mean([values], rng())
+    assert mean == values.mean()
+    assert (low, high) == pytest.approx((mean - 1.96 * 0.1, mean + 1.96 * 0.1), abs=0.02)
+    assert bootstrapped_mean([values], rng()) == (mean, (low, high))
+
+
+def test_a_mean_over_tasks_is_not_blurred_by_how_the_tasks_differ() -> None:
+    few, many = np.array([0.0, 2.0]), np.full(50, 1000.0)
+    mean, (low, high) = bootstrapped_mean([few, many], rng())
+    assert mean == 500.5
+    assert (low, high) == (500.0, 501.0)  # from 0, 0 or 2, 2 of the first task
+
+
+def test_nothing_drawn_from_has_no_mean() -> None:
+    with pytest.raises(ValueError, match="0 trials"):
+        bootstrapped_mean([np.zeros(0)], rng())
+
+
+def test_paired_intervals_hold_the_true_difference_nineteen_times_of_twenty() -> None:
+    """Games that are long for one policy are long for the other; lengths are skewed, as those of endless games."""
+    draws = rng()
+    held, width, unpaired = 0, 0.0, 0.0
+    for _ in range(120):
+        common = draws.exponential(40.0, 50)
+        ours, theirs = common + draws.exponential(15.0, 50), common + draws.exponential(10.0, 50)
+        _, (low, high) = bootstrapped_mean([ours - theirs], draws)
+        held += low <= 5.0 <= high
+        width += high - low
+        unpaired += 2 * 1.96 * np.hypot(ours.std(), theirs.std()) / np.sqrt(50)
+    assert 0.9 <= held / 120 <= 0.99
+    assert width < 0.5 * unpaired
+
+
+def test_the_iqm_over_tasks_leaves_whole_tasks_out() -> None:
+    middle = np.tile([0.0, 1.0], 200)  # a mean of 0.5, of 400 trials
+    tasks = [np.zeros(400), middle, 1 - middle, np.ones(400)]
+    value, (low, high) = bootstrapped_iqm(tasks, rng())
+    assert value == 0.5
+    half = 1.96 * np.sqrt(0.25 / 400 / 2)  # two tasks count
+    assert (low, high) == pytest.approx((0.5 - half, 0.5 + half), abs=0.006)
+
+
+def test_improvement_draws_both_sides_of_a_trial_together() -> None:
+    scores = [rng().integers(0, 9, 50).astype(np.float64)]
+    value, interval = bootstrapped_improvement(scores, scores, rng())
+    assert value == pytest.approx(0.5)
+    assert interval == pytest.approx((0.5, 0.5))
+
+
+def test_improvement_is_the_mean_over_tasks_however_many_trials_they_have() -> None:
+    better, equal = (np.ones(4), np.zeros(4)), (np.ones(40), np.ones(40))
+    value, interval = bootstrapped_improvement([better[0], equal[0]], [better[1], equal[1]], rng())
+    assert value == 0.75
+    assert interval == (0.75, 0.75)
+    with pytest.raises(ValueError, match="4 trials against 3"):
+        bootstrapped_improvement([np.ones(4)], [np.ones(3)], rng())

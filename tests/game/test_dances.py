@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.game.dances import SHAKE_S, SPEED_RADPS, SPIN_S, angular_velocity
+
+PERIOD = 0.05
+
+
+def played(motion: str) -> list[float]:
+    """Commands of a 20 Hz timer until the motion is over."""
+    commands: list[float] = []
+    while (command := angular_velocity(motion, len(commands) * PERIOD)) is not None:  # type: ignore[arg-type]
+        commands.append(command)
+    return commands
+
+
+def test_the_start_spin_turns_one_way_for_8_s() -> None:
+    assert set(played("spin")) == {1.5}
+    assert len(played("spin")) * PERIOD == pytest.approx(8.0)
+
+
+def test_the_death_shake_goes_to_and_fro_for_5_s_and_ends_where_it_began() -> None:
+    commands = played("shake")
+    assert set(commands) == {1.5, -1.5}
+    assert len(commands) * PERIOD == pytest.approx(5.0)
+    turned = [sum(commands[:k]) * PERIOD for k in range(len(commands) + 1)]
+    assert max(map(abs, turned)) < 0.3
+    assert abs(turned[-1]) < 0.1
+    changes = sum(a != b for a, b in itertools.pairwise(commands))
+    assert changes == 20
+
+
+@given(st.sampled_from(["spin", "shake", "stop"]), st.floats(-1e9, 1e9))
+def test_no_motion_is_faster_or_longer_than_it_may_be(motion: str, elapsed: float) -> None:
+    command = angular_velocity(motion, elapsed)  # type: ignore[arg-type]
+    assert command is None or abs(command) <= SPEED_RADPS
+    if elapsed < 0 or elapsed >= max(SPIN_S, SHAKE_S) or motion == "stop":
+        assert command is None

@@ -1,0 +1,205 @@
+"""What is read from a sidecar, and what is refused: each time with file, field, found and expected."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.policies.metadata import (
+    FORMAT,
+    MAX_BYTES,
+    NORMALISATION,
+    Sidecar,
+    Training,
+    dump,
+    parse,
+    read_planner,
+    sidecar_path,
+)
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
+
+MODEL = b"the network"
+TRAINING = Training((0.2, 0.5), (0.22, 0.31), "generated:train", "robot", "robust", 1000, 7)
+SIDECAR = Sidecar(
+    format=FORMAT,
+    feature_version=VERSION,
+    candidate_features=CANDIDATE_FEATURES,
+    global_features=GLOBAL_FEATURES,
+    width=64,
+    dropped_features=CANDIDATE_FEATURES[4:6],
+    dropped_kinds=(),
+    normalisation=NORMALISATION,
+    robot_speed_mps=0.256,
+    training=TRAINING,
+    package_version="1.0",
+    commit="unknown",
+    metrics={"completion": 0.9},
+    sha256=hashlib.sha256(MODEL).hexdigest(),
+)
+HERE = Path("mine.json")
+
+
+def written(folder: Path, change: Callable[[dict[str, Any]], object] = lambda _: None) -> Path:
+    """A file with its sidecar, in which something was changed."""
+    path = folder / "mine.onnx"
+    path.write_bytes(MODEL)
+    content = json.loads(dump(SIDECAR, HERE))
+    change(content)
+    sidecar_path(path).write_text(json.dumps(content))
+    return path
+
+
+def places(content: dict[str, Any], prefix: str = "") -> list[str]:
+    """The dotted names of all fields, those of nested objects included."""
+    names = []
+    for name, value in content.items():
+        names.append(prefix + name)
+        if isinstance(value, dict) and name != "metrics":
+            names += places(value, f"{prefix}{name}.")
+    return names
+
+
+FIELDS = places(json.loads(dump(SIDECAR, HERE)))
+
+
+def owner(content: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
+    *outer, name = field.split(".")
+    for one in outer:
+        content = content[one]
+    return content, name
+
+
+def test_what_was_written_is_read_again(tmp_path: Path) -> None:
+    assert read_planner(written(tmp_path)) == (SIDECAR, MODEL)
+
+
+@given(st.dictionaries(st.text(), st.floats(-1e300, 1e300, exclude_min=True, exclude_max=True)))
+def test_any_metrics_are_read_as_they_were(metrics: dict[str, float]) -> None:
+    sidecar = dataclasses.replace(SIDECAR, metrics=metrics)
+    assert parse(Sidecar, dump(sidecar, HERE), HERE) == sidecar
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_missing_field_is_named(field: str, tmp_path: Path) -> None:
+    def remove(content: dict[str, Any]) -> None:
+        place, name = owner(content, field)
+        del place[name]
+
+    path = written(tmp_path, remove)
+    with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)}: found nothing, expected a"):
+        read_planner(path)
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("value", [None, True, [None]], ids=str)
+def test_a_field_of_another_type_is_named(field: str, value: object, tmp_path: Path) -> None:
+    def spoil(content: dict[str, Any]) -> None:
+        place, name = owner(content, field)
+        place[name] = value
+
+    path = written(tmp_path, spoil)
+    with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)}(\[0\])?: found .*, expected "):
+        read_planner(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": 2, "more": 0}, "format: found 2, expected 1"),
+        ({"format": 1.0}, r"format: found 1\.0, expected 1"),
+        ({"feature_version": VERSION + 1}, f"feature_version: found {VERSION + 1}, expected {VERSION}"),
+        (
+            {"candidate_features": list(CANDIDATE_FEATURES[::-1])},
+            r"candidate_features: found \('.*expected .*is_pellet",
+        ),
+        ({"candidate_features": list(CANDIDATE_FEATURES[1:])}, "candidate_features: found .*expected .*is_pellet"),
+        ({"global_features": []}, r"global_features: found \(\), expected .*clyde_distance"),
+        ({"normalisation": "none"}, "normalisation: found 'none', expected .*planner_features"),
+        ({"dropped_features": ["colour"]}, "dropped_features: found 'colour', expected names of candidate features"),
+        ({"dropped_kinds": ["ghost"]}, "dropped_kinds: found 'ghost', expected names of candidate features"),
+        ({"robot_speed_mps": 0}, r"robot_speed_mps: found 0\.0, expected a speed above 0"),
+        ({"robot_speed_mps": 10**400}, "robot_speed_mps: found 10+, expected a finite number"),
+        ({"metrics": {"completion": float("nan")}}, r"metrics\.completion: found nan, expected a finite number"),
+        ({"metrics": {"completion": "high"}}, r"metrics\.completion: found 'high', expected a finite number"),
+        ({"width": 64.0}, r"width: found 64\.0, expected a whole number"),
+        ({"colour": "red"}, "colour: found 'red', expected no such field"),
+        ({"sha256": "0" * 64}, f"sha256: found '0{{64}}', expected '{SIDECAR.sha256}'"),
+    ],
+)
+def test_what_does_not_fit_this_version_is_named(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    path = written(tmp_path, lambda content: content.update(changes))
+    with pytest.raises(ValueError, match=rf"mine\.json: {message}"):
+        read_planner(path)
+
+
+def test_a_range_has_two_ends(tmp_path: Path) -> None:
+    path = written(tmp_path, lambda content: content["training"].update(clyde_speeds_mps=[0.2]))
+    with pytest.raises(ValueError, match=r"training\.clyde_speeds_mps: found \[0\.2\], expected a list of 2"):
+        read_planner(path)
+
+
+def test_a_model_that_was_changed_since_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    path.write_bytes(MODEL + b".")
+    with pytest.raises(ValueError, match=f"sha256: found '{SIDECAR.sha256}', expected"):
+        read_planner(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"\xff\xfe{}", b"[" * 100_000, b'{"format": 1, "format": 1}', b"[]", b"null", b"1"],
+    ids=["empty", "cut", "encoding", "deep", "twice", "list", "null", "number"],
+)
+def test_what_is_no_object_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = written(tmp_path)
+    sidecar_path(path).write_bytes(content)
+    with pytest.raises(ValueError, match=r"mine\.json: (no JSON that can be read|content: found)"):
+        read_planner(path)
+
+
+def test_missing_and_too_large_files_are_named(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    sidecar_path(path).unlink()
+    with pytest.raises(ValueError, match=r"mine\.json: cannot be read: No such file"):
+        read_planner(path)
+    with path.open("r+b") as file:
+        file.truncate(MAX_BYTES + 1)
+    with pytest.raises(ValueError, match=rf"mine\.onnx: size: found more than {MAX_BYTES} bytes"):
+        read_planner(path)
+    path.unlink()
+    with pytest.raises(ValueError, match=r"mine\.onnx: cannot be read: No such file"):
+        read_planner(path)
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from([*FIELDS, "more"]), inner),
+        max_leaves=20,
+    )
+)
+def test_whatever_it_holds_the_answer_is_a_value_error_with_the_file(content: object) -> None:
+    with pytest.raises(ValueError, match=r"^mine\.json: "):
+        parse(Sidecar, json.dumps(content), HERE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"metrics": {"completion": float("inf")}}, r"metrics\.completion: found inf"),
+        ({"width": "64"}, "width: found '64', expected a whole number"),
+        ({"commit": b"unknown"}, "cannot be written as JSON"),
+    ],
+)
+def test_what_could_not_be_read_is_not_written(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=rf"^mine\.json: {message}"):
+        dump(dataclasses.replace(SIDECAR, **changes), HERE)

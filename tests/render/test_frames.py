@@ -1,0 +1,292 @@
+"""What a picture of a game promises."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pacman_env.config import Config, make_config
+from pacman_env.render import symbols
+from pacman_env.render.frames import STATES, map_view, render_frame
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.sim.maps.assets import MapSource, map_assets
+from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
+from tests.shared import shared_path
+
+HEADER = 70  # rows at 720 px
+
+
+def games(source: MapSource = "house", n: int = 1, config: Config | None = None) -> GameBatch:
+    config = config or make_config()
+    batch = GameBatch(map_assets(source, config), config, n)
+    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64) + 7)
+    return batch
+
+
+def corridor(columns: int, rows: int, yaw: float = 0.0) -> OccupancyMap:
+    """A room of free cells of 0.05 m with walls around."""
+    pixels = np.zeros((rows, columns), dtype=np.uint8)
+    pixels[4:-4, 4:-4] = 254
+    return OccupancyMap.from_pixels("corridor", pixels, 0.05, (-1.0, -1.0, yaw))
+
+
+def near(frame: np.ndarray, colour: symbols.Colour, within: int = 12) -> np.ndarray:
+    """(M, 2) x, y of the map's pixels of about a colour."""
+    view = frame[HEADER : -int(0.1 * len(frame))].astype(int)
+    rows, columns = np.nonzero((abs(view - colour) <= within).all(axis=-1))
+    return np.stack([columns, rows + HEADER], axis=1)
+
+
+def pixels(batch: GameBatch, x: float, y: float) -> np.ndarray:
+    return map_view(batch.assets, batch.config, 720).pixels(np.array([x, y]))
+
+
+def drivable(batch: GameBatch, share: float) -> tuple[float, float]:
+    """A place of the robot's area."""
+    cells = batch.assets.cell_xy
+    x, y = cells[int(share * (len(cells) - 1))].tolist()
+    return x, y
+
+
+@pytest.mark.parametrize("height", [120, 200, 360, 720])
+@pytest.mark.parametrize("name", shipped_maps())
+def test_every_shipped_map_gives_an_even_rgb_picture_of_the_height_asked_for(name: str, height: int) -> None:
+    frame = render_frame(games(name), 0, height=height, title="nearest")
+    assert frame.dtype == np.uint8
+    assert frame.shape[0] == height
+    assert frame.shape[2] == 3
+    assert frame.shape[1] % 2 == 0
+    assert frame.shape[1] <= height * 16 / 9
+    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 20
+
+
+@pytest.mark.parametrize("name", ["pacmanbot_house", "mit_stata_basement"])
+def test_real_maps_render(name: str) -> None:
+    config = make_config(**{"pellets.spacing_m": 4.0, "refuges.spread": 1})
+    batch = games(str(shared_path(f"maps/{name}/map.yaml")), config=config)
+    frame = render_frame(batch, 0)
+    at = pixels(batch, batch.games[0]["x"], batch.games[0]["y"])
+    assert np.hypot(*(near(frame, symbols.PAC) - at).T).min() < 8
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(400, 60), (60, 400)])
+def test_wide_and_tall_maps_keep_their_proportions_within_16_to_9(columns: int, rows: int) -> None:
+    config = make_config(**{"pellets.spacing_m": 1.0})
+    batch = games(corridor(columns, rows), config=config)
+    frame = render_frame(batch, 0)
+    view = map_view(batch.assets, config, 720)
+    assert frame.shape[0] == 720
+    assert 0.75 * 720 < frame.shape[1] <= 1280
+    across = view.pixels(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    assert across[1, 0] - across[0, 0] == pytest.approx(across[0, 1] - across[2, 1], rel=0.02)
+    assert (view.goals >= [0, HEADER]).all()
+    assert (view.goals < [frame.shape[1], 720]).all()
+
+
+def test_the_same_game_gives_the_same_picture_in_a_new_array() -> None:
+    batch = games()
+    first = render_frame(batch, 0)
+    kept = first.copy()
+    first[:] = 0
+    again = render_frame(batch, 0)
+    np.testing.assert_array_equal(again, kept)
+    assert again.flags.writeable
+    assert not np.shares_memory(again, render_frame(batch, 0))
+
+
+def test_a_game_of_a_batch_looks_as_it_does_alone() -> None:
+    many, one = games(n=3), games()
+    one.reset(np.zeros(1, dtype=np.int64), np.array([9], dtype=np.uint64))
+    np.testing.assert_array_equal(render_frame(many, 2), render_frame(one, 0))
+
+
+def test_rendering_leaves_the_batch_alone() -> None:
+    batch = games(n=2)
+    batch.step(np.zeros(2, dtype=np.int64))
+    before = [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.physics.state)]
+    render_frame(batch, 1)
+    assert [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.physics.state)] == before
+
+
+def test_pac_man_is_where_the_robot_is_and_as_large() -> None:
+    batch = games(config=make_config("ideal"))
+    batch.alive[:] = False
+    view = map_view(batch.assets, batch.config, 720)
+    for share in (0.1, 0.5, 0.9):
+        x, y = drivable(batch, share)
+        batch.games["x"], batch.games["y"] = x, y
+        batch.ghosts["x"], batch.ghosts["y"] = drivable(batch, (share + 0.4) % 1)
+        offset = near(render_frame(batch, 0), symbols.PAC, 40) - view.pixels(np.array([x, y]))
+        assert len(offset) > 100
+        assert np.hypot(*offset.T).max() <= 0.171 * view.scale
+        assert np.hypot(*offset.T).max() > 0.8 * 0.171 * view.scale
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.0, math.pi / 2, 3.0, -2.0])
+def test_the_mouth_opens_along_the_heading(heading: float) -> None:
+    batch = games(config=make_config("ideal"))
+    batch.alive[:] = False
+    batch.games["heading"] = heading
+    yellow = near(render_frame(batch, 0), symbols.PAC, 40)
+    at = pixels(batch, batch.games[0]["x"], batch.games[0]["y"])
+    back = yellow.mean(axis=0) - at
+    assert np.hypot(*back) > 0.5
+    turned = math.atan2(back[1], -back[0]) - heading
+    assert abs(math.remainder(turned, 2 * math.pi)) < 0.35
+
+
+@settings(max_examples=30, deadline=None)
+@given(heading=st.floats(-7, 7), yaw=st.sampled_from([0.0, 0.6, 3.14, -1.9]))
+def test_headings_turn_with_a_yawed_map(heading: float, yaw: float) -> None:
+    config = make_config(**{"pellets.spacing_m": 1.0})
+    view = map_view(map_assets(corridor(120, 100, yaw), config), config, 360)
+    way = view.pixels(np.array([math.cos(heading), math.sin(heading)])) - view.pixels(np.zeros(2))
+    assert math.remainder(math.atan2(way[1], way[0]) - view.angle(heading), 2 * math.pi) == pytest.approx(0, abs=0.03)
+
+
+def test_a_map_looks_the_same_whatever_the_yaw_of_its_frame() -> None:
+    config = make_config(**{"pellets.spacing_m": 1.0})
+    straight, turned = (map_view(map_assets(corridor(120, 100, yaw), config), config, 360) for yaw in (0.0, 2.0))
+    pellets = straight.assets.pellets
+    np.testing.assert_allclose(straight.goals[:pellets], turned.goals[:pellets], atol=1e-6)
+
+
+def test_a_collected_pellet_becomes_a_faint_ring_and_nothing_else_changes() -> None:
+    batch = games()
+    before = render_frame(batch, 0)
+    batch.alive[0, 3] = False
+    after = render_frame(batch, 0)
+    at = pixels(batch, *batch.assets.goal_xy[3])
+    x, y = np.rint(at).astype(int)
+    assert tuple(before[y, x]) == symbols.PAC
+    assert after[y, x].min() > 200
+    rows, columns = np.nonzero((before != after).any(axis=-1))
+    assert np.hypot(columns - at[0], rows - at[1]).max() < 12
+    assert (abs(after[y - 8 : y + 9, x - 8 : x + 9].astype(int) - symbols.COLLECTED) < 30).all(axis=-1).any()
+
+
+def test_clyde_and_the_circle_he_catches_in_are_where_he_is() -> None:
+    batch = games()
+    for share in (0.2, 0.8):
+        x, y = drivable(batch, share)
+        batch.ghosts["x"], batch.ghosts["y"] = x, y
+        frame = render_frame(batch, 0)
+        at, scale = pixels(batch, x, y), map_view(batch.assets, batch.config, 720).scale
+        assert np.hypot(*(near(frame, symbols.GHOSTS[0]) - at).T).max() < 0.25 * scale
+        edge = np.hypot(*(near(frame, symbols.DANGER, 40) - at).T)
+        assert len(edge) > 20
+        assert edge.mean() == pytest.approx(0.25 * scale, abs=1)
+
+
+def test_clydes_eyes_turn_with_his_way() -> None:
+    batch = games()
+    seen = []
+    for vx in (-0.25, 0.0, 0.25):
+        batch.ghosts["vx"], batch.ghosts["vy"] = vx, 0.0
+        seen.append(near(render_frame(batch, 0), symbols.PUPIL, 40)[:, 0].mean())
+    assert seen[0] < seen[1] < seen[2]
+
+
+@pytest.mark.parametrize(("execution", "field"), [("robust", "error_x"), ("as_built", "amcl_x")])
+def test_the_believed_pose_is_drawn_where_the_executor_takes_it_from(execution: str, field: str) -> None:
+    batch = games(config=make_config("robot", execution))
+    plain = near(render_frame(batch, 0), symbols.BELIEF)
+    batch.games[field] += 1.0
+    moved = near(render_frame(batch, 0), symbols.BELIEF)
+    scale = map_view(batch.assets, batch.config, 720).scale
+    shift = moved.max(axis=0) - plain.max(axis=0)
+    np.testing.assert_allclose(shift, [scale, 0], atol=1.5)
+
+
+def test_with_perfect_localization_there_is_no_believed_pose() -> None:
+    assert len(near(render_frame(games(config=make_config("ideal")), 0), symbols.BELIEF)) == 0
+
+
+def test_the_plan_leads_from_the_robot_to_the_goal_pursued() -> None:
+    batch = games()
+    assert len(near(render_frame(batch, 0), symbols.PLAN)) == 0
+    pellets = batch.assets.pellets
+    goal = int(batch.situation().path_robot[0, :pellets].argmax())
+    for _ in range(4):
+        batch.step(np.array([goal]))
+    assert batch.games[0]["nav_points"] > 0
+    blue = near(render_frame(batch, 0), symbols.PLAN, 25)
+    robot = pixels(batch, batch.games[0]["x"], batch.games[0]["y"])
+    view = map_view(batch.assets, batch.config, 720)
+    target = view.goals[goal]
+    assert np.hypot(*(blue - robot).T).min() < 2 * view.body_px
+    assert np.hypot(*(blue - target).T).min() < 3 * view.pellet_px
+    assert len(blue) > np.hypot(*(target - robot))  # an unbroken line has at least that many pixels
+
+
+def test_a_refuge_pursued_is_marked() -> None:
+    batch = games()
+    batch.games["pursued"] = batch.pellet_slots + 2
+    blue = near(render_frame(batch, 0), symbols.PLAN, 25)
+    at = pixels(batch, *batch.assets.goal_xy[batch.assets.pellets + 2])
+    np.testing.assert_allclose(blue.mean(axis=0), at, atol=1)
+
+
+def test_padded_pellet_slots_do_not_show() -> None:
+    padded = games(config=make_config(max_pellets=40))
+    padded.games["pursued"] = padded.pellet_slots  # home
+    plain = games()
+    plain.games["pursued"] = plain.pellet_slots
+    np.testing.assert_array_equal(render_frame(padded, 0), render_frame(plain, 0))
+
+
+@pytest.mark.parametrize("end", [DEAD, COMPLETE, CLEARED, TIMEOUT])
+def test_the_header_alone_tells_how_the_game_ended(end: int) -> None:
+    batch = games()
+    running = render_frame(batch, 0)
+    batch.games["end"] = end
+    ended = render_frame(batch, 0)
+    assert (running[:HEADER] == STATES[RUNNING][1]).all(axis=-1).any()
+    assert not (ended[:HEADER] == STATES[RUNNING][1]).all(axis=-1).any()
+    assert (ended[:HEADER] == STATES[end][1]).all(axis=-1).any()
+    np.testing.assert_array_equal(running[HEADER:], ended[HEADER:])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("step", 400), ("collected", 3), ("spawned", 99), ("lost", 1), ("clyde_speed", 0.35)]
+)
+def test_the_header_alone_shows_time_score_and_speed(field: str, value: float) -> None:
+    batch = games()
+    before = render_frame(batch, 0)
+    batch.games[field] = value
+    after = render_frame(batch, 0)
+    assert (before[:HEADER] != after[:HEADER]).any()
+    np.testing.assert_array_equal(before[HEADER:], after[HEADER:])
+
+
+@pytest.mark.parametrize("title", ["nearest", "x" * 300, "Räuber → Geist", ""])
+def test_any_title_stays_within_the_header(title: str) -> None:
+    batch = games()
+    plain, titled = render_frame(batch, 0), render_frame(batch, 0, title=title)
+    assert (plain[:HEADER] != titled[:HEADER]).any() == bool(title)
+    np.testing.assert_array_equal(plain[HEADER:], titled[HEADER:])
+    assert (titled[:HEADER] == STATES[RUNNING][1]).all(axis=-1).sum() > 500  # the state is not written over
+
+
+def test_what_is_outside_the_picture_is_not_drawn() -> None:
+    batch = games()
+    batch.ghosts["x"] = 1e3
+    batch.games["error_y"] = -1e3
+    assert len(near(render_frame(batch, 0), symbols.GHOSTS[0])) == 0
+
+
+@pytest.mark.parametrize("height", [0, 118, 361, -2])
+def test_a_height_that_cannot_be_drawn_is_named(height: int) -> None:
+    with pytest.raises(ValueError, match=f"height = {height}"):
+        render_frame(games(), 0, height=height)
+
+
+@pytest.mark.parametrize("game", [-1, 2])
+def test_a_game_that_is_not_there_is_named(game: int) -> None:
+    with pytest.raises(IndexError, match=f"game = {game}"):
+        render_frame(games(n=2), game)

@@ -1,0 +1,131 @@
+"""A bag of what real publishers say, recorded by the real command; what is read back is what was said."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("rosbags")
+
+from pacman_env.ros import topics
+from pacman_env.ros.bags.bag import BagError, open_bag
+from pacman_env.ros.bags.record import RECORDED, record
+
+WORDS = ["disable", "reset_round", "enable"]
+
+
+def start_recording(system: Any, out: Path, *options: str) -> Any:
+    command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "record", "--out", str(out), *options]
+    return system.run("record", [*command, "--namespace", "robot_15"])
+
+
+@pytest.fixture
+def bag(system: Any, probe: Any, tmp_path: Path) -> Path:
+    """Commands in a burst, scores and a pose; recorded, stopped and whole."""
+    out = tmp_path / "games" / "first"
+    recorder = start_recording(system, out)
+    probe.wait_for(lambda: "recording /robot_15" in recorder.output, what="the recorder is up")
+    pose = topics.AMCL_POSE.type()
+    pose.header.frame_id, pose.pose.pose.position.x = "map", 1.25
+    pose.pose.pose.orientation.w = 1.0
+    probe.publish(topics.GAME_STATE, "running")
+    for word in WORDS:
+        probe.publish(topics.GAME_COMMAND, word)
+    probe.publish(topics.SCORE, 3)
+    probe.publish(topics.AMCL_POSE, pose)
+    for topic in (topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE, topics.AMCL_POSE):
+        publisher = probe.publisher(topic)
+        probe.wait_for(
+            lambda publisher=publisher: publisher.wait_for_all_acked(_moment()), what=f"{topic.name} has arrived"
+        )
+    assert not out.exists()  # only when it is whole
+    assert recorder.stop() == 0, recorder.output
+    assert f"{out}: 6 messages" in recorder.output
+    assert sorted(path.name for path in out.parent.iterdir()) == ["first"]
+    return out
+
+
+def _moment() -> Any:
+    from rclpy.duration import Duration
+
+    return Duration(seconds=0.2)
+
+
+def test_a_bag_holds_what_was_said_in_order_and_can_be_read_back(bag: Path) -> None:
+    with open_bag(bag) as game:
+        assert game.namespace == "/robot_15"
+        said = list(game.messages(RECORDED))
+    assert [m.message.data for m in said if m.topic == "game_command"] == WORDS
+    assert [m.message.data for m in said if m.topic == "game/score"] == [3]
+    (pose,) = [m.message for m in said if m.topic == "amcl_pose"]
+    assert pose.pose.pose.position.x == 1.25
+    times = [m.at_s for m in said]
+    assert times == sorted(times)
+    assert times[0] >= 0
+    with open_bag(bag / "first.mcap") as game, pytest.raises(StopIteration):  # the file alone; no such topic in it
+        next(game.messages([topics.PLAN]))
+
+
+def test_no_map_scan_or_picture_is_recorded() -> None:
+    names = {topic.name for topic in RECORDED}
+    assert not names & {topics.MAP.name, topics.SCAN.name}
+    assert not {topic.type_name for topic in RECORDED} & {"nav_msgs/OccupancyGrid", "sensor_msgs/Image"}
+
+
+def test_an_existing_folder_is_not_touched(tmp_path: Path) -> None:
+    with pytest.raises(FileExistsError, match="not overwritten"):
+        record(tmp_path, "robot_15")
+
+
+def test_nothing_heard_is_no_bag(system: Any, probe: Any, tmp_path: Path) -> None:
+    recorder = start_recording(system, tmp_path / "empty")
+    probe.wait_for(lambda: "recording /robot_15" in recorder.output, what="the recorder is up")
+    assert recorder.stop() == 2
+    assert "nothing was heard under /robot_15" in recorder.output
+    assert not (tmp_path / "empty").exists()
+    system.processes.clear()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "no bag that can be read"), (b"", "no bag that can be read"), (b"\x89MCAP0\r\n" + bytes(99), "no bag")],
+)
+def test_what_is_no_bag_is_one_line(tmp_path: Path, content: bytes | None, words: str) -> None:
+    path = tmp_path / "x.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(BagError, match=words) as caught, open_bag(path):
+        pass
+    assert "\n" not in str(caught.value)
+
+
+def test_a_cut_or_changed_bag_is_one_line(bag: Path, tmp_path: Path) -> None:
+    whole = (bag / "first.mcap").read_bytes()
+    for broken in (whole[: len(whole) // 2], whole[:100] + bytes(40) + whole[140:], whole[:-2000] + bytes(2000)):
+        path = tmp_path / "broken.mcap"
+        path.write_bytes(broken)
+        with pytest.raises(BagError, match=r"broken\.mcap: ") as caught, open_bag(path) as game:
+            list(game.messages(RECORDED))
+        assert "\n" not in str(caught.value)
+
+
+def test_a_bag_of_something_else_says_what_it_has(tmp_path: Path) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
+    with pytest.raises(BagError, match="no topic game_state, but /chatter"), open_bag(tmp_path / "other"):
+        pass
+    with Writer(tmp_path / "wrong", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.add_connection("/game_state", "std_msgs/msg/Int32", typestore=store)
+    with (
+        open_bag(tmp_path / "wrong") as game,
+        pytest.raises(BagError, match="/game_state is std_msgs/msg/Int32, expected std_msgs/msg/String"),
+    ):
+        next(game.messages([topics.GAME_STATE]))

@@ -1,0 +1,36 @@
+"""The command that measures what the game's nodes cost, in a short run; how busy the machine is decides the rest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from eval.benchmarks import node_load as robot_load
+
+
+def test_every_node_is_measured_and_the_goal_selector_keeps_to_its_memory(
+    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "load.json"
+    words = ["--seconds", "4", "--domain-id", str(domain), "--json", str(out)]
+    assert robot_load.main(words) == 0
+    figures = json.loads(out.read_text())
+    nodes = figures["nodes"]
+    assert len(nodes) == 8
+    assert all(0.0 < node["cpu_percent"] < 100.0 and node["memory_mb"] > 30.0 for node in nodes.values())
+    assert nodes["goal_selector"]["memory_mb"] < robot_load.SELECTOR_MB
+    assert figures["system_cpu_percent"] == pytest.approx(
+        sum(node["cpu_percent"] for name, node in nodes.items() if name != "sim_robot")
+    )
+    assert figures["decisions"]["count"] >= 1
+    assert "from pose to goal sent: median" in capsys.readouterr().out
+
+
+def test_what_cannot_be_played_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert robot_load.main(["--map", "nowhere"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

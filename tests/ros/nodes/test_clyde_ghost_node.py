@@ -1,0 +1,253 @@
+"""Clyde on the real map: where he begins, how he moves, what is seen of him."""
+
+from __future__ import annotations
+
+import math
+import time
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
+from std_msgs.msg import Header
+
+from pacman_env.config import ClydeConfig, PelletConfig
+from pacman_env.game.clyde import ClydeCells, clyde_cells
+from pacman_env.ros import topics
+from pacman_env.ros.messages import points_of, pose_of
+from pacman_env.ros.nodes.clyde_ghost_node import Wanderer
+from pacman_env.world.maps.occupancy import load_map
+from tests.shared import shared_path
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, Process, System
+
+NODE = "pacman_env.ros.nodes.clyde_ghost_node"
+MAP = "loop"
+PERIOD = ClydeConfig().update_period_s
+
+
+@cache
+def cells() -> ClydeCells:
+    return clyde_cells(load_map(MAP), ClydeConfig(), PelletConfig().free_grey)
+
+
+def up(probe: Probe, system: System, **parameters: Any) -> Process:
+    process = system.start(NODE, map_yaml=MAP, seed=7, **parameters)
+    probe.record(topics.CLYDE_POSE, topics.CLYDE_MARKER, topics.CLYDE_OBSTACLE)
+    probe.wait_for(lambda: probe.heard(topics.CLYDE_OBSTACLE), 60.0, "Clyde")
+    return process
+
+
+def at(probe: Probe) -> tuple[float, float]:
+    return pose_of(probe.messages(topics.CLYDE_POSE)[-1])[:2]
+
+
+def next_pose(probe: Probe, count: int = 1) -> tuple[float, float]:
+    before = len(probe.heard(topics.CLYDE_POSE))
+    probe.wait_for(lambda: len(probe.heard(topics.CLYDE_POSE)) >= before + count, what="his pose")
+    return at(probe)
+
+
+def robot(probe: Probe, x: float, y: float, frame: str = "map") -> None:
+    message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    message.pose.pose.orientation.w = 1.0
+    probe.publish(topics.AMCL_POSE, message)
+    probe.publisher(topics.AMCL_POSE).wait_for_all_acked()  # only the latest is kept for him
+
+
+def click(probe: Probe, x: float, y: float, frame: str = "map") -> None:
+    probe.publish(topics.CLICKED_POINT, PointStamped(header=Header(frame_id=frame), point=Point(x=x, y=y)))
+
+
+def apart(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return math.dist(a, b)
+
+
+# Who he is
+
+
+def test_he_is_seen_five_times_a_second_as_pose_marker_and_nine_obstacle_points(probe: Probe, system: System) -> None:
+    up(probe, system)
+    probe.wait_for(lambda: len(probe.heard(topics.CLYDE_OBSTACLE)) >= 11, what="two seconds of him")
+    poses = probe.heard(topics.CLYDE_POSE)
+    assert poses[10].at - poses[0].at == pytest.approx(2.0, abs=0.6)
+    here = at(probe)
+    assert cells().nearest(*here)[1] < 1e-6
+    marker = probe.messages(topics.CLYDE_MARKER)[-1]
+    assert (marker.ns, marker.pose.position.x, marker.pose.position.y) == ("ghosts", *here)
+    points = points_of(probe.messages(topics.CLYDE_OBSTACLE)[-1])
+    assert len(points) == 9
+    distance = np.hypot(*(points - here).T)
+    assert distance.max() == pytest.approx(0.05, abs=1e-4)
+
+
+def test_he_moves_only_while_the_game_is_running_and_then_at_his_speed(probe: Probe, system: System) -> None:
+    up(probe, system)
+    for state in ("menu", "returning_home", "starting", "dying", "complete", "paused"):
+        here = at(probe)
+        probe.publish(topics.GAME_STATE, state)
+        assert next_pose(probe, 3) == here, state
+    probe.publish(topics.CLYDE_SPEED, 0.8)
+    probe.publish(topics.GAME_STATE, "running")
+    start = at(probe)
+    probe.wait_for(lambda: apart(at(probe), start) > 0.5, what="him to walk")
+    probe.publish(topics.CLYDE_SPEED, math.nan)
+    probe.publish(topics.CLYDE_SPEED, -1.0)
+    probe.publish(topics.CLYDE_SPEED, math.inf)
+    next_pose(probe, 5)
+    poses = np.array([pose_of(m)[:2] for m in probe.messages(topics.CLYDE_POSE)])
+    steps = np.hypot(*np.diff(poses, axis=0).T)
+    assert steps.max() == pytest.approx(0.8 * PERIOD, abs=1e-6)
+    assert (steps[-4:] > 0.01).all()
+    probe.publish(topics.GAME_STATE, "dying")
+    next_pose(probe, 3)
+    assert next_pose(probe, 2) == at(probe)
+
+
+def test_he_is_no_obstacle_on_the_way_home_and_after_his_end(probe: Probe, system: System) -> None:
+    process = up(probe, system)
+
+    def points() -> int:
+        return len(points_of(probe.messages(topics.CLYDE_OBSTACLE)[-1]))
+
+    probe.publish(topics.GAME_STATE, "returning_home")
+    probe.wait_for(lambda: points() == 0, what="no obstacle")
+    probe.publish(topics.GAME_STATE, "starting")
+    probe.wait_for(lambda: points() == 9, what="the obstacle again")
+    process.send(2)
+    probe.wait_for(lambda: points() == 0, what="no obstacle after the end")
+    assert process.wait() == 0
+
+
+# Fault 11
+
+
+def test_he_never_respawns_beside_the_robot_or_its_home_fault_11(probe: Probe, system: System) -> None:
+    process = up(probe, system)
+    area = cells().position[cells().cells_in(0)]
+    home, away = tuple(area[100]), tuple(area[len(area) // 2])
+    robot(probe, *home)
+    probe.wait_for(lambda: apart(at(probe), home) >= 1.5, what="him to leave the robot alone")
+    for bad in ((math.nan, 0.0, "map"), (*at(probe), "odom")):
+        robot(probe, *bad)
+        probe.wait_for(lambda: "amcl_pose: " in process.output, what="the complaint")
+    robot(probe, *away)
+    probe.taken_in(topics.AMCL_POSE, "clyde_ghost_node")
+    places = set()
+    for _ in range(25):
+        assert probe.call(topics.RESET_CLYDE).success
+        here = next_pose(probe)
+        assert min(apart(here, home), apart(here, away)) >= 1.5
+        places.add(here)
+    assert len(places) > 15
+
+
+def test_a_first_pose_beside_him_makes_him_go_elsewhere_fault_11(probe: Probe, system: System) -> None:
+    up(probe, system)
+    here = at(probe)
+    robot(probe, *here)
+    probe.wait_for(lambda: apart(at(probe), here) >= 1.5, what="him to be elsewhere")
+
+
+def test_planning_does_not_stall_his_pose_on_a_large_map_fault_11() -> None:
+    large = clyde_cells(load_map(shared_path("maps/mit_stata_basement")), ClydeConfig(), PelletConfig().free_grey)
+    clyde = Wanderer(large, seed=1, speed_mps=5.0, period_s=PERIOD)
+    clyde.respawn([], 1.5)
+    clyde.step()
+    longest = 0.0
+    for _ in range(400):
+        before = time.thread_time()
+        clyde.step()
+        longest = max(longest, time.thread_time() - before)
+    assert longest < PERIOD / 2
+
+
+def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(probe: Probe, system: System) -> None:
+    cleared: list[float] = []
+
+    def clear(request: Any, response: Any) -> Any:
+        cleared.append(time.monotonic())
+        return response
+
+    topics.CLEAR_GLOBAL_COSTMAP.server(probe.node, clear)
+    up(probe, system, clear_costmap_s=1.5, speed_mps=2.0)
+    next_pose(probe, 5)
+    assert cleared == []
+    probe.publish(topics.GAME_STATE, "running")
+    probe.wait_for(lambda: len(cleared) >= 3, 30.0, "the costmap to be cleared")
+    assert np.diff(cleared).min() > 1.0
+    probe.publish(topics.CLYDE_SPEED, 0.0)
+    next_pose(probe, 12)
+    count = len(cleared)
+    next_pose(probe, 12)
+    assert len(cleared) == count
+    probe.publish(topics.GAME_STATE, "returning_home")
+    probe.wait_for(lambda: len(cleared) == count + 1, what="his marks to be removed before the way home")
+
+
+# Placing him
+
+
+def test_a_click_places_him_for_the_coming_round_and_no_longer(probe: Probe, system: System) -> None:
+    up(probe, system)
+    place = tuple(cells().position[200])
+    click(probe, place[0] + 0.03, place[1])
+    probe.wait_for(lambda: apart(at(probe), place) <= 0.06, what="Clyde at the click")
+    chosen = at(probe)
+    probe.call(topics.RESET_CLYDE)
+    assert next_pose(probe) == chosen
+    probe.publish(topics.GAME_STATE, "running")
+    probe.wait_for(lambda: at(probe) != chosen, what="him to walk")
+    probe.publish(topics.GAME_STATE, "menu")
+    places = set()
+    for _ in range(5):
+        probe.call(topics.RESET_CLYDE)
+        places.add(next_pose(probe))
+    assert len(places) > 2
+
+
+def test_clicks_that_make_no_sense_are_ignored_and_said_once(probe: Probe, system: System) -> None:
+    process = up(probe, system)
+    here = at(probe)
+    x, y = cells().position[200]
+    click(probe, math.nan, y)
+    click(probe, x, math.inf)
+    click(probe, 500.0, 500.0)
+    click(probe, x, y, frame="base_link")
+    probe.publish(topics.GAME_STATE, "starting")
+    assert next_pose(probe, 3) == here
+    assert process.output.count("clicked_point: ") == 1
+
+
+# The same walk
+
+
+def test_the_same_seed_walks_the_same_way_and_another_another() -> None:
+    def walk(seed: int) -> list[tuple[float, float, float]]:
+        clyde = Wanderer(cells(), seed, 1.0, PERIOD)
+        clyde.respawn([], 1.5)
+        poses = []
+        for _ in range(100):
+            clyde.step()
+            poses.append(clyde.pose)
+        return poses
+
+    assert walk(3) == walk(3)
+    assert walk(3) != walk(4)
+
+
+def test_he_looks_where_he_goes() -> None:
+    clyde = Wanderer(cells(), 5, 1.0, PERIOD)
+    clyde.respawn([], 1.5)
+    for _ in range(50):
+        x, y, _ = clyde.pose
+        clyde.step()
+        nx, ny, heading = clyde.pose
+        if (nx, ny) != (x, y):
+            assert heading == pytest.approx(math.atan2(ny - y, nx - x))

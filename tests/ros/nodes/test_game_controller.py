@@ -1,0 +1,348 @@
+"""The referee: his services, what he says and in which order, and what he is not impressed by."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
+from pacman_env.game.round import RoundController
+from pacman_env.ros import topics
+from pacman_env.ros.messages import markers_of
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, Process, System
+
+NODE = "pacman_env.ros.nodes.game_controller"
+SAID = (
+    *(topics.GAME_STATE, topics.GAME_COMMAND, topics.GAME_RESULT, topics.GAME_EVENT),
+    *(topics.SCORE, topics.ROUND, topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED),
+)
+
+
+def up(probe: Probe, system: System, **parameters: Any) -> Process:
+    process = system.start(NODE, **{"start_show_s": 0.2, "death_show_s": 0.2, "home_retry_s": 0.1, **parameters})
+    probe.record(*SAID)
+    probe.wait_for(
+        lambda: all(probe.values(topic) for topic in SAID if topic is not topics.GAME_EVENT), what="the announcement"
+    )
+    return process
+
+
+def serve(probe: Probe, called: list[str]) -> None:
+    """Be pellet manager and Clyde: note who is asked to reset."""
+    for service in (topics.RESET_PELLETS, topics.RESET_CLYDE):
+
+        def answer(request: Any, response: Any, name: str = service.name) -> Any:
+            called.append(name)
+            response.success = True
+            return response
+
+        service.server(probe.node, answer)
+
+
+def pellets(probe: Probe, ids: Sequence[int]) -> None:
+    probe.publish(topics.PELLET_MARKERS, markers_of({i: (float(i), 0.0) for i in ids}, probe.stamp()))
+
+
+def status(probe: Probe, word: str) -> None:
+    probe.publish(topics.GAME_STATUS, word)
+
+
+def wait_state(probe: Probe, state: str) -> None:
+    probe.wait_for(lambda: probe.values(topics.GAME_STATE)[-1:] == [state], what=f"state {state}")
+
+
+def running(probe: Probe, count: int = 3) -> None:
+    """One round, begun; the pellets are known."""
+    assert probe.call(topics.START_GAME).success
+    wait_state(probe, "returning_home")
+    pellets(probe, range(count))
+    probe.wait_for(lambda: probe.values(topics.PELLETS_SPAWNED)[-1] == count, what="the pellets to be counted")
+    status(probe, "home_reached")
+    wait_state(probe, "running")
+
+
+def test_everything_latched_is_there_for_whoever_comes_late(probe: Probe, system: System) -> None:
+    up(probe, system, clyde_speed_mps=0.3)
+    latest = {topic.name: probe.values(topic)[-1] for topic in SAID if topic is not topics.GAME_EVENT}
+    assert latest.pop("clyde/speed") == pytest.approx(0.3)
+    assert latest == {
+        "game_state": "menu",
+        "game_command": "disable",
+        "game_result": "",
+        "game/score": 0,
+        "game/round": 1,
+        "game/pellets_spawned": 0,
+        "game/pellets_collected": 0,
+    }
+
+
+def test_a_start_resets_pellets_and_clyde_and_is_refused_during_a_game(probe: Probe, system: System) -> None:
+    called: list[str] = []
+    serve(probe, called)
+    up(probe, system)
+    assert probe.call(topics.START_GAME).success
+    probe.wait_for(lambda: len(called) == 2, what="both resets")
+    assert sorted(called) == ["reset_clyde", "reset_pellets"]
+    again = probe.call(topics.START_GAME)
+    assert not again.success
+    assert "returning_home" in again.message
+    back = probe.call(topics.RESET_GAME)
+    assert back.success
+    assert "menu" in back.message
+    wait_state(probe, "menu")
+
+
+def test_pellets_and_clyde_that_come_late_are_reset_all_the_same(probe: Probe, system: System) -> None:
+    up(probe, system)
+    assert probe.call(topics.START_GAME).success
+    called: list[str] = []
+    serve(probe, called)
+    probe.wait_for(lambda: sorted(called) == ["reset_clyde", "reset_pellets"], what="both resets")
+
+
+def test_commands_sent_in_a_burst_all_arrive_even_for_who_comes_late_fault_1(probe: Probe, system: System) -> None:
+    up(probe, system)
+    for _ in range(4):  # disable, reset_round, return_home; disable, reset_round
+        probe.call(topics.START_GAME)
+        probe.call(topics.RESET_GAME)
+    commands = ["disable", *["disable", "reset_round", "return_home", "disable", "reset_round"] * 4]
+    probe.wait_for(lambda: len(probe.values(topics.GAME_COMMAND)) >= len(commands), what="all commands")
+    assert probe.values(topics.GAME_COMMAND) == commands
+    late: list[str] = []
+    topics.GAME_COMMAND.subscription(probe.node, lambda message: late.append(message.data))
+    probe.wait_for(lambda: len(late) >= len(commands), what="all commands again")
+    assert late == commands
+
+
+def test_a_stale_report_of_pellets_does_not_keep_the_round_from_completing_fault_7(
+    probe: Probe, system: System
+) -> None:
+    up(probe, system)
+    assert probe.call(topics.START_GAME).success
+    wait_state(probe, "returning_home")
+    pellets(probe, range(9))  # of another map, or of the round before
+    probe.wait_for(lambda: probe.values(topics.PELLETS_SPAWNED)[-1] == 9, what="the stale report")
+    pellets(probe, (0, 1))
+    probe.wait_for(lambda: probe.values(topics.PELLETS_SPAWNED)[-1] == 2, what="the report after it")
+    status(probe, "home_reached")
+    wait_state(probe, "running")
+    status(probe, "pellet_collected:0")
+    status(probe, "pellet_collected:1")
+    probe.wait_for(lambda: "win" in probe.values(topics.GAME_EVENT), what="the end of the round")
+    wait_state(probe, "returning_home")
+    assert probe.values(topics.SCORE)[-1] == 2
+
+
+def test_a_way_home_that_fails_is_tried_again_and_in_the_end_reported_fault_9(probe: Probe, system: System) -> None:
+    up(probe, system, home_retries=2)
+    running(probe)
+    status(probe, "death_detected")
+    wait_state(probe, "returning_home")
+    for tries in (1, 2, 3):
+        probe.wait_for(lambda n=tries: probe.values(topics.GAME_COMMAND).count("return_home") == n + 1, what="a try")
+        status(probe, "home_failed")
+    wait_state(probe, "menu")
+    probe.wait_for(lambda: "home_failed" in probe.values(topics.GAME_RESULT), what="the result")
+
+
+def test_the_base_speed_of_clyde_can_be_set_in_the_menu(probe: Probe, system: System) -> None:
+    up(probe, system)
+    for speed in (math.nan, -1.0, 1e30, 0.5):
+        probe.publish(topics.BASE_CLYDE_SPEED, speed)
+    probe.wait_for(lambda: probe.values(topics.CLYDE_SPEED)[-1] == 0.5, what="Clyde's speed")
+    assert all(speed in (0.25, 0.5) for speed in probe.values(topics.CLYDE_SPEED))
+
+
+def test_messages_that_make_no_sense_change_nothing_and_do_not_fill_the_log(probe: Probe, system: System) -> None:
+    process = up(probe, system)
+    running(probe)
+    for word in ("", "home_reached", "pellet_collected", "pellet_collected:-1", "pellet_collected:1e9", "ä" * 5000) * 3:
+        status(probe, word)
+    pellets(probe, range(10_001))
+    pellets(probe, (-1,))
+    probe.publish(topics.PELLET_MARKERS, markers_of({5: (math.nan, 0.0)}, probe.stamp()))
+    probe.publish(topics.PELLET_MARKERS, markers_of({5: (1.0, 0.0)}, probe.stamp(), frame="odom"))
+    status(probe, "pellet_collected:2")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the one good status")
+    probe.wait_for(lambda: "pellet" in probe.values(topics.GAME_EVENT), what="its event")
+    assert probe.values(topics.PELLETS_SPAWNED)[-1] == 3
+    assert probe.values(topics.GAME_EVENT) == ["reset", "start theatrical", "pellet"]
+    assert probe.values(topics.GAME_STATE)[-1] == "running"
+    assert process.output.count("\n") < 6
+    assert process.stop() == 0
+
+
+@pytest.mark.parametrize("number", [2, 15])
+def test_the_robot_is_told_to_stop_before_the_referee_leaves_fault_13(
+    probe: Probe, system: System, number: int
+) -> None:
+    process = up(probe, system)
+    running(probe)
+    process.send(number)
+    probe.wait_for(lambda: process.popen.poll() is not None, what="the end")
+    wait_state(probe, "menu")
+    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND)[-1] == "disable", what="the last command")
+    probe.wait_for(lambda: probe.values(topics.GAME_EVENT)[-1] == "reset", what="the last event")
+    assert process.wait() == 0
+
+
+def test_a_show_is_not_prolonged_by_a_clock_that_is_set_back(probe: Probe, system: System) -> None:
+    clock, now = probe.publisher(topics.CLOCK), 1000.0
+
+    def tick() -> None:
+        nonlocal now
+        now += 0.02
+        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
+
+    probe.node.create_timer(0.01, tick)
+    up(probe, system, use_sim_time=True, start_show_s=2.0)
+    assert probe.call(topics.START_GAME).success
+    wait_state(probe, "returning_home")
+    status(probe, "home_reached")
+    wait_state(probe, "starting")
+    now -= 900.0
+    wait_state(probe, "running")
+    assert now < 500.0  # it would last until 1000
+
+
+# A game that outlives its node
+
+
+def killed(process: Process, system: System) -> None:
+    process.popen.kill()
+    process.popen.wait()
+    system.processes.remove(process)
+
+
+def again(probe: Probe, system: System, **parameters: Any) -> list[tuple[str, Any]]:
+    """Start another one and wait for all that it says at first."""
+    for topic in SAID:
+        probe.heard(topic).clear()
+    probe.all.clear()
+    up(probe, system, **parameters)
+    return [(name, heard.message.data) for name, heard in probe.all]
+
+
+def test_a_killed_referee_goes_on_with_the_round(probe: Probe, system: System, tmp_path: Path) -> None:
+    process = up(probe, system)
+    running(probe)
+    status(probe, "pellet_collected:1")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the score")
+    probe.wait_for(lambda: "pellet" in probe.values(topics.GAME_EVENT), what="the event")
+    (kept,) = (tmp_path / "state").rglob("*.json")
+    assert kept.name.startswith("robot_15-")
+    killed(process, system)
+    said = dict(again(probe, system))
+    assert said == {
+        "game_state": "running",
+        "game_command": "enable",
+        "game_result": "",
+        "game/score": 1,
+        "game/round": 1,
+        "game/pellets_spawned": 3,
+        "game/pellets_collected": 1,
+        "clyde/speed": 0.25,
+    }
+    status(probe, "pellet_collected:1")  # reported once more: it counts once
+    for pellet in (0, 2):
+        status(probe, f"pellet_collected:{pellet}")
+    probe.wait_for(lambda: "win" in probe.values(topics.GAME_EVENT), what="the end of the round")
+    assert probe.values(topics.SCORE)[-1] == 3
+    status(probe, "home_reached")
+    wait_state(probe, "menu")
+    probe.wait_for(lambda: not kept.exists(), what="the game to be forgotten")
+
+
+@pytest.mark.parametrize("number", [2, 15])
+def test_a_referee_who_was_stopped_has_nothing_to_go_on_with(
+    probe: Probe, system: System, tmp_path: Path, number: int
+) -> None:
+    process = up(probe, system)
+    running(probe)
+    probe.wait_for(lambda: list((tmp_path / "state").rglob("*.json")), what="the file")
+    process.send(number)
+    probe.wait_for(lambda: process.popen.poll() is not None, what="the end")
+    assert not list((tmp_path / "state").rglob("*.json"))
+
+
+def a_game(**changes: Any) -> dict[str, Any]:
+    """A file's content, of a robot on its way home."""
+    game = RoundController()
+    game.start(0.0)
+    game.pellets_left([0, 1, 2])
+    kept = game.snapshot(0.0)
+    domain = {"namespace": "/robot_15", "domain": "", "simulated": False}
+    return {"format": 1, "written_s": time.time(), "owner": domain, "kept": kept} | changes
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"written_s": 1.0}, ""),
+        ({"owner": {"namespace": "/robot_7"}}, ""),
+        ({"kept": {"state": "running"}}, "must have the fields"),
+        ({"kept": [1]}, "must have the fields"),
+        ({"format": 2}, "another version"),
+    ],
+)
+def test_a_game_that_is_old_or_strange_is_not_gone_on_with(
+    probe: Probe, system: System, tmp_path: Path, domain: int, change: dict[str, Any], complaint: str
+) -> None:
+    file = tmp_path / "game.json"
+    game = a_game(**change)
+    if "namespace" not in change.get("owner", {}):
+        game["owner"]["domain"] = str(domain)
+    text = json.dumps(game)
+    file.write_text(text)
+    process = up(probe, system, memory=str(file))
+    wait_state(probe, "menu")
+    assert process.output.count("is left alone") == bool(complaint)
+    assert complaint in process.output
+    if complaint:
+        running(probe)
+        assert file.read_text() == text
+    else:
+        assert not file.exists()
+
+
+def test_nothing_is_kept_where_none_is_wanted_and_no_folder_stops_a_game(
+    probe: Probe, system: System, tmp_path: Path
+) -> None:
+    process = up(probe, system, memory="''")
+    running(probe)
+    assert not list(tmp_path.rglob("*.json"))
+    assert process.stop() == 0
+    (tmp_path / "file").touch()
+    process = up(probe, system, memory=str(tmp_path / "file" / "game.json"))
+    probe.wait_for(lambda: probe.values(topics.GAME_STATE)[-1] == "menu", what="the menu")
+    running(probe)
+    status(probe, "pellet_collected:1")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the score")
+    assert process.output.count("a game is lost with this node") == 1
+
+
+def test_a_collected_pellet_that_is_shown_again_is_removed_again(probe: Probe, system: System) -> None:
+    up(probe, system)
+    running(probe)
+    probe.record(topics.REMOVE_PELLET)
+    probe.wait_for(lambda: probe.node.count_publishers("/robot_15/remove_pellet"), what="the referee's voice")
+    status(probe, "pellet_collected:1")
+    probe.wait_for(lambda: probe.values(topics.SCORE)[-1] == 1, what="the score")
+
+    def removed() -> list[int]:
+        pellets(probe, (0, 1, 2))
+        return probe.values(topics.REMOVE_PELLET)
+
+    assert probe.wait_for(removed, what="the removal")[0] == 1

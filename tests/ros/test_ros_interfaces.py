@@ -1,0 +1,238 @@
+"""Definitions are read or refused, what is built carries messages, and what fails leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from pacman_env.ros import messages, topics
+from tools.ros_interfaces import build
+from tools.ros_interfaces.definitions import BadDefinition, Package, check_packages, find_packages
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, System
+
+SHARE = build.PREFIX / "share"
+pip_ros = pytest.mark.skipif(
+    not (SHARE / "rosidl_generator_c").is_dir(), reason="ROS comes from the system, nothing is built here"
+)
+#: Publishes a message of the package that was built and hears it.
+EXCHANGE = """
+import rclpy
+from tiny_msgs.msg import Tiny
+rclpy.init()
+node = rclpy.create_node("exchange")
+heard = []
+node.create_subscription(Tiny, "tiny", heard.append, 1)
+publisher = node.create_publisher(Tiny, "tiny", 1)
+for _ in range(100):
+    publisher.publish(Tiny(numbers=[1, 2], words=["a"]))
+    rclpy.spin_once(node, timeout_sec=0.1)
+    if heard:
+        break
+print(heard[0].numbers.tolist(), heard[0].words, heard[0].at.position.x, Tiny.ANSWER)
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+def read(folder: Path) -> list[Package]:
+    packages = find_packages(folder)
+    check_packages(packages, SHARE)
+    return packages
+
+
+def write(folder: Path, **files: str) -> Path:
+    """Definitions in a package ``tiny_msgs``: ``msg__Tiny="..."`` is ``msg/Tiny.msg``."""
+    for name, text in files.items():
+        kind, _, stem = name.partition("__")
+        path = folder / "tiny_msgs" / kind / f"{stem}.{kind}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return folder
+
+
+def tiny(folder: Path) -> Path:
+    return write(
+        folder,
+        msg__Tiny="# a comment\nint32 ANSWER=42\nint32[] numbers\nstring[<=3] words\nPart[2] parts\n"
+        "geometry_msgs/Pose at\n",
+        msg__Part="bool on\t true\n",
+    )
+
+
+def test_the_projects_own_definitions_are_those_that_its_topics_need() -> None:
+    packages = {package.name: package.types for package in read(build.HERE)}
+    assert packages == {
+        "irobot_create_msgs": [
+            ("action", "AudioNoteSequence"),
+            *(("msg", name) for name in ("AudioNote", "AudioNoteVector", "LedColor", "LightringLeds")),
+        ],
+        "nav2_msgs": [("action", "NavigateToPose"), ("srv", "ClearEntireCostmap")],
+        "tf2_msgs": [("msg", "TFMessage")],
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "line", "complaint"),
+    [
+        ("msg__Bad", "int32 x\nint31 y\n", 2, "int31"),
+        ("msg__Bad", "int32 x\n\nint32\n", 3, "'int32': InvalidFieldDefinition"),
+        ("msg__Bad", "int32 X\n", 1, "X"),
+        ("msg__Bad", "int32 x\nint32 x\n", 2, "'x' is there twice"),
+        ("msg__Bad", "int8 x 300\n", 1, "300"),
+        ("msg__Bad", "int8[ x\n", 1, "int8["),
+        ("msg__bad", "int8 x\n", 1, "bad"),
+        ("msg__Bad", "# first\nPart part\n", 2, "tiny_msgs/Part: no such message in this package"),
+        ("msg__Bad", "geometry_msgs/Poze at\n", 1, "geometry_msgs/Poze: not installed"),
+        ("msg__Bad", "nowhere_msgs/Pose at\n", 1, "nowhere_msgs/Pose: not installed"),
+        ("msg__Bad", "int8 x\n---\nint8 y\n", 3, "2 sections, must be 1, separated by ---"),
+        ("srv__Bad", "int8 x\n", 1, "1 sections, must be 2"),
+        ("action__Bad", "int8 x\n---\nint8 y\nint7 z\n---\n", 4, "int7"),
+    ],
+)
+def test_a_bad_definition_is_refused_with_file_and_line(
+    tmp_path: Path, name: str, text: str, line: int, complaint: str
+) -> None:
+    kind, _, stem = name.partition("__")
+    with pytest.raises(BadDefinition) as refused:
+        read(write(tmp_path, **{name: text}))
+    assert f"{tmp_path}/tiny_msgs/{kind}/{stem}.{kind}:{line}: " in str(refused.value)
+    assert complaint in str(refused.value)
+
+
+def test_folders_that_hold_no_packages_are_refused(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "absent"):
+        with pytest.raises(BadDefinition, match="no message definitions"):
+            read(folder)
+    write(tmp_path, msg__Tiny="int8 x\n")
+    (tmp_path / "tiny_msgs").rename(tmp_path / "Tiny-Msgs")
+    with pytest.raises(BadDefinition, match="Tiny-Msgs: not a package's name"):
+        read(tmp_path)
+
+
+def test_other_files_and_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    write(tmp_path, msg__Tiny="int8 x\n")
+    (tmp_path / "tiny_msgs" / "msg" / "Tiny.msg").write_bytes(b"int8 x\n# \xff\n")
+    with pytest.raises(BadDefinition, match=r"Tiny\.msg: not UTF-8"):
+        read(tmp_path)
+    (tmp_path / "tiny_msgs" / "msg" / "Tiny.msg").rename(tmp_path / "tiny_msgs" / "msg" / "Tiny.txt")
+    with pytest.raises(BadDefinition, match=r"Tiny\.txt: not a \.msg file"):
+        read(tmp_path)
+
+
+def test_what_can_be_imported_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tiny(tmp_path)
+    (tmp_path / "tiny_msgs").rename(tmp_path / "std_msgs")
+    for path in (tmp_path / "std_msgs" / "msg").iterdir():
+        path.unlink()
+    (tmp_path / "std_msgs" / "msg" / "String.msg").write_text("string data\n")
+    assert build.main(["--definitions", str(tmp_path)]) == 0
+    assert "nothing to do" in capsys.readouterr().out
+    (tmp_path / "std_msgs" / "msg" / "Strong.msg").write_text("string data\n")
+    assert build.main(["--definitions", str(tmp_path)]) == 2
+    assert "std_msgs is installed, but without std_msgs/msg/Strong: update it" in capsys.readouterr().err
+
+
+@pip_ros
+def test_what_is_missing_is_said_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tiny(tmp_path / "definitions")
+    arguments = ["--definitions", str(tmp_path / "definitions"), "--wheel", str(tmp_path / "wheel")]
+
+    def complaint() -> str:
+        assert build.main(arguments) == 2
+        assert not (tmp_path / "wheel").exists()
+        (line,) = capsys.readouterr().err.splitlines()
+        return line
+
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert "gcc and g++ not found: install a C and C++ compiler" in complaint()
+    monkeypatch.setattr(build, "PREFIX", tmp_path)
+    assert "ROS's generators are not in" in complaint()
+
+
+@pip_ros
+def test_a_compiler_that_fails_leaves_no_wheel_and_no_temporary_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tiny(tmp_path / "definitions")
+    for tool in ("gcc", "g++"):
+        (tmp_path / tool).write_text("#!/bin/sh\necho no space left >&2\nexit 1\n")
+        (tmp_path / tool).chmod(0o755)
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    assert build.main(["--definitions", str(tmp_path / "definitions"), "--wheel", str(tmp_path / "wheel")]) == 2
+    assert "failed with 1:\nno space left" in capsys.readouterr().err
+    assert list((tmp_path / "wheel").iterdir()) == []
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pip_ros
+@pytest.mark.skipif(not os.environ.get("CI") and not shutil.which("g++"), reason="no compiler")
+def test_a_package_built_from_definitions_is_installed_by_pip_and_carries_messages(domain: int, tmp_path: Path) -> None:
+    (package,) = find_packages(tiny(tmp_path / "definitions"))
+    wheel = build.build_wheel([package], tmp_path / "wheel")
+    prefix = tmp_path / "prefix"
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index", "--no-deps"]
+    subprocess.run([*pip, "--ignore-installed", "--prefix", str(prefix), str(wheel)], check=True)
+    (site,) = prefix.glob("lib/python*/site-packages")
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(site),
+        "LD_LIBRARY_PATH": f"{prefix / 'lib'}{os.pathsep}{os.environ['LD_LIBRARY_PATH']}",
+    }
+    done = subprocess.run([sys.executable, "-c", EXCHANGE], env=environment, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split("\n")[0] == "[1, 2] ['a'] 0.0 42", done.stderr
+
+
+def test_the_types_of_the_robot_cross_between_processes(probe: Probe, system: System) -> None:
+    system.start("tests.ros.interface_node")
+    goal = topics.NAVIGATE_TO_POSE.type.Goal(
+        pose=messages.pose_message(1.0, 2.0, 0.5, probe.stamp()), behavior_tree="tree"
+    )
+    feedback: list[Any] = []
+    result = finished(probe, topics.NAVIGATE_TO_POSE, goal, lambda message: feedback.append(message.feedback))
+    assert (result.error_code, result.error_msg) == (9, "tree")
+    probe.wait_for(lambda: feedback, what="feedback")
+    assert messages.pose_of(feedback[0].current_pose) == pytest.approx((1.0, 2.0, 0.5))
+    assert (feedback[0].number_of_recoveries, feedback[0].distance_remaining) == (2, 1.5)
+
+    song = topics.PLAY_NOTES.type.Goal()
+    assert song.iterations == 1
+    note = type(song.note_sequence).get_fields_and_field_types()["notes"]
+    assert note == "sequence<irobot_create_msgs/AudioNote>"
+    assert finished(probe, topics.PLAY_NOTES, song).complete
+    assert probe.call(topics.CLEAR_GLOBAL_COSTMAP) is not None
+
+    probe.record(topics.LIGHT_RING, topics.TF_STATIC)
+    ring = topics.LIGHT_RING.type(override_system=True)
+    for i, led in enumerate(ring.leds):
+        led.blue = 40 * i
+    probe.publish(topics.LIGHT_RING, ring, listeners=2)
+    heard = probe.wait_for(lambda: [m for m in probe.messages(topics.LIGHT_RING) if not m.override_system], what="ring")
+    assert [led.blue for led in heard[0].leds] == [0, 40, 80, 120, 160, 200]
+    transform = messages.transform_message("map", "odom", (1.0, -2.0, 0.25), probe.stamp())
+    probe.publish(topics.TF, topics.TF.type(transforms=[transform]))
+    probe.wait_for(lambda: probe.messages(topics.TF_STATIC), what="transforms")
+    assert probe.messages(topics.TF_STATIC)[0].transforms == [transform]
+
+
+def finished(probe: Probe, action: topics.Action, goal: Any, feedback: Any = None) -> Any:
+    client = probe.action_client(action)
+    sent = client.send_goal_async(goal, feedback_callback=feedback)
+    probe.wait_for(sent.done, what="the goal to be accepted")
+    answer = sent.result().get_result_async()
+    probe.wait_for(answer.done, what="the result")
+    client.destroy()
+    return answer.result().result

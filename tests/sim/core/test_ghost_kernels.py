@@ -1,0 +1,339 @@
+"""What ghosts of each behaviour do in the games of a batch, alone, beside each other and beside other games."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.config import make_config
+from pacman_env.game.clyde import find_path, search_memory
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import DEAD, RUNNING
+from pacman_env.sim.maps.assets import map_assets
+from tests.drawn import drawn
+from tests.game.test_clyde import POCKETS
+from tests.world.navigation.test_navigator import batch_to, drive, watch
+
+HARMLESS = {"execution.death_radius_m": 1e-6}
+MIXED = ("wander", "chase", "arcade", "policy")
+
+
+def games(n: int, *ghosts: str, source: Any = "house", first_seed: int = 0, **changes: Any) -> GameBatch:
+    config = make_config(changes.pop("preset", "robot"), **{"clyde.ghosts": ghosts, **changes})
+    batch = GameBatch(map_assets(source, config), config, n)
+    batch.reset(np.arange(n), first_seed + np.arange(n, dtype=np.uint64))
+    return batch
+
+
+def hold(batch: GameBatch, choices: np.ndarray | None = None) -> None:
+    batch.step(np.full(batch.n, batch.hold), choices)
+
+
+def stands_at(batch: GameBatch, ghost: int = 0) -> np.ndarray:
+    return np.stack([batch.ghosts["x"][:, ghost], batch.ghosts["y"][:, ghost]], axis=1)
+
+
+def heads_for(batch: GameBatch, game: int, ghost: int = 0) -> int:
+    """The cell at the end of his path."""
+    return int(batch._ghost_paths[game, ghost, batch.ghosts["length"][game, ghost] - 1])
+
+
+def way_m(batch: GameBatch, game: int, target: int, ghost: int = 0) -> float:
+    """His shortest way from the last cell passed to another, m."""
+    cells = batch.assets.clyde
+    node, queue = search_memory(len(cells.position), cells.longest)
+    path = np.zeros(cells.longest, dtype=np.int32)
+    here = int(batch._ghost_paths[game, ghost, batch.ghosts["at"][game, ghost]])
+    count = find_path(here, target, cells.graph, node, queue, path)
+    return float(np.hypot(*np.diff(cells.position[path[:count]], axis=0).T).sum())
+
+
+def cells_by_the_robots(batch: GameBatch) -> list[int]:
+    """The ghosts' cell nearest to where each robot believes to be."""
+    assets = batch.assets
+    column, row, _ = assets.grid.locate(batch.situation().robot[:, :2])
+    return assets.haunts.snap[row, column].tolist()
+
+
+# Told by a policy
+
+
+def test_told_to_go_to_a_place_he_arrives_at_his_cell_nearest_to_it_and_stays() -> None:
+    batch = games(24, "policy", **HARMLESS, **{"clyde.speed_mps": 1.5, "time_limit_s": 60.0})
+    places = np.flatnonzero(batch.situation(0).mask[0, : batch.hold])
+    assert len(places) == batch.n - 1
+    choices = np.append(places, batch.hold)[:, None]
+    for _ in range(50):
+        hold(batch, choices)
+    goal_xy = batch.assets.goal_xy[places]
+    position = batch.assets.clyde.position
+    nearest = np.hypot(*np.moveaxis(position[None] - goal_xy[:, None], 2, 0)).argmin(axis=1)
+    np.testing.assert_allclose(stands_at(batch)[:-1], position[nearest], atol=1e-9)
+    assert np.hypot(*(position[nearest] - goal_xy).T).max() <= 1.0
+    np.testing.assert_array_equal(batch.ghosts["vx"][:-1, 0], 0.0)
+    np.testing.assert_array_equal(batch.ghosts["place"][:, 0], [*places, -1])
+    assert np.hypot(batch.ghosts["vx"][-1, 0], batch.ghosts["vy"][-1, 0]) > 0  # he who wanders does not stand
+
+
+def test_told_otherwise_he_turns_at_the_next_cell() -> None:
+    batch = games(1, "policy", **HARMLESS)
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        place = int(rng.integers(batch.hold))
+        beyond = stands_at(batch)[0]
+        hold(batch, np.array([[place]]))
+        target = int(batch.assets.haunts.place[place])
+        assert heads_for(batch, 0) == target
+        moved = np.hypot(*(stands_at(batch)[0] - beyond))
+        assert moved <= 0.25 * 0.6 + 1e-9  # three updates at most
+        rest = batch._ghost_paths[0, 0, batch.ghosts["at"][0, 0] : batch.ghosts["length"][0, 0]]
+        way = np.hypot(*np.diff(batch.assets.clyde.position[rest], axis=0).T).sum()
+        assert way == pytest.approx(way_m(batch, 0, target), abs=0.12)  # two cells for turning round
+
+
+def test_let_go_he_first_goes_where_he_was_going_and_then_wanders() -> None:
+    batch = games(1, "policy", **HARMLESS, **{"clyde.speed_mps": 1.0})
+    hold(batch, np.array([[5]]))
+    targets = []
+    for _ in range(60):
+        hold(batch, None)
+        assert batch.ghosts["place"][0, 0] == -1
+        if not targets or targets[-1] != heads_for(batch, 0):
+            targets.append(heads_for(batch, 0))
+    assert targets[0] == batch.assets.haunts.place[5]
+    assert len(targets) > 3
+
+
+def test_from_a_pocket_there_is_no_way_so_he_wanders_there_and_pursues_no_place() -> None:
+    changes = {"pellets.spacing_m": 1.0, "clyde.spawn": "anywhere", "clyde.spawn_distance_m": 4.4, **HARMLESS}
+    source = drawn(POCKETS, square_m=0.55, origin=(-2.5, -2.0, 0.0))
+    told, free = (games(300, "policy", source=source, **changes) for _ in range(2))
+    part = told.assets.clyde.part[told._ghost_paths[:, 0, 0]]
+    pocket = part != told.assets.clyde_part
+    assert pocket.any()
+    assert not pocket.all()
+    for _ in range(20):
+        hold(told, np.zeros((300, 1), dtype=np.int64))
+        hold(free)
+    np.testing.assert_array_equal(told.ghosts[pocket], free.ghosts[pocket])
+    np.testing.assert_array_equal(told.ghosts["place"][:, 0], np.where(pocket, -1, 0))
+
+
+@pytest.mark.parametrize("bad", [[[0], [-1]], [[24], [0]], [[0, 0], [0, 0]], [0, 0]])
+def test_choices_that_are_none_are_refused_and_change_nothing(bad: list[Any]) -> None:
+    batch, twin = (games(2, "policy") for _ in range(2))
+    assert batch.hold == 23
+    with pytest.raises(ValueError, match="ghost choices"):
+        batch.step(np.array([1, 1]), np.array(bad))
+    for one in (batch, twin):
+        one.step(np.array([1, 2]), np.array([[3], [4]]))
+    np.testing.assert_array_equal(batch.games, twin.games)
+    np.testing.assert_array_equal(batch.ghosts, twin.ghosts)
+
+
+# Chase
+
+
+@pytest.mark.parametrize("preset", ["robot", "ideal"])
+def test_a_chaser_comes_ever_closer_to_a_robot_that_holds_and_catches_it(preset: str) -> None:
+    batch = games(8, "chase", preset=preset)
+    targets = cells_by_the_robots(batch)
+    ways = [[way_m(batch, i, targets[i])] for i in range(8)]
+    while (running := np.flatnonzero(batch.games["end"] == RUNNING)).size:
+        hold(batch)
+        for i in running:
+            ways[i].append(way_m(batch, i, targets[i]))
+    assert (batch.games["end"] == DEAD).all()
+    for i, way in enumerate(ways):
+        assert (np.diff(way[1:]) < 0).all()
+        # Caught in as many decisions of 0.125 m as the way has, the death radius and the last cells aside.
+        assert batch.games["tick"][i] == pytest.approx(way[0] / 0.125, abs=4)
+
+
+def test_a_chaser_follows_where_the_robot_is_believed_to_be() -> None:
+    batch = games(3, "chase", **HARMLESS, **{"clyde.speed_mps": 0.1})
+    seen = set()
+    for k in range(60):
+        aims = cells_by_the_robots(batch)
+        batch.step(np.array([0, 5, 9]) + k // 30)
+        assert [heads_for(batch, i) for i in range(3)] == aims
+        seen |= set(aims)
+    assert len(seen) > 20
+
+
+# Arcade
+
+
+def test_the_arcade_clyde_comes_from_afar_and_turns_to_his_corner_when_near() -> None:
+    batch = games(6, "arcade", **{"clyde.arcade_distance_m": 2.5, "clyde.speed_mps": 0.5})
+    robot = batch.situation().robot
+    aims = cells_by_the_robots(batch)
+    corner = int(batch.assets.haunts.corner[0])
+    rules: list[str] = []
+    for _ in range(100):
+        before = stands_at(batch)
+        ways = {(i, to): way_m(batch, i, to) for i in range(6) for to in (aims[i], corner)}
+        hold(batch)
+        for i in range(6):
+            far = np.hypot(*(before[i] - robot[i, :2])) > 2.5
+            aim = aims[i] if far else corner
+            assert heads_for(batch, i) == aim
+            assert way_m(batch, i, aim) < ways[i, aim] + 0.08  # he may have to turn round first
+            rules.append("chase" if far else "corner")
+    assert min(rules.count("chase"), rules.count("corner")) > 50
+    assert (batch.games["end"] == RUNNING).all()  # he never catches one that just stands there
+
+
+def test_near_the_robot_each_goes_to_a_corner_of_his_own_and_stays() -> None:
+    batch = games(2, *["arcade"] * 4, **HARMLESS, **{"clyde.arcade_distance_m": 100.0, "clyde.speed_mps": 1.5})
+    for _ in range(40):
+        hold(batch)
+    x, y = np.moveaxis(batch.assets.clyde.position, 1, 0)
+    middle_x, middle_y = (x.min() + x.max()) / 2, (y.min() + y.max()) / 2
+    sides = [(np.sign(px - middle_x), np.sign(py - middle_y)) for px, py in (stands_at(batch, k)[0] for k in range(4))]
+    assert sides == [(-1, -1), (1, 1), (-1, 1), (1, -1)]
+    for k in range(4):
+        np.testing.assert_array_equal(
+            stands_at(batch, k), np.tile(batch.assets.clyde.position[heads_for(batch, 0, k)], (2, 1))
+        )
+
+
+# Each for himself
+
+
+def test_other_ghosts_do_not_change_the_way_clyde_wanders() -> None:
+    alone = games(6, "wander", **HARMLESS)
+    among = games(6, *MIXED, **HARMLESS)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        hold(alone)
+        hold(among, rng.integers(0, among.candidates, (6, 4)))
+        np.testing.assert_array_equal(alone.ghosts[:, 0], among.ghosts[:, 0])
+    np.testing.assert_array_equal(alone.games["x"], among.games["x"])
+
+
+def test_ghosts_draw_from_streams_of_their_own() -> None:
+    batch = games(3000, *["wander"] * 4)
+    assert len(np.unique(batch.ghosts["stream"])) == batch.ghosts.size
+    pick = np.argsort(np.argsort(batch._ghost_paths[:, :, 0], axis=0), axis=0)  # ranks of the cells they start on
+    correlation = np.corrcoef(pick.T)[np.triu_indices(4, 1)]
+    assert np.abs(correlation).max() < 4 / np.sqrt(3000)
+
+
+@pytest.mark.parametrize(("preset", "execution"), [("robot", "robust"), ("ideal", "as_built")])
+def test_a_game_with_four_ghosts_is_the_same_alone_and_among_others_bit_for_bit(preset: str, execution: str) -> None:
+    config = make_config(preset, execution, **{"clyde.ghosts": MIXED})
+    assets, n, compared = map_assets("house", config), 12, (0, 5, 11)
+    together = GameBatch(assets, config, n)
+    together.reset(np.arange(n), np.arange(n, dtype=np.uint64))
+    alone = {i: GameBatch(assets, config, 1) for i in compared}
+    for i, batch in alone.items():
+        batch.reset(np.arange(1), np.array([i], dtype=np.uint64))
+    rng, rounds = np.random.default_rng(3), np.zeros(n, dtype=np.uint64)
+    for decision in range(300):
+        over = np.flatnonzero(together.games["end"] != RUNNING)
+        rounds[over] += 100
+        together.reset(over, over.astype(np.uint64) + rounds[over])
+        for i in set(compared) & set(over.tolist()):
+            alone[i].reset(np.arange(1), np.array([i + int(rounds[i])], dtype=np.uint64))
+        if decision % 4 == 0:
+            actions, choices = rng.integers(0, together.candidates, n), rng.integers(0, together.candidates, (n, 4))
+        together.step(actions, choices)
+        for i, batch in alone.items():
+            batch.step(actions[i : i + 1], choices[i : i + 1])
+            assert batch.games[0] == together.games[i]
+            assert batch.ghosts[0].tobytes() == together.ghosts[i].tobytes()
+            for seat in (-1, 3):
+                expected = together.situation(seat).rows(np.array([i])).arrays()
+                for one, other in zip(batch.situation(seat).arrays(), expected, strict=True):
+                    np.testing.assert_array_equal(one, other)
+    assert rounds[list(compared)].min() > 0
+
+
+def test_no_ghost_ever_leaves_the_lines_between_neighbouring_cells() -> None:
+    batch = games(4, *MIXED, **HARMLESS, **{"clyde.speed_mps": 0.45})
+    cells, rng = batch.assets.clyde, np.random.default_rng(1)
+    before = stands_at(batch, 0)
+    for decision in range(200):
+        batch.step(rng.integers(0, batch.candidates, 4), rng.integers(0, batch.candidates, (4, 4)))
+        for i, k in np.ndindex(4, 4):
+            ghost = batch.ghosts[i, k]
+            path = batch._ghost_paths[i, k, : ghost["length"]]
+            assert 0 <= ghost["at"] < len(path)
+            for here, following in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
+                assert following in cells.neighbours[here]
+            a = cells.position[path[ghost["at"]]]
+            b = cells.position[path[min(ghost["at"] + 1, len(path) - 1)]]
+            place = np.array([ghost["x"], ghost["y"]])
+            assert np.hypot(*(place - a)) + np.hypot(*(b - place)) == pytest.approx(np.hypot(*(b - a)), abs=1e-9)
+        if decision > 0:
+            assert np.hypot(*(stands_at(batch, 0) - before).T).max() <= 0.45 * 0.6 + 1e-9
+        before = stands_at(batch, 0)
+
+
+# Several of them
+
+
+@pytest.mark.parametrize("ghost", range(4))
+def test_any_ghost_kills(ghost: int) -> None:
+    batch = games(2, *["wander"] * 4, preset="ideal", **{"clyde.speed_mps": 0.0, "clyde.spawn_distance_m": 3.0})
+    batch.place_ghost(0, ghost, float(batch.games["x"][0]), float(batch.games["y"][0]))
+    hold(batch)
+    assert batch.games["end"].tolist() == [DEAD, RUNNING]
+
+
+def test_the_nearest_is_called_clyde_and_ways_are_the_shortest_of_all() -> None:
+    batch = games(5, *MIXED, **HARMLESS, preset="robot")
+    assets, leads, rng = batch.assets, set(), np.random.default_rng(0)
+    for _ in range(80):
+        batch.step(rng.integers(0, batch.candidates, 5), rng.integers(0, batch.candidates, (5, 4)))
+        seen = batch.situation()
+        seats = [batch.situation(k) for k in range(4)]
+        for i in range(5):
+            lead = int(np.hypot(*(seen.ghosts[i, :, :2] - seen.robot[i, :2]).T).argmin())
+            leads.add(lead)
+            np.testing.assert_array_equal(seen.clyde[i], seen.ghosts[i, lead, :2])
+            np.testing.assert_array_equal(seen.clyde_velocity[i], seen.ghosts[i, lead, 2:4])
+            for k, seat in enumerate(seats):
+                cell = assets.clyde_drive[batch._ghost_paths[i, k, batch.ghosts["at"][i, k]]]
+                own = np.append(assets.length_cm[cell] * 0.01, np.inf)
+                np.testing.assert_array_equal(seat.path_clyde[i], own)
+                np.testing.assert_array_equal(seat.clyde[i], seen.ghosts[i, k, :2])
+        np.testing.assert_array_equal(seen.path_clyde, np.min([seat.path_clyde for seat in seats], axis=0))
+    assert leads == {0, 1, 2, 3}
+
+
+def nearest_to_each(*ghosts: tuple[float, float]) -> tuple[list[float], list[float]]:
+    """How near the robot comes to ghosts that stand in the room that it crosses; also as if none were there, m."""
+    result: list[list[float]] = []
+    for there in (True, False):
+        batch = batch_to([(1.7, 0.0)], **{"clyde.ghosts": ("wander",) * len(ghosts)})
+        for k, (x, y) in enumerate(ghosts):
+            batch.place_ghost(0, k, *((x, y) if there else (5.9, 1.6)))
+        nearest = [9.0] * len(ghosts)
+
+        def look(games: np.ndarray, nearest: list[float] = nearest) -> None:
+            for k, (x, y) in enumerate(ghosts):
+                nearest[k] = min(nearest[k], float(np.hypot(games[0]["x"] - x, games[0]["y"] - y)))
+
+        watch(batch, look)
+        drive(batch)
+        result.append(nearest)
+    return result[0], result[1]
+
+
+@pytest.mark.parametrize(
+    "ghosts",
+    [
+        ((0.7, 0.0), (5.9, 1.6), (5.9, -1.6), (5.9, 0.0)),
+        ((5.9, 1.6), (5.9, -1.6), (5.9, 0.0), (0.7, 0.0)),
+        ((0.5, 0.1), (1.2, -0.1), (5.9, 1.6)),
+        ((1.2, -0.1), (0.5, 0.1), (0.9, 0.6)),
+    ],
+)
+def test_the_robot_drives_round_every_ghost_in_its_way(ghosts: tuple[tuple[float, float], ...]) -> None:
+    around, through = nearest_to_each(*ghosts)
+    assert min(through) < 0.15  # straight on is through one of them
+    assert min(around) >= 0.19

@@ -1,0 +1,215 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from pacman_env.sim.core import navigate_to_pose as nav
+from pacman_env.sim.core.navigate_to_pose import Ended, Navigation
+from pacman_env.world.navigation.navigator import ABORTED, CANCELED, SUCCEEDED
+from tests.sim.robots import DT, RIGHT, a_robot, away, drive
+
+A, B, C = b"a", b"b", b"c"
+LEFT = (-1.5, 1.0)
+
+
+def steps(navigation: Navigation, seconds: float) -> list[Ended]:
+    ended = []
+    for _ in range(round(seconds / DT)):
+        ended += navigation.step()
+    return ended
+
+
+def brief(ended: list[Ended]) -> list[tuple[bytes, int, int]]:
+    return [(e.key, e.status, e.error_code) for e in ended]
+
+
+def test_a_goal_succeeds_and_the_next_one_too() -> None:
+    navigation = Navigation(a_robot())
+    for key, goal in ((A, RIGHT), (B, LEFT)):
+        navigation.send(key, *goal)
+        assert brief(drive(navigation)) == [(key, SUCCEEDED, nav.NONE)]
+        assert away(navigation.robot, *goal) < 0.5
+        assert navigation.active == ()
+    assert not navigation.robot.navigating
+
+
+def test_a_newer_goal_ends_the_older_one_aborted_without_an_error_and_the_old_path_goes_on() -> None:
+    robot = a_robot(**{"localization.perfect": True})
+    navigation = Navigation(robot)
+    navigation.send(A, *RIGHT)
+    assert steps(navigation, 3.15) == []
+    navigation.send(B, *LEFT)
+    assert brief(navigation.step()) == [(A, ABORTED, nav.NONE)]
+    x = robot.pose[0]
+    assert steps(navigation, 0.7) == []
+    assert robot.pose[0] - x > 0.15
+    assert brief(drive(navigation)) == [(B, SUCCEEDED, nav.NONE)]
+
+
+def test_the_old_goal_reached_on_the_old_path_ends_nobody() -> None:
+    robot = a_robot(**{"localization.perfect": True})
+    navigation = Navigation(robot)
+    navigation.send(A, 1.05, 0.0)
+    assert steps(navigation, 3.15) == []
+    assert 0.3 < math.dist(robot.pose[:2], (1.05, 0.0)) < 0.4
+    navigation.send(B, *LEFT)
+    assert brief(steps(navigation, 0.9)) == [(A, ABORTED, nav.NONE)]
+    assert brief(drive(navigation)) == [(B, SUCCEEDED, nav.NONE)]
+
+
+def test_of_three_goals_in_one_step_only_the_last_is_driven_to() -> None:
+    navigation = Navigation(a_robot())
+    for key, goal in ((A, RIGHT), (B, (1.0, 1.0)), (C, LEFT)):
+        navigation.send(key, *goal)
+    assert brief(navigation.step()) == [(A, ABORTED, nav.NONE), (B, ABORTED, nav.NONE)]
+    assert brief(drive(navigation)) == [(C, SUCCEEDED, nav.NONE)]
+
+
+def test_a_cancel_stops_the_robot_and_terminates_the_pending_goal() -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, *RIGHT)
+    steps(navigation, 3.0)
+    assert navigation.cancel(A)
+    navigation.send(B, *LEFT)  # the original's cancel, then send
+    assert brief(navigation.step()) == [(A, CANCELED, nav.NONE), (B, ABORTED, nav.NONE)]
+    assert steps(navigation, 3.0) == []
+    assert navigation.robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert navigation.active == ()
+
+
+def test_a_cancel_of_the_pending_goal_stops_what_is_left_of_the_old_path() -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, *RIGHT)
+    steps(navigation, 3.15)
+    navigation.send(B, *LEFT)
+    assert navigation.cancel(B)
+    assert brief(navigation.step()) == [(A, ABORTED, nav.NONE), (B, CANCELED, nav.NONE)]
+    x = navigation.robot.pose[0]
+    steps(navigation, 2.0)
+    assert navigation.robot.pose[0] - x < 0.1
+
+
+def test_what_is_not_active_cannot_be_cancelled_and_what_is_cannot_be_sent_again() -> None:
+    navigation = Navigation(a_robot())
+    assert not navigation.cancel(A)
+    navigation.send(A, *RIGHT)
+    with pytest.raises(ValueError, match="active already"):
+        navigation.send(A, *LEFT)
+    with pytest.raises(ValueError, match="finite"):
+        navigation.send(B, math.nan, 0.0)
+    navigation.cancel(A)
+    navigation.step()
+    assert not navigation.cancel(A)
+
+
+@pytest.mark.parametrize(
+    ("goal", "code"),
+    [
+        ((40.0, 0.0), nav.GOAL_OUTSIDE_MAP),
+        ((0.0, 2.41), nav.GOAL_OUTSIDE_MAP),
+        ((6.79, 2.39), nav.GOAL_OCCUPIED),  # out of the walls of this corner it is more than 0.5 m
+    ],
+)
+def test_a_goal_outside_the_map_or_deep_in_a_wall_is_aborted_at_once(goal: tuple[float, float], code: int) -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, *goal)
+    ended = navigation.step()
+    assert brief(ended) == [(A, ABORTED, code)]
+    assert ended[0].message
+    assert not navigation.robot.navigating
+
+
+def test_a_goal_outside_the_map_stops_the_goal_before_it() -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, *RIGHT)
+    steps(navigation, 3.0)
+    navigation.send(B, 40.0, 0.0)
+    assert brief(navigation.step()) == [(A, ABORTED, nav.NONE), (B, ABORTED, nav.GOAL_OUTSIDE_MAP)]
+    steps(navigation, 1.0)
+    assert navigation.robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_no_path_is_given_up_after_eleven_seconds() -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, -3.0, 0.0)  # beyond the left wall
+    ended = drive(navigation, 14.0)
+    assert brief(ended) == [(A, ABORTED, nav.NO_VALID_PATH)]
+    assert 11.0 <= navigation.robot.time_s <= 11.5
+
+
+def test_a_robot_that_cannot_move_recovers_and_is_given_up_as_stuck() -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, *RIGHT)
+    ended: list[Ended] = []
+    most = 0
+    for _ in range(round(170 / DT)):
+        navigation.robot.set_velocity(0.0, 0.0)  # somebody holds it
+        ended = navigation.step()
+        if ended:
+            break
+        feedback = navigation.feedback()
+        assert feedback is not None
+        most = max(most, feedback.recoveries)
+    assert brief(ended) == [(A, ABORTED, nav.FAILED_TO_MAKE_PROGRESS)]
+    assert 150.0 <= navigation.robot.time_s <= 165.0
+    assert 8 <= most <= 16
+
+
+def test_without_a_transform_goals_end_at_once() -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, *RIGHT)
+    steps(navigation, 2.0)
+    navigation.robot.localizing = False
+    assert brief(navigation.step()) == [(A, ABORTED, nav.TF_ERROR)]
+    assert navigation.feedback() is None
+    navigation.send(B, *RIGHT)
+    assert brief(navigation.step()) == [(B, ABORTED, nav.TF_ERROR)]
+    navigation.robot.localizing = True
+    navigation.send(C, *RIGHT)
+    assert brief(drive(navigation)) == [(C, SUCCEEDED, nav.NONE)]
+
+
+def test_an_abort_on_request_comes_that_long_after_the_goal_was_taken_up() -> None:
+    navigation = Navigation(a_robot())
+    navigation.abort_after_s = 2.0
+    steps(navigation, 1.0)
+    navigation.send(A, *RIGHT)
+    assert steps(navigation, 1.9) == []
+    assert brief(steps(navigation, 0.2)) == [(A, ABORTED, nav.UNKNOWN)]
+    navigation.abort_after_s = None
+    navigation.send(B, *RIGHT)
+    assert brief(drive(navigation)) == [(B, SUCCEEDED, nav.NONE)]
+
+
+def test_a_goal_aborted_for_no_reason_says_that_it_does_not_know() -> None:
+    navigation = Navigation(a_robot(**{"nav2.abort_rate": 1.0}))
+    navigation.send(A, *RIGHT)
+    assert brief(steps(navigation, 0.5)) == [(A, ABORTED, nav.UNKNOWN)]
+
+
+def test_a_server_that_goes_away_ends_nothing_and_the_robot_stops() -> None:
+    navigation = Navigation(a_robot())
+    navigation.send(A, *RIGHT)
+    steps(navigation, 2.0)
+    navigation.send(B, *RIGHT)
+    navigation.forget()
+    assert steps(navigation, 1.0) == []
+    assert navigation.active == ()
+    assert navigation.robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_feedback_counts_time_up_and_way_down() -> None:
+    navigation = Navigation(a_robot())
+    assert navigation.feedback() is None
+    navigation.send(A, *RIGHT)
+    steps(navigation, 1.0)
+    early = navigation.feedback()
+    steps(navigation, 8.0)
+    late = navigation.feedback()
+    assert early is not None
+    assert late is not None
+    assert (early.key, early.time_s, late.time_s) == (A, pytest.approx(1.0), pytest.approx(9.0))
+    assert early.distance_m - late.distance_m == pytest.approx(8.0 * 0.256, abs=0.3)
+    assert late.remaining_s == pytest.approx(late.distance_m / 0.256)
+    assert early.recoveries == 0

@@ -1,0 +1,78 @@
+"""An observation holds what its configuration names, each part the same with and without the others."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.config import make_config
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.observation.observer import CHANNELS, Observer
+
+KINDS = ("features", "scan", "grid")
+SUBSETS = [kinds for count in (1, 2, 3) for kinds in itertools.combinations(KINDS, count)]
+FEATURES = {"robot", "clyde", "candidates", "round"}
+
+
+def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: Any) -> dict[str, np.ndarray]:
+    """What is seen after some decisions on levels of their own."""
+    chosen = {f"observation.{kind}": kind in kinds for kind in KINDS}
+    config = make_config(**{**chosen, "observation.scan_rays": 24, "observation.grid_pixels": 20, **settings})
+    batch = GameBatch(GeneratedMaps(config, 0, 3), config, n)
+    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64) + 5)
+    velocity = config.action == "velocity"
+    for _ in range(steps):
+        batch.step(np.tile([0.2, 0.3], (n, 1)) if velocity else np.zeros(n, dtype=np.int64))
+    return Observer(batch).observe(batch.situation())
+
+
+@pytest.mark.parametrize("action", ["goal", "velocity"])
+@pytest.mark.parametrize("kinds", SUBSETS, ids="+".join)
+def test_the_parts_are_those_asked_for_and_do_not_depend_on_one_another(kinds: tuple[str, ...], action: str) -> None:
+    some, everything = observed(kinds, action=action), observed(KINDS, action=action)
+    expected = {"action_mask"} if action == "goal" else set()
+    expected |= FEATURES if "features" in kinds else set()
+    assert set(some) == expected | (set(kinds) - {"features"})
+    for key, array in some.items():
+        assert array.dtype == everything[key].dtype
+        np.testing.assert_array_equal(array, everything[key])
+
+
+def test_shapes_and_types_are_those_declared() -> None:
+    observation = observed(KINDS, **{"clyde.ghosts": ("wander", "chase", "arcade")})
+    assert set(observation) == FEATURES | {"ghosts", "action_mask", "scan", "grid"}
+    assert (observation["scan"].shape, observation["scan"].dtype) == ((3, 24), np.float32)
+    assert (observation["grid"].shape, observation["grid"].dtype) == ((3, 20, 20, CHANNELS), np.uint8)
+    assert observation["ghosts"].shape == (3, 3, 6)
+    assert observation["action_mask"].dtype == np.int8
+
+
+def test_a_game_sees_the_same_alone_and_among_others() -> None:
+    together, alone = observed(KINDS, n=5), observed(KINDS, n=1)
+    for key, array in alone.items():
+        np.testing.assert_array_equal(array[0], together[key][0])
+
+
+def test_the_scan_is_taken_from_the_true_pose_and_the_picture_from_the_believed_one() -> None:
+    far: dict[str, Any] = {"localization.sigma_xy_m": 0.5, "observation.scan_noise": 0.0, "clyde.speed_mps": 0.0}
+    lost = observed(KINDS, steps=0, **far)
+    sure = observed(KINDS, steps=0, **{**far, "localization.sigma_xy_m": 0.0, "localization.sigma_yaw_rad": 0.0})
+    np.testing.assert_array_equal(lost["scan"], sure["scan"])
+    assert (lost["grid"] != sure["grid"]).any()
+    assert (lost["robot"] != sure["robot"]).any()
+
+
+def test_observations_are_new_arrays_at_each_call() -> None:
+    config = make_config(**{"observation.scan": True, "observation.grid": True})
+    batch = GameBatch(map_assets("maze", config), config, 2)
+    batch.reset(np.arange(2), np.arange(2, dtype=np.uint64))
+    observer, situation = Observer(batch), batch.situation()
+    first, second = observer.observe(situation), observer.observe(situation)
+    for key in first:
+        np.testing.assert_array_equal(first[key], second[key])
+        assert not np.shares_memory(first[key], second[key])

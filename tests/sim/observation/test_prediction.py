@@ -1,0 +1,137 @@
+"""How near Clyde may come: against ways written out by hand, in houses and corridors that are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pacman_env.config import make_config
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.sim.observation.prediction import (
+    APPROACHED,
+    CAUGHT,
+    CAUGHT_SOON,
+    CLOSEST,
+    CLOSEST_MEAN,
+    STANDING,
+    STEP_S,
+    STEPS,
+    TOWARDS_CLYDE,
+    TURN_COSINE,
+    encounters,
+)
+from pacman_env.sim.observation.situation import Situation
+from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP
+
+CONFIG = make_config(**{"execution.death_radius_m": 1e-6})
+SPEED = 0.25
+
+
+def batch_of(source: str, n: int = 12, decisions: int = 15) -> GameBatch:
+    maps = GeneratedMaps(CONFIG, 0, 5) if source == "generated" else map_assets(source, CONFIG)
+    batch = GameBatch(maps, CONFIG, n)
+    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
+    rng = np.random.default_rng(0)
+    for k in range(decisions):
+        if k % 5 == 0:
+            choices = rng.integers(0, batch.candidates, n)
+        batch.step(choices)
+    return batch
+
+
+def way_by_hand(batch: GameBatch, situation: Situation, game: int, candidate: int) -> np.ndarray:
+    """Positions (STEPS, 2) of the robot at the instants, by following the path field cell by cell."""
+    assets = batch.assets_of(game)
+    x, y, heading = situation.robot[game]
+    goal = situation.goal[game, candidate]
+    column, row = assets.grid.to_cell(x, y)
+    cell = int(assets.grid.snap[row, column])
+    if goal < 0 or assets.next_step[goal, cell] == NO_STEP:
+        return np.tile([x, y], (STEPS, 1))
+    corners = [np.array([x, y])]
+    while assets.next_step[goal, cell] != AT_GOAL:
+        cell += int(assets.next_step[goal, cell])
+        corners.append(assets.cell_xy[cell].astype(float))
+    delay = 0.0
+    away = corners[min(6, len(corners) - 1)] - (x, y)
+    if np.hypot(*away) > 0.05:
+        off = abs(math.remainder(math.atan2(away[1], away[0]) - heading, 2 * math.pi))
+        delay = max(off - 0.7, 0.0) / 1.2
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))]) if len(corners) > 1 else [0.0]
+    driven = np.maximum(SPEED * (STEP_S * np.arange(1, STEPS + 1) - delay), 0.0)
+    return np.stack([np.interp(driven, lengths, np.array(corners)[:, k]) for k in (0, 1)], axis=1)
+
+
+@pytest.mark.parametrize("source", ["house", "generated"])
+def test_if_clyde_stands_the_smallest_distance_is_that_of_the_robots_way(source: str) -> None:
+    batch = batch_of(source)
+    situation = batch.situation()
+    still = replace(situation, clyde_speed=np.zeros(batch.n), clyde_velocity=np.zeros((batch.n, 2)))
+    seen = encounters(still, SPEED)
+    off = []
+    for game in range(batch.n):
+        for candidate in np.flatnonzero(situation.mask[game]):
+            way = way_by_hand(batch, situation, game, candidate)
+            least = np.hypot(*(way - situation.clyde[game]).T).min()
+            off.append(abs(seen[game, candidate, STANDING] - min(least, 10.0)))
+            for column in (CLOSEST, CLOSEST_MEAN):
+                assert seen[game, candidate, column] == pytest.approx(seen[game, candidate, STANDING], abs=1e-4)
+            assert seen[game, candidate, CAUGHT] == pytest.approx(float(seen[game, candidate, STANDING] < 0.45))
+            assert seen[game, candidate, APPROACHED] == pytest.approx(float(seen[game, candidate, STANDING] < 0.8))
+    assert np.max(off) < 0.1  # strides cut corners
+
+
+@pytest.mark.parametrize("source", ["house", "maze", "generated"])
+def test_probabilities_and_distances_fit_one_another(source: str) -> None:
+    situation = batch_of(source, n=30).situation()
+    seen = encounters(situation, SPEED)
+    shown = seen[situation.mask]
+    assert np.isfinite(seen).all()
+    assert (seen[~situation.mask] == 0).all()
+    for column in (CAUGHT_SOON, CAUGHT, APPROACHED):
+        assert ((shown[:, column] >= 0) & (shown[:, column] <= 1 + 1e-5)).all()
+    assert (shown[:, CAUGHT_SOON] <= shown[:, CAUGHT] + 1e-5).all()
+    assert (shown[:, CAUGHT] <= shown[:, APPROACHED] + 1e-5).all()
+    assert (shown[:, CLOSEST] <= shown[:, CLOSEST_MEAN] + 1e-6).all()
+    assert (np.abs(shown[:, [TURN_COSINE, TOWARDS_CLYDE]]) <= 1 + 1e-5).all()
+    assert 0.05 < (shown[:, CAUGHT] > 0).mean() < 0.95
+
+
+def test_a_clyde_out_of_reach_of_ten_seconds_catches_nobody() -> None:
+    batch = batch_of("house", n=40)
+    situation = batch.situation()
+    seen = encounters(situation, SPEED)
+    away = np.hypot(*(situation.robot[:, :2] - situation.clyde).T)
+    reach = STEPS * STEP_S * (SPEED + situation.clyde_speed) + 0.8
+    far = away > reach
+    assert far.any()
+    assert (seen[far][:, :, [CAUGHT_SOON, CAUGHT, APPROACHED]] == 0).all()
+
+
+def test_where_he_walked_last_counts() -> None:
+    batch = batch_of("loop", n=20)
+    situation = batch.situation()
+    towards = situation.robot[:, :2] - situation.clyde
+    towards *= (0.25 / np.hypot(*towards.T))[:, None]
+    coming = encounters(replace(situation, clyde_velocity=towards), SPEED)[:, -1, CLOSEST_MEAN]
+    leaving = encounters(replace(situation, clyde_velocity=-towards), SPEED)[:, -1, CLOSEST_MEAN]
+    assert (coming <= leaving + 1e-9).mean() > 0.8
+    assert coming.mean() < leaving.mean() - 0.3
+
+
+@pytest.mark.parametrize("source", ["house", "generated"])
+def test_a_row_alone_sees_what_it_sees_among_others(source: str) -> None:
+    situation = batch_of(source).situation()
+    together = encounters(situation, SPEED)
+    for game in range(len(situation)):
+        np.testing.assert_array_equal(encounters(situation.rows(slice(game, game + 1)), SPEED)[0], together[game])
+
+
+def test_without_maps_there_is_nothing_to_look_ahead_on() -> None:
+    with pytest.raises(ValueError, match="no maps"):
+        encounters(replace(batch_of("loop", n=1).situation(), maps=None), SPEED)

@@ -1,0 +1,200 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
+from pacman_env.sim.observation.raster import GHOSTS, PELLET_RADIUS_M, PELLETS, ROBOT, WALLS, raster_all
+from pacman_env.world.navigation.grid import DriveGrid, build_grid
+from tests.drawn import drawn
+
+SIZE, PIXEL_M, RADIUS_M = 64, 0.1, 0.17
+#: An L-shaped room, 4.0 m by 3.0 m inside, lower left corner of the drawing at (0, 0).
+ROOM = [
+    "##########",
+    "#....#####",
+    "#....#####",
+    "#........#",
+    "#........#",
+    "#........#",
+    "#........#",
+    "##########",
+]
+
+
+@pytest.fixture(scope="module")
+def grid() -> DriveGrid:
+    return build_grid(drawn(ROOM), RobotConfig(), Nav2Config(), PelletConfig())
+
+
+def picture(
+    grid: DriveGrid,
+    pose: tuple[float, float, float],
+    pellets: list[tuple[float, float]] = (),
+    ghosts: list[tuple[float, float]] = (),
+    *,
+    there: list[bool] | None = None,
+    size: int = SIZE,
+    pixel_m: float = PIXEL_M,
+) -> np.ndarray:
+    """One picture, between two more that must not be touched."""
+    images = np.full((3, size, size, 4), 7, np.uint8)
+    raster_all(
+        grid.affine[None],
+        grid.clearance_cm[None],
+        np.array([grid.shape], np.int32),
+        np.zeros(1, np.int32),
+        np.array([pose]),
+        np.array(pellets, np.float64).reshape(1, -1, 2),
+        np.array(there if there is not None else [True] * len(pellets), np.bool_).reshape(1, -1),
+        np.array(ghosts, np.float64).reshape(1, -1, 2),
+        pixel_m,
+        RADIUS_M,
+        images[1:2],
+    )
+    assert (images[[0, 2]] == 7).all()
+    assert set(np.unique(images[1])) <= {0, 255}
+    return images[1]
+
+
+def pixel_of(pose: tuple[float, float, float], place: tuple[float, float]) -> tuple[int, int]:
+    """Row and column by complex numbers: how far ahead of the robot, how far to its left."""
+    offset = complex(place[0] - pose[0], place[1] - pose[1]) * complex(math.cos(pose[2]), -math.sin(pose[2]))
+    return math.floor(SIZE / 2 - offset.real / PIXEL_M), math.floor(SIZE / 2 - offset.imag / PIXEL_M)
+
+
+# Walls
+
+#: Pixel centres in the middle of cells, so that no turn moves one over a cell's edge.
+MIDDLE = (1.525, 1.475)
+
+
+def test_walls_are_the_cells_that_are_not_free(grid: DriveGrid) -> None:
+    x, y = MIDDLE
+    walls = picture(grid, (x, y, 0.0))[..., WALLS]
+    for r in range(SIZE):
+        for c in range(SIZE):
+            wx, wy = x + (SIZE / 2 - r - 0.5) * PIXEL_M, y + (SIZE / 2 - c - 0.5) * PIXEL_M
+            free = (0.5 < wx < 4.5 and 0.5 < wy < 2.5) or (0.5 < wx < 2.5 and 0.5 < wy < 3.5)
+            assert walls[r, c] == (0 if free else 255)
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3, -5])
+def test_a_quarter_turn_of_the_robot_turns_the_picture_the_other_way(grid: DriveGrid, quarters: int) -> None:
+    places = {"pellets": [(0.93, 2.21), (3.87, 0.68)], "ghosts": [(2.32, 2.91), (1.71, 1.33)]}
+    straight = picture(grid, (*MIDDLE, 0.0), **places)
+    turned = picture(grid, (*MIDDLE, quarters * math.pi / 2), **places)
+    assert straight.any(axis=(0, 1)).all()
+    # Turned left, what was ahead is on the right: the picture turns clockwise.
+    np.testing.assert_array_equal(turned, np.rot90(straight, -quarters))
+
+
+def test_off_the_grid_everything_is_wall(grid: DriveGrid) -> None:
+    image = picture(grid, (300.0, -20.0, 0.4))
+    assert (image[..., WALLS] == 255).all()
+    assert not image[..., [PELLETS, GHOSTS]].any()
+
+
+# Discs
+
+
+def test_the_robot_is_in_the_middle(grid: DriveGrid) -> None:
+    robot = picture(grid, (*MIDDLE, 0.7))[..., ROBOT]
+    ahead = np.arange(SIZE) + 0.5 - SIZE / 2
+    inside = np.hypot(ahead[:, None], ahead) * PIXEL_M <= RADIUS_M
+    np.testing.assert_array_equal(robot == 255, inside)
+
+
+@pytest.mark.parametrize(
+    ("place", "side"),
+    [((1.5, 2.5), "ahead"), ((0.5, 1.5), "left"), ((2.5, 1.5), "right"), ((1.5, 0.5), "behind")],
+)
+def test_facing_north_each_side_is_where_people_expect_it(
+    grid: DriveGrid, place: tuple[float, float], side: str
+) -> None:
+    pose = (1.5, 1.5, math.pi / 2)
+    rows, columns = np.nonzero(picture(grid, pose, ghosts=[place])[..., GHOSTS])
+    row, column = rows.mean() + 0.5 - SIZE / 2, columns.mean() + 0.5 - SIZE / 2
+    expected = {"ahead": (-10, 0), "left": (0, -10), "right": (0, 10), "behind": (10, 0)}[side]
+    assert (row, column) == pytest.approx(expected, abs=0.6)
+
+
+near = st.tuples(st.floats(-6, 6), st.floats(-6, 6))
+
+
+@given(st.tuples(st.floats(0, 5), st.floats(0, 4), st.floats(-10, 10)), near, st.sampled_from([PELLETS, GHOSTS]))
+def test_a_place_in_the_window_marks_its_pixel_and_pixels_within_its_radius_only(
+    grid: DriveGrid, pose: tuple[float, float, float], offset: tuple[float, float], channel: int
+) -> None:
+    place = (pose[0] + offset[0], pose[1] + offset[1])
+    radius = PELLET_RADIUS_M if channel == PELLETS else RADIUS_M
+    places = {"pellets" if channel == PELLETS else "ghosts": [place]}
+    image = picture(grid, pose, **places)
+    assert not image[..., PELLETS + GHOSTS - channel].any()
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    ahead = SIZE / 2 - (offset[0] * cos + offset[1] * sin) / PIXEL_M
+    across = SIZE / 2 - (offset[1] * cos - offset[0] * sin) / PIXEL_M
+    centres = np.arange(SIZE) + 0.5
+    distance = np.hypot(centres[:, None] - ahead, centres - across) * PIXEL_M
+    marked = image[..., channel] == 255
+    assert marked[distance < radius - 1e-9].all()
+    row, column = pixel_of(pose, place)
+    if 0 <= row < SIZE and 0 <= column < SIZE and min(ahead % 1, across % 1, 1 - ahead % 1, 1 - across % 1) > 1e-9:
+        assert marked[row, column]
+        marked[row, column] = False
+        assert not marked[distance > radius + 1e-9].any()
+    elif max(abs(ahead - SIZE / 2), abs(across - SIZE / 2)) > SIZE / 2 + radius / PIXEL_M:
+        assert not marked.any()
+
+
+def test_a_pellet_smaller_than_a_pixel_is_one_pixel(grid: DriveGrid) -> None:
+    pellets = picture(grid, (*MIDDLE, 0.0), pellets=[(3.6, 1.6)], pixel_m=1.0, size=8)[..., PELLETS]
+    assert np.argwhere(pellets).tolist() == [[1, 3]]
+
+
+def test_a_pellet_that_is_gone_and_a_ghost_that_is_nowhere_are_not_drawn(grid: DriveGrid) -> None:
+    nowhere = [(math.nan, 1.0), (1.0, math.inf), (-math.inf, math.nan)]
+    image = picture(grid, (*MIDDLE, 0.0), pellets=[(1.5, 2.0), (3.0, 1.0)], ghosts=nowhere, there=[False, True])
+    assert image[pixel_of((*MIDDLE, 0.0), (3.0, 1.0))][PELLETS] == 255
+    assert image[pixel_of((*MIDDLE, 0.0), (1.5, 2.0))][PELLETS] == 0
+    assert not image[..., GHOSTS].any()
+
+
+@given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3), near)
+def test_any_finite_pose_is_drawn(
+    grid: DriveGrid, pose: tuple[float, float, float], ghost: tuple[float, float]
+) -> None:
+    image = picture(grid, pose, pellets=[ghost, (pose[0], pose[1])], ghosts=[ghost], size=16)
+    assert image[8, 8, PELLETS] == image[8, 8, ROBOT] == 255
+
+
+# Batches
+
+
+def test_robots_of_a_batch_see_each_its_own_map(grid: DriveGrid) -> None:
+    other = build_grid(drawn(ROOM, origin=(0.3, -0.2, 0.9)), RobotConfig(), Nav2Config(), PelletConfig())
+    rng = np.random.default_rng(3)
+    level = np.array([1, 0, 1, 1], np.int32)
+    pose = rng.uniform(0, 3, (4, 3))
+    pellets, there, ghosts = rng.uniform(0, 4, (4, 9, 2)), rng.random((4, 9)) < 0.5, rng.uniform(0, 4, (4, 2, 2))
+    images = np.empty((4, SIZE, SIZE, 4), np.uint8)
+    raster_all(
+        np.stack([grid.affine, other.affine]),
+        np.stack([grid.clearance_cm, other.clearance_cm]),
+        np.array([grid.shape, other.shape], np.int32),
+        level,
+        pose,
+        pellets,
+        there,
+        ghosts,
+        PIXEL_M,
+        RADIUS_M,
+        images,
+    )
+    for i, m in enumerate(level):
+        alone = picture((grid, other)[m], tuple(pose[i]), list(pellets[i]), list(ghosts[i]), there=list(there[i]))
+        np.testing.assert_array_equal(images[i], alone)

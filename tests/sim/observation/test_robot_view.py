@@ -1,0 +1,244 @@
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.config import Config, make_config
+from pacman_env.policies.base import Policy
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.records import RUNNING
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.robot_view import Goal, LiveGame, Seen
+from pacman_env.sim.observation.situation import Situation
+from tests.drawn import drawn
+
+#: What a robot measures with other arithmetic than the simulator's.
+ROUNDED = ("clyde_velocity", "closing_speed", "ghosts")
+
+
+def config_of(**changes: Any) -> Config:
+    return make_config("robot", **changes)
+
+
+def clydes_way(config: Config, source: str, seed: int, ticks: int) -> np.ndarray:
+    """(T, 2) where Clyde is seen at each of his updates in the round of that seed: he does not mind the robot."""
+    alone = config.with_fields(
+        **{
+            "execution.tick_s": config.clyde.update_period_s,
+            "execution.check_period_s": config.clyde.update_period_s,
+            "execution.death_radius_m": 1e-6,
+        }
+    )
+    batch = GameBatch(map_assets(source, alone), alone)
+    batch.reset(np.array([0]), np.array([seed], dtype=np.uint64))
+    places = [batch.obstacles[0, 0, :2].copy()]
+    for _ in range(math.ceil(ticks * config.execution.tick_s / config.clyde.update_period_s) + 1):
+        batch.step(np.array([batch.hold]))
+        places.append(batch.obstacles[0, 0, :2].copy())
+    return np.array(places)
+
+
+class Robot:
+    """Watches a game of the simulator through nothing but what a robot is told."""
+
+    def __init__(self, batch: GameBatch, way: np.ndarray) -> None:
+        self.batch, self.way = batch, way
+        self.live = LiveGame(batch.assets, batch.config, seed=int(batch.games[0]["seed"]))
+        self.live.begin()
+        self.seen_updates = -1
+
+    def look(self) -> Situation:
+        game, config = self.batch.games[0], self.batch.config
+        self.live.clyde_speed_mps = float(game["clyde_speed"])
+        steps = round(config.clyde.update_period_s / config.physics_step_s)
+        period_ns = round(config.clyde.update_period_s * 1e9)
+        for update in range(self.seen_updates + 1, -(-int(game["step"]) // steps) + 1):
+            self.live.see_clyde(*self.way[update].tolist(), update * period_ns)
+            self.seen_updates = update
+        wheels = float(game["left"]), float(game["right"])
+        per_base = 1.0 / config.robot.wheel_base_m
+        alive = self.batch.assets.pellet_ids[self.batch.alive[0, : self.batch.assets.pellets]]
+        seen = Seen(
+            time_s=float(game["tick"]) * config.execution.tick_s,
+            pose=(
+                float(game["x"] + game["error_x"]),
+                float(game["y"] + game["error_y"]),
+                float(game["heading"] + game["error_heading"]),
+            ),
+            left=alive.tolist(),
+            velocity=(0.5 * (wheels[0] + wheels[1]), (wheels[1] - wheels[0]) * per_base),
+            barred=np.flatnonzero(self.batch._waits[0] > game["tick"]).tolist(),
+            pursued=int(game["pursued"]),
+        )
+        return self.live.situation(seen)
+
+
+def differences(robots: Situation, simulators: Situation, clyde_cell_m: float) -> list[str]:
+    """Names of the fields in which the two differ."""
+    found = []
+    for name, expected in vars(simulators).items():
+        if name == "maps":
+            continue
+        value = getattr(robots, name)
+        if name in ROUNDED:
+            same = np.allclose(value, expected, rtol=1e-9, atol=1e-12)
+        elif name == "path_clyde":
+            # Whether he has just reached a cell or is about to is a matter of the last bit.
+            finite = np.isfinite(expected)
+            same = bool((np.isfinite(value) == finite).all())
+            apart = np.abs(value[finite] - expected[finite]) if same else np.array(np.inf)
+            same = bool((apart <= math.sqrt(2) * clyde_cell_m + 0.011).all())
+        else:
+            same = np.array_equal(value, expected)
+        if value.dtype != expected.dtype or value.shape != expected.shape or not same:
+            found.append(f"{name}: {value} instead of {expected}")
+    return found
+
+
+def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: Any) -> dict[str, int]:
+    """Play rounds with the first policy through the robot's eyes; every policy must choose alike in both."""
+    config = config_of(**changes)
+    batch = GameBatch(map_assets(source, config), config)
+    batch.reset(np.array([0]), np.array([seed], dtype=np.uint64))
+    robot = Robot(batch, clydes_way(config, source, seed, ticks))
+    counts = {"ticks": 0, "same_cell": 0, "barred": 0, "collected": 0}
+    for policy in policies:
+        policy.reset(np.ones(1, np.bool_))
+    for _ in range(ticks):
+        if batch.games[0]["end"] != RUNNING:
+            break
+        simulators, robots = batch.situation(), robot.look()
+        assert not differences(robots, simulators, batch.assets.clyde.resolution), f"tick {batch.games[0]['tick']}"
+        choices = []
+        for policy in policies:
+            expected, chosen = policy.select(simulators), policy.select(robots)
+            assert chosen.tolist() == expected.tolist(), policy.name
+            choices.append(chosen)
+        counts["ticks"] += 1
+        counts["same_cell"] += np.array_equal(robots.path_clyde, simulators.path_clyde)
+        counts["barred"] += not simulators.mask[0, : batch.assets.pellets][batch.alive[0]].all()
+        batch.step(choices[counts["ticks"] // 40 % len(choices)])  # in turns, so that both get around
+        counts["collected"] = int(batch.games[0]["collected"])
+    return counts
+
+
+@pytest.mark.parametrize(("source", "seed"), [("house", 1), ("house", 7), ("open_plan", 3)])
+def test_a_robot_sees_and_chooses_what_the_simulator_does_tick_by_tick(source: str, seed: int) -> None:
+    counts = play(source, seed, [make_policy("lookahead"), make_policy("clyde_aware")], 200)
+    assert counts["ticks"] > 20
+    assert counts["collected"] > 0
+    assert counts["same_cell"] > 0.9 * counts["ticks"]
+
+
+def test_so_it_is_with_goals_that_wait_after_an_abort_and_a_faster_clyde() -> None:
+    policies = [make_policy("lookahead"), make_policy("clyde_aware"), make_policy("nearest"), make_policy("random")]
+    changes = {"nav2.abort_rate": 0.5, "clyde.speed_mps": 0.45, "execution.death_radius_m": 1e-6}
+    assert play("maze", 5, policies, 150, **changes)["barred"] > 5
+
+
+@cache
+def house() -> LiveGame:
+    config = config_of()
+    return LiveGame(map_assets("house", config), config)
+
+
+def test_a_situation_needs_a_clyde() -> None:
+    game = LiveGame(house().assets, config_of())
+    with pytest.raises(ValueError, match="Clyde has not been seen yet"):
+        game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
+
+
+def test_pellets_are_known_by_id_and_place_and_all_others_are_strange() -> None:
+    game = house()
+    number = int(game.assets.pellet_ids[0])
+    x, y = game.assets.goal_xy[0].tolist()
+    own = game.pellets({number: (x + 0.01, y), 9999: (x, y), number + 1: (x + 50.0, y)})
+    assert own.known == {number: (x, y)}
+    assert own.strange == (9999, number + 1)
+
+
+def test_pellets_out_of_reach_are_known_but_no_candidates() -> None:
+    config = config_of()
+    rows = ["#" * 14, "#.......######", "#.......#....#", "#.......#....#", "#.......#....#", "#" * 14]
+    assets = map_assets(drawn(rows, origin=(-1.5, -1.5, 0.0)), config.with_fields(**{"pellets.spacing_m": 0.5}))
+    game = LiveGame(assets, config.with_fields(**{"pellets.spacing_m": 0.5}))
+    assert len(assets.dropped_ids) > 0
+    far = int(assets.dropped_ids[0])
+    everything = game._pellets
+    assert not game.pellets(everything).strange
+    assert not game.is_candidate(far)
+    game.see_clyde(0.0, 0.0, 0)
+    situation = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=list(everything)))
+    assert situation.pellets_left[0] == assets.pellets
+    assert situation.mask[0].all()
+
+
+def test_a_clyde_put_elsewhere_has_no_velocity_and_a_repeated_message_changes_nothing() -> None:
+    game = LiveGame(house().assets, config_of())
+    cells = game.assets.clyde.position
+    here = cells[game.assets.clyde.cells_in(0)[0]]
+    game.see_clyde(*here.tolist(), 10**9)
+    game.see_clyde(here[0] + 0.05, here[1], 12 * 10**8)
+    seen = Seen(0.0, (0.0, 0.0, 0.0), left=())
+    assert game.situation(seen).clyde_velocity[0] == pytest.approx((0.25, 0.0))
+    game.see_clyde(here[0] + 0.05, here[1], 12 * 10**8)
+    assert game.situation(seen).clyde_velocity[0] == pytest.approx((0.25, 0.0))
+    game.see_clyde(here[0] + 3.0, here[1], 14 * 10**8)
+    assert game.situation(seen).clyde_velocity[0].tolist() == [0.0, 0.0]
+    game.see_clyde(here[0] + 3.0, here[1], 10**8)
+    assert game.situation(seen).clyde_velocity[0].tolist() == [0.0, 0.0]
+    assert game.clyde == (here[0] + 3.0, here[1])
+
+
+def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_look() -> None:
+    game = LiveGame(house().assets, config_of())
+    game.see_clyde(2.0, 0.0, 0)
+    looks = [(0.0, 0.0), (0.5, 0.1), (0.6, 0.12), (1.0, 0.15), (0.2, 0.2)]
+    closing = [game.situation(Seen(time, (x, 0.0, 0.0), left=())).closing_speed[0] for time, x in looks]
+    assert closing == pytest.approx([0.0, 0.2, 0.2, 0.1, 0.0])
+    game.begin()
+    assert game.situation(Seen(0.0, (0.5, 0.0, 0.0), left=())).closing_speed[0] == 0.0
+
+
+def test_what_may_not_be_chosen_now_is_masked_for_one_decision() -> None:
+    game = house()
+    game.see_clyde(2.0, 0.0, 0)
+    left = game.assets.pellet_ids.tolist()
+    seen = Seen(0.0, (0.0, 0.0, 0.0), left=left, barred={0, game.hold - 1}, pursued=2)
+    situation = game.situation(seen)
+    assert np.flatnonzero(~situation.mask[0]).tolist() == [0, game.hold - 1]
+    assert situation.current[0] == 2
+    assert game.situation(Seen(0.5, (0.0, 0.0, 0.0), left=left)).mask.all()
+
+
+def test_candidates_are_places() -> None:
+    game = house()
+    x, y = game.assets.goal_xy[1].tolist()
+    assert game.goal(1) == Goal(1, x, y, int(game.assets.pellet_ids[1]))
+    home = game.goal(game.assets.pellets)
+    assert home is not None
+    assert home.pellet is None
+    assert game.goal(game.hold) is None
+
+
+def test_a_pose_far_from_all_that_can_be_driven_on_is_off_the_map() -> None:
+    game = house()
+    assert not game.off_the_map(*game.assets.grid.home[:2])
+    assert game.off_the_map(400.0, -400.0)
+
+
+def test_a_rehearsal_leaves_nothing_behind() -> None:
+    game = LiveGame(house().assets, config_of())
+    rehearsed = game.rehearsal()
+    assert rehearsed.mask.all()
+    assert game.clyde is None
+    make_policy("lookahead").select(rehearsed)
+    game.see_clyde(2.0, 0.0, 0)
+    first = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
+    assert first.tick[0] == 0
+    assert first.maps is rehearsed.maps

@@ -1,0 +1,91 @@
+"""The tables of the documentation are what the code says."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pacman_env.config import Config
+from tests.envs.helpers import make
+from tools.reference import COLUMNS, ROOT, TABLES, configuration, fields_of, fill, main
+
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+
+
+def test_the_committed_pages_have_the_tables_of_now(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--check"]) == 0, capsys.readouterr().out
+
+
+def test_every_table_stands_on_a_page() -> None:
+    named = [name for page in PAGES for name in re.findall(r"<!-- table: ([\w-]+) -->", page.read_text())]
+    assert sorted(named) == sorted(TABLES)
+
+
+def test_the_configurations_page_has_every_field_and_its_default() -> None:
+    rows = dict(re.findall(r"^\| `([\w.]+)` \| `(.*?)` \|", configuration(), re.MULTILINE))
+    wanted = {}
+    for field in dataclasses.fields(Config):
+        value = getattr(Config(), field.name)
+        if dataclasses.is_dataclass(value):
+            wanted |= {f"{field.name}.{f.name}": getattr(value, f.name) for f in dataclasses.fields(value)}
+        else:
+            wanted[field.name] = value
+    assert rows == {name: repr(value).replace("'", '"') for name, value in wanted.items()}
+
+
+def test_every_field_says_what_it_means_or_where_it_is_from() -> None:
+    for line in configuration().splitlines():
+        if line.startswith("| `"):
+            assert not line.endswith("|  |"), line
+
+
+def test_the_columns_on_the_page_are_those_of_the_space() -> None:
+    page = (ROOT / "docs" / "environments" / "pacmanbot.md").read_text()
+    space = make(ghosts=2).observation_space
+    for key, columns in COLUMNS.items():
+        section = page.split(f"### `{key}`\n")[1].split("\n###")[0]
+        rows = re.findall(r"^\| (\d+) \| `(\w+)` \| ([-\d.]+) \| ([-\d.]+) \|", section, re.MULTILINE)
+        assert [(int(k), name) for k, name, _, _ in rows] == [(k, c[0]) for k, c in enumerate(columns)]
+        box = space[key]
+        low, high = (np.atleast_2d(bound)[0] for bound in (box.low, box.high))  # type: ignore[attr-defined]
+        np.testing.assert_allclose(low, [float(row[2]) for row in rows], atol=5e-4)
+        np.testing.assert_allclose(high, [float(row[3]) for row in rows], atol=5e-4)
+
+
+def test_comments_behind_a_field_and_above_it_are_its_own() -> None:
+    source = (
+        "class A:\n    # not of b\n\n    b_m: float = 1.0  # behind\n    #: above\n    # in two lines\n"
+        "    c: int = 2\n    d_mps: float = 3.0\n"
+    )
+    fields = fields_of(source)["A"]
+    assert [(f.name, f.kind, f.comment, f.unit) for f in fields] == [
+        ("b_m", "float", "behind", "m"),
+        ("c", "int", "above in two lines", ""),
+        ("d_mps", "float", "", "m/s"),
+    ]
+
+
+def test_only_what_is_between_the_marks_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- table: actions -->\nstale\n<!-- end -->\nafter\n")
+    assert main([str(page), "--check"]) == 1
+    assert "other tables" in capsys.readouterr().out
+    assert main([str(page)]) == 0
+    text = page.read_text()
+    assert text.startswith("before\n<!-- table: actions -->\n\n| Argument |")
+    assert text.endswith(" |\n\n<!-- end -->\nafter\n")
+    assert "stale" not in text
+    assert fill(text) == text
+    assert main([str(page), "--check"]) == 0
+
+
+def test_an_unknown_table_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- table: nothing -->\n<!-- end -->\n")
+    assert main([str(page)]) == 2
+    assert "no table 'nothing'" in capsys.readouterr().err
+    assert main([str(tmp_path / "none.md")]) == 2

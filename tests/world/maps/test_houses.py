@@ -1,0 +1,169 @@
+"""Generated houses: the same everywhere, as declared, and fit for the game."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pacman_env.config import ClydeConfig, Nav2Config, PelletConfig, RobotConfig
+from pacman_env.game.clyde import clyde_cells
+from pacman_env.game.pellets import generate_pellets
+from pacman_env.world.maps import houses
+from pacman_env.world.maps.house_rooms import Dice
+from pacman_env.world.maps.house_survey import GLASS, MAX_PIXELS, OPEN, SOLID, Shape, survey
+from pacman_env.world.maps.houses import LOOP_QUOTA, MAX_EXTENT_M, HouseFacts, describe_house, draw_house
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.navigation.grid import DriveGrid, build_grid
+
+LEVELS = range(40)
+MANY = range(200)
+
+
+@cache
+def house(level: int) -> OccupancyMap:
+    return draw_house(level)
+
+
+@cache
+def grid(level: int) -> DriveGrid:
+    return build_grid(house(level), RobotConfig(), Nav2Config(), PelletConfig())
+
+
+@cache
+def facts() -> list[HouseFacts]:
+    return [describe_house(level) for level in MANY]
+
+
+def holes(solid: NDArray[np.bool_]) -> int:
+    """Solid parts that the robot can drive around."""
+    padded = np.pad(solid, 1, constant_values=True).astype(np.uint8)
+    return cv2.connectedComponents(padded, connectivity=8)[0] - 2  # without label 0 and the outside
+
+
+def is_playable(level: int) -> bool:
+    """What a game at the original's settings asks of a map."""
+    plan, drive = house(level), grid(level)
+    pellets = generate_pellets(plan, PelletConfig()).position
+    cells = clyde_cells(plan, ClydeConfig(), PelletConfig().free_grey)
+    ghost = cells.position[cells.part == 0]
+    reached = [drive.nearest_cell(x, y, 0.25) >= 0 for x, y in pellets]
+    haunted = [np.hypot(*(ghost - p).T).min() <= 0.5 for p in pellets]
+    return (
+        4 <= len(pellets) <= 16
+        and all(reached)
+        and np.mean(haunted) > 0.9
+        and len(ghost) * 4 >= len(drive.cell)
+        and len(drive.cell) <= 20_000
+    )
+
+
+def test_level_and_attempt_give_the_same_bits_in_every_process() -> None:
+    digest = hashlib.sha256("".join(draw_house(n, a).hash for n, a in ((0, 0), (0, 1), (7, 0), (10**12, 3))).encode())
+    assert digest.hexdigest()[:16] == "941ea87256b30471"
+
+
+def test_levels_and_attempts_differ_in_the_map_and_levels_in_the_name() -> None:
+    maps = [draw_house(level, attempt) for level in range(3) for attempt in range(3)]
+    assert len({m.hash for m in maps}) == 9
+    assert [m.name for m in maps[::3]] == ["generated-0", "generated-1", "generated-2"]
+
+
+@pytest.mark.parametrize("numbers", [(-1, 0), (0, -1)])
+def test_negative_numbers_are_refused(numbers: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match="must not be negative"):
+        draw_house(*numbers)
+    with pytest.raises(ValueError, match="must not be negative"):
+        describe_house(*numbers)
+
+
+def test_loops_come_in_the_declared_proportion_in_any_ten_levels_and_for_every_attempt() -> None:
+    loops = [f.loops for f in facts()]
+    assert all(Counter(loops[k : k + 10]) == Counter(LOOP_QUOTA) for k in range(0, len(loops), 10))
+    share = Counter(min(n, 2) for n in loops)
+    assert (share[0], share[1], share[2]) == (40, 80, 80)
+    assert [describe_house(level, 5).loops for level in range(10)] == loops[:10]
+    assert len({tuple(loops[k : k + 10]) for k in range(0, len(loops), 10)}) > 10  # no fixed order
+
+
+def test_every_house_has_a_dead_end_and_the_size_of_a_home() -> None:
+    assert all(f.loops == f.doors - f.rooms + 1 for f in facts())
+    assert all(f.dead_ends >= 1 and 4 <= f.rooms <= 10 and 30 <= f.area <= 75 for f in facts())
+    assert len({f.rooms for f in facts()}) >= 5
+    assert np.mean([f.glass > 0 for f in facts()]) > 0.9
+    assert np.median([f.furniture for f in facts()]) >= 10
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_map_is_a_clean_one_with_room_for_the_robot_at_home(level: int) -> None:
+    plan, drive = house(level), grid(level)
+    assert set(np.unique(plan.grey)) == {0, 205, 254}
+    assert max(plan.grey.shape) <= MAX_PIXELS
+    x, y, yaw = plan.origin
+    assert max(-x, -y, x + plan.width * plan.resolution, y + plan.height * plan.resolution) <= MAX_EXTENT_M
+    assert min(-x, -y) > 0
+    assert (yaw, plan.resolution) == (0.0, 0.05)
+    assert tuple(drive.home) == (0.0, 0.0, 0.0)
+    column, row = drive.to_cell(0.0, 0.0)
+    assert drive.clearance[row, column] >= 0.35
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_loops_of_the_plan_can_be_driven(level: int) -> None:
+    """Furniture adds more of them, so a missing one shows a door that nobody passes."""
+    assert holes(grid(level).cell_id < 0) >= describe_house(level).loops
+
+
+def test_most_houses_are_playable_at_the_first_attempt() -> None:
+    assert np.mean([is_playable(level) for level in LEVELS]) > 0.9
+
+
+def test_a_saved_house_is_read_back_identically(tmp_path: Path) -> None:
+    for level in range(5):
+        assert load_map(house(level).save(tmp_path / f"{house(level).name}.yaml")).hash == house(level).hash
+
+
+def test_most_maps_show_rays_that_left_through_glass() -> None:
+    """They are free cells in which the robot cannot be, on the far side of a wall."""
+    outside = []
+    for level in LEVELS:
+        column, row, inside = grid(level).locate(
+            np.stack(house(level).cell_to_world(*np.nonzero(house(level).game_free())[::-1]), axis=1)
+        )
+        near = cv2.dilate((grid(level).cell_id >= 0).astype(np.uint8), np.ones((21, 21), np.uint8))
+        outside.append(int((~inside).sum() + (near[row[inside], column[inside]] == 0).sum()))
+    assert np.mean([cells > 20 for cells in outside]) > 0.7
+
+
+def room_with_glass(size: float) -> list[Shape]:
+    """A room around (0, 0) with windows in all of its eastern side, as houses have them."""
+    shapes: list[Shape] = [(SOLID, 0.0, 0.0, size + 0.2, size + 0.2, 0.0), (OPEN, 0.0, 0.0, size, size, 0.0)]
+    across = np.arange(-size / 2 + 0.2, size / 2 - 0.2, houses._PANE_M + houses._POST_M)
+    return shapes + [(GLASS, size / 2 + 0.05, float(y), 0.2, houses._PANE_M, 0.0) for y in across]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_nobody_leaves_through_a_window(seed: int) -> None:
+    dice = Dice(seed)
+    turn = dice.between(-0.8, 0.8) if seed else 0.0
+    plan = survey("room", room_with_glass(4.0), turn, dice.draw)
+    drive = build_grid(plan, RobotConfig(), Nav2Config(), PelletConfig())
+    x, y = drive.to_world(drive.cell[:, 0], drive.cell[:, 1])
+    assert np.hypot(x - x.mean(), y - y.mean()).max() < 4.0 / 2 * 2**0.5 + 0.1
+    assert len(x) * drive.resolution**2 < 4.0**2
+    ghost = clyde_cells(plan, ClydeConfig(), PelletConfig().free_grey)
+    assert ghost.part.max() == 0  # no place for him outside
+
+
+def test_a_building_is_refused_where_the_robot_or_the_image_has_no_room() -> None:
+    draw = Dice(0).draw
+    with pytest.raises(ValueError, match="closet: no place for the robot"):
+        survey("closet", [(SOLID, 0.0, 0.0, 1.0, 1.0, 0.0), (OPEN, 0.0, 0.0, 0.6, 0.6, 0.0)], 0.0, draw)
+    with pytest.raises(ValueError, match="hangar: the building takes 4"):
+        survey("hangar", [(OPEN, 0.0, 0.0, 20.0, 5.0, 0.0)], 0.0, draw)

@@ -1,0 +1,372 @@
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from pacman_env.world.maps import occupancy as module
+from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, shipped_maps
+from tests.world.map_files import GOOD, pgm, row, write_map
+
+# --- brightness to occupancy -------------------------------------------------------------------------------
+
+
+def test_trinary_is_free_unknown_or_occupied_with_both_thresholds_inclusive(tmp_path: Path) -> None:
+    # 1 - g / 255: 89 -> 0.651, 90 -> 0.647, 205 -> 0.1961, 206 -> 0.1922
+    m = load_map(write_map(tmp_path, [[0, 89, 90, 205, 206, 255]]))
+    assert row(m) == [100, 100, -1, -1, 0, 0]
+    m = load_map(write_map(tmp_path, [[0, 1, 254, 255]], occupied_thresh=1.0, free_thresh=0.0))
+    assert row(m) == [100, -1, -1, 0]
+
+
+def test_thresholds_are_compared_in_single_precision(tmp_path: Path) -> None:
+    # 1 - 153 / 255 is 0.4 in double precision, and just below the threshold in single precision
+    m = load_map(write_map(tmp_path, [[153, 152]], occupied_thresh=0.4))
+    assert row(m) == [-1, 100]
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale"])
+def test_free_wins_where_the_thresholds_overlap(tmp_path: Path, mode: str) -> None:
+    # 0.4 is dark enough to be occupied and bright enough to be free
+    m = load_map(write_map(tmp_path, [[0, 153, 255]], occupied_thresh=0.3, free_thresh=0.7, mode=mode))
+    assert row(m) == [100, 0, 0]
+
+
+def test_scale_rounds_what_lies_between_the_thresholds(tmp_path: Path) -> None:
+    # (1 - g / 255 - 0.196) / 0.454: 90 -> 0.9935, 128 -> 0.6653, 147 -> 0.5012, 205 -> 0.0002
+    m = load_map(write_map(tmp_path, [[0, 89, 90, 128, 147, 205, 206, 255]], mode="scale"))
+    assert row(m) == [100, 100, 99, 67, 50, 0, 0, 0]
+
+
+def test_raw_keeps_0_to_100_whatever_the_thresholds_say(tmp_path: Path) -> None:
+    m = load_map(write_map(tmp_path, [[0, 50, 100, 101, 128, 255]], mode="raw", negate=1))
+    assert row(m) == [0, 50, 100, -1, -1, -1]
+
+
+def test_negate_makes_dark_free_and_grey_bright_there(tmp_path: Path) -> None:
+    # g / 255: 49 -> 0.192, 50 -> 0.1961, 166 -> 0.651
+    m = load_map(write_map(tmp_path, [[0, 49, 50, 166, 255]], negate=1))
+    assert row(m) == [0, 0, -1, 100, 100]
+    assert m.grey[0].tolist() == [255, 206, 205, 89, 0]
+    assert m.game_free()[0].tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize("mode", ["Trinary", "SCALE", "rAw"])
+def test_the_mode_is_read_in_any_case(tmp_path: Path, mode: str) -> None:
+    assert load_map(write_map(tmp_path, [[60]], mode=mode)).mode == mode.lower()
+
+
+def test_without_a_mode_a_map_is_trinary(tmp_path: Path) -> None:
+    assert load_map(write_map(tmp_path, [[60]])).mode == "trinary"
+
+
+def test_the_image_path_is_relative_to_the_yaml_or_absolute(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "other.pgm").write_bytes(pgm([[7]]))
+    for image in ("images/other.pgm", str(tmp_path / "images" / "other.pgm")):
+        assert load_map(write_map(tmp_path, [[0]], image=image)).grey.tolist() == [[7]]
+
+
+# --- keys --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", list(GOOD))
+def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
+    path = write_map(tmp_path, [[0]], key)
+    with pytest.raises(MapError, match=f"key '{key}' is missing") as caught:
+        load_map(path)
+    assert str(path) in str(caught.value)
+
+
+NOT_A_NUMBER = ["a", None, [1], True, "-nan", math.inf, 10**400]
+WRONG: dict[str, list[object]] = {
+    "resolution": [*NOT_A_NUMBER, 0, -0.1],
+    "occupied_thresh": [*NOT_A_NUMBER, -0.1, 65],
+    "free_thresh": [*NOT_A_NUMBER, -0.1, 1.01],
+    "origin": [0, "0 0 0", None, [0, 0], [0, 0, 0, 0], [0, 0, "a"], [0, 0, math.nan], [0, [0], 0]],
+    "negate": ["maybe", 0.0, None, [0], ""],
+    "mode": ["trinaryy", "", None, 3, ["raw"]],
+    "image": ["", None, 5, ["m.pgm"], "absent.pgm", ".", "a\0b", "x" * 5000],
+}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [(key, value) for key, values in WRONG.items() for value in values],
+    ids=lambda v: repr(v)[:20],
+)
+def test_a_wrong_value_is_refused_by_file_and_key(tmp_path: Path, key: str, value: object) -> None:
+    path = write_map(tmp_path, [[0]], **{key: value})
+    with pytest.raises(MapError, match=f"key '{key}'") as caught:
+        load_map(path)
+    assert str(path) in str(caught.value)
+
+
+def test_numbers_that_yaml_reads_as_strings_are_numbers(tmp_path: Path) -> None:
+    text = "image: m.pgm\nresolution: 5e-2\norigin: [1e0, '-2', 3]\nnegate: '0'\noccupied_thresh: 65e-2\n"
+    path = write_map(tmp_path, [[255]])
+    path.write_text(text + "free_thresh: 1e-1\n")
+    m = load_map(path)
+    assert (m.resolution, m.origin, m.occupied_thresh, m.free_thresh) == (0.05, (1.0, -2.0, 3.0), 0.65, 0.1)
+    assert m.negate is False
+
+
+@pytest.mark.parametrize(
+    ("value", "negate"),
+    [(0, False), (1, True), (2, True), (True, True), (False, False), ("1", True), ("n", False), ("On", True)],
+)
+def test_negate_is_a_number_or_a_truth_value(tmp_path: Path, value: object, negate: bool) -> None:
+    assert load_map(write_map(tmp_path, [[0]], negate=value)).negate is negate
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "- 1",
+        "just words",
+        "a: [",
+        "\tx: 1",
+        "a: !!python/object/apply:os.getcwd []",
+        "a: !!bool maybe",
+        "a: 2024-13-45",
+        "? [1]\n: 2",
+        "[" * 5000,
+    ],
+)
+def test_a_yaml_that_is_no_plain_mapping_is_refused_by_its_name(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(text)
+    with pytest.raises(MapError, match=r"m\.yaml: "):
+        load_map(path)
+
+
+@given(data=st.binary(max_size=40), key=st.sampled_from(list(GOOD)))
+def test_no_yaml_gives_another_error_than_mine(tmp_path_factory: pytest.TempPathFactory, data: bytes, key: str) -> None:
+    path = write_map(tmp_path_factory.getbasetemp(), [[0]], key)
+    path.write_bytes(path.read_bytes() + f"{key}: ".encode() + data)
+    message = ""
+    try:
+        load_map(path)
+    except MapError as error:
+        message = str(error)
+    assert message == "" or str(path) in message
+
+
+def test_an_alias_bomb_makes_no_long_message(tmp_path: Path) -> None:
+    path = write_map(tmp_path, [[0]], "image")
+    bomb = "a0: &a0 [x,x,x,x,x,x,x,x]\n"
+    bomb += "".join(f"a{i + 1}: &a{i + 1} [{','.join([f'*a{i}'] * 8)}]\n" for i in range(12))
+    path.write_text(bomb + path.read_text() + "image: *a12\n")
+    with pytest.raises(MapError, match="key 'image'") as caught:
+        load_map(path)
+    assert len(str(caught.value)) < 1_000_000
+
+
+# --- names and folders -------------------------------------------------------------------------------------
+
+
+def test_a_folder_with_one_yaml_is_a_map_named_after_the_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "kitchen"
+    folder.mkdir()
+    path = write_map(folder, [[0]])
+    assert load_map(folder).name == "kitchen"
+    assert load_map(str(path)).name == "m"
+    path.rename(folder / "map.yaml")
+    assert load_map(folder / "map.yaml").name == "kitchen"
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_folder_with_another_number_of_yamls_is_refused(tmp_path: Path, count: int) -> None:
+    for k in range(count):
+        (tmp_path / f"{k}.yaml").write_text("")
+    with pytest.raises(MapError, match=f"exactly one .yaml file, this one {count}"):
+        load_map(tmp_path)
+
+
+@pytest.mark.parametrize("layout", ["wheel", "checkout"])
+def test_shipped_maps_are_found_inside_the_package_or_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, layout: str
+) -> None:
+    package = tmp_path / "pacman_env"
+    maps = (package if layout == "wheel" else tmp_path) / "maps"
+    maps.mkdir(parents=True)
+    write_map(maps, [[254]]).rename(maps / "attic.yaml")
+    monkeypatch.setattr(module, "__file__", str(package / "world" / "occupancy.py"))
+    assert shipped_maps() == ["attic"]
+    assert load_map("attic").name == "attic"
+    with pytest.raises(MapError, match=r"attik: .*\(attic\)"):
+        load_map("attik")
+
+
+def test_every_shipped_map_loads_by_its_name() -> None:
+    folder = Path(module.__file__).parents[2] / "maps"
+    assert shipped_maps() == sorted(p.stem for p in folder.glob("*.yaml"))
+    for name in shipped_maps():
+        m = load_map(name)
+        assert m.name == name
+        assert m.game_free().any()
+
+
+@pytest.mark.parametrize(
+    "source", ["nowhere.yaml", "~no_such_user_at_all/m.yaml", "x" * 5000, "a\0b"], ids=lambda v: repr(v)[:20]
+)
+def test_a_source_that_is_not_there_is_named(source: str) -> None:
+    with pytest.raises(MapError) as caught:
+        load_map(source)
+    assert source in str(caught.value)
+
+
+# --- geometry ----------------------------------------------------------------------------------------------
+
+
+def test_cell_centres_follow_map_servers_formula() -> None:
+    m = OccupancyMap.from_pixels("m", np.zeros((3, 4), np.uint8), 0.1, (1.0, 2.0, 0.0))
+    assert m.cell_to_world(0, 2) == pytest.approx((1.05, 2.05))
+    assert m.cell_to_world(3, 0) == pytest.approx((1.35, 2.25))
+    turned = OccupancyMap.from_pixels("m", np.zeros((3, 4), np.uint8), 0.1, (1.0, 2.0, math.pi / 2))
+    assert turned.cell_to_world(3, 0) == pytest.approx((1.0 - 0.25, 2.0 + 0.35))
+    x, y = turned.cell_to_world(np.array([0, 3]), np.array([2, 0]))
+    np.testing.assert_allclose((x, y), [[0.95, 0.75], [2.05, 2.35]])
+
+
+@given(
+    column=st.integers(0, 3999),
+    row=st.integers(0, 2),
+    resolution=st.floats(0.001, 1.0),
+    yaw=st.floats(-4, 4),
+    corner=st.floats(-100, 100),
+)
+def test_world_to_cell_undoes_cell_to_world(
+    column: int, row: int, resolution: float, yaw: float, corner: float
+) -> None:
+    m = OccupancyMap.from_pixels("m", np.zeros((3, 4000), np.uint8), resolution, (corner, -corner, yaw))
+    assert m.world_to_cell(*m.cell_to_world(column, row)) == pytest.approx((column, row), abs=1e-6)
+
+
+# --- objects and files -------------------------------------------------------------------------------------
+
+
+def test_arrays_are_read_only_and_apart_from_the_callers() -> None:
+    pixels = np.full((2, 2), 254, np.uint8)
+    m = OccupancyMap.from_pixels("m", pixels, 0.1, (0.0, 0.0, 0.0))
+    pixels[:] = 0
+    assert m.grey.min() == 254
+    for array in (m.grey, m.occupancy):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
+
+
+def test_arrays_of_different_shapes_are_refused() -> None:
+    with pytest.raises(MapError, match="must be one"):
+        OccupancyMap("m", np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.int8), 0.1, (0, 0, 0))
+
+
+def test_the_hash_covers_what_matters_and_nothing_else() -> None:
+    pixels = np.array([[0, 254, 205]], np.uint8)
+    other = np.array([[0, 253, 205]], np.uint8)
+    base = OccupancyMap.from_pixels("a", pixels, 0.1, (0.0, 0.0, 0.0))
+    same = [
+        OccupancyMap.from_pixels("b", pixels, 0.1, (0.0, 0.0, 0.0)),
+        OccupancyMap.from_pixels("a", pixels, 0.1, (0.0, 0.0, 0.0), free_thresh=0.1),
+    ]
+    different = [
+        OccupancyMap.from_pixels("a", pixels, 0.2, (0.0, 0.0, 0.0)),
+        OccupancyMap.from_pixels("a", pixels, 0.1, (0.0, 0.0, 0.5)),
+        OccupancyMap.from_pixels("a", pixels, 0.1, (0.0, 0.0, 0.0), free_thresh=0.2),
+        OccupancyMap.from_pixels("a", other, 0.1, (0.0, 0.0, 0.0)),
+        OccupancyMap.from_pixels("a", pixels.T, 0.1, (0.0, 0.0, 0.0)),
+    ]
+    assert len(base.hash) == 64
+    assert {m.hash for m in same} == {base.hash}
+    assert len({m.hash for m in [base, *different]}) == 6
+
+
+@given(
+    pixels=hnp.arrays(np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, max_side=6)),
+    seed=st.integers(0, 99),
+    alpha=st.booleans(),
+    negate=st.booleans(),
+    mode=st.sampled_from(["trinary", "scale", "raw"]),
+    thresholds=st.tuples(st.floats(0, 1), st.floats(0, 1)),
+    resolution=st.floats(1e-5, 10),
+    origin=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
+)
+@example(np.zeros((1, 1), np.uint8), 0, False, False, "trinary", (0.65, 5e-5), 5e-5, (-0.0, 1e-20, 1e16))
+@settings(max_examples=60)
+def test_what_is_saved_is_loaded_again(
+    tmp_path_factory: pytest.TempPathFactory,
+    pixels: np.ndarray,
+    seed: int,
+    alpha: bool,
+    negate: bool,
+    mode: str,
+    thresholds: tuple[float, float],
+    resolution: float,
+    origin: tuple[float, float, float],
+) -> None:
+    opaque = np.random.default_rng(seed).random(pixels.shape) < 0.7 if alpha else None
+    m = OccupancyMap.from_pixels(
+        "m",
+        pixels,
+        resolution,
+        origin,
+        opaque=opaque,
+        occupied_thresh=thresholds[0],
+        free_thresh=thresholds[1],
+        negate=negate,
+        mode=mode,
+    )
+    again = load_map(m.save(tmp_path_factory.getbasetemp() / "saved.yaml"))
+    np.testing.assert_array_equal(again.grey, m.grey)
+    np.testing.assert_array_equal(again.occupancy, m.occupancy)
+    assert (again.resolution, again.origin, again.hash) == (m.resolution, m.origin, m.hash)
+    assert (again.negate, again.mode) == (m.negate, m.mode)
+    assert (again.occupied_thresh, again.free_thresh) == (m.occupied_thresh, m.free_thresh)
+
+
+def test_save_names_the_image_as_asked(tmp_path: Path) -> None:
+    m = OccupancyMap.from_pixels("m", np.full((2, 2), 254, np.uint8), 0.1, (0.0, 0.0, 0.0))
+    m.save(tmp_path / "a.yaml", image="b.png")
+    assert sorted(os.listdir(tmp_path)) == ["a.yaml", "b.png"]
+    assert load_map(tmp_path / "a.yaml").hash == m.hash
+
+
+@pytest.mark.parametrize("image", ["a.jpg", "folder/a.pgm", "../a.pgm", "a"])
+def test_save_refuses_other_image_names(tmp_path: Path, image: str) -> None:
+    m = OccupancyMap.from_pixels("m", np.full((2, 2), 254, np.uint8), 0.1, (0.0, 0.0, 0.0))
+    with pytest.raises(MapError, match=r"key 'image': .* must be a file name"):
+        m.save(tmp_path / "a.yaml", image=image)
+    assert os.listdir(tmp_path) == []
+
+
+def test_save_refuses_what_the_format_cannot_hold(tmp_path: Path) -> None:
+    grey = np.full((1, 2), 254, np.uint8)
+    unknown = OccupancyMap.from_pixels("m", grey, 0.1, (0, 0, 0), opaque=np.array([[True, False]]))
+    with pytest.raises(MapError, match=r"need alpha, choose a \.png"):
+        unknown.save(tmp_path / "a.yaml", image="a.pgm")
+    contradictory = OccupancyMap("m", grey, np.array([[0, 100]], np.int8), 0.1, (0, 0, 0))
+    with pytest.raises(MapError, match="no image yields both"):
+        contradictory.save(tmp_path / "a.yaml")
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_interrupted_save_leaves_the_old_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = OccupancyMap.from_pixels("m", np.full((2, 2), 254, np.uint8), 0.1, (0.0, 0.0, 0.0))
+    old.save(tmp_path / "a.yaml")
+
+    def fail(*_: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fail)
+    new = OccupancyMap.from_pixels("m", np.zeros((2, 2), np.uint8), 0.1, (0.0, 0.0, 0.0))
+    with pytest.raises(OSError, match="disk full"):
+        new.save(tmp_path / "a.yaml")
+    assert sorted(os.listdir(tmp_path)) == ["a.pgm", "a.yaml"]
+    assert load_map(tmp_path / "a.yaml").hash == old.hash

@@ -1,0 +1,227 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.navigation.grid import DriveGrid, build_grid, clearance_m
+from pacman_env.world.navigation.lidar import scan, scan_all
+from tests.drawn import box, drawn
+
+MINIMUM, MAXIMUM = 0.15, 12.0
+RESOLUTION = 0.05
+PELLETS = PelletConfig()
+ROOMS = [
+    "###########",
+    "#.....#...#",
+    "#.#...#...#",
+    "#.........#",
+    "#....##...#",
+    "#.....#####",
+    "#..#..#   #",
+    "###########",
+]
+
+
+def grid_of(occupancy: OccupancyMap) -> DriveGrid:
+    return build_grid(occupancy, RobotConfig(), Nav2Config(), PELLETS)
+
+
+def field(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Affine and clearance of cells in rows from the bottom, the lower left corner at (0, 0)."""
+    affine = np.array([1 / RESOLUTION, 0.0, 0.0, 0.0, 1 / RESOLUTION, 0.0])
+    cm = np.minimum(np.floor(clearance_m(free, RESOLUTION) * 100 + 1e-3), 255)
+    return affine, cm.astype(np.uint8)
+
+
+def ranges_at(
+    affine: np.ndarray,
+    clearance_cm: np.ndarray,
+    pose: tuple[float, float, float],
+    *,
+    rays: int = 360,
+    noise: float = 0.0,
+    seed: int = 1,
+    tick: int = 0,
+    minimum: float = MINIMUM,
+    maximum: float = MAXIMUM,
+) -> np.ndarray:
+    ranges = np.full(rays, np.nan, np.float32)
+    scan(affine, clearance_cm, RESOLUTION, *pose, np.uint64(seed), tick, noise, minimum, maximum, ranges)
+    return ranges
+
+
+def slow_ranges(
+    affine: np.ndarray, clearance_cm: np.ndarray, pose: tuple[float, float, float], rays: int, maximum: float
+) -> np.ndarray:
+    """The same without noise and minimum: every edge a ray crosses is listed, every cell between two is looked at."""
+    rows, columns = clearance_cm.shape
+    linear = affine.reshape(2, 3)[:, :2]
+    start = linear @ pose[:2] + affine[[2, 5]]
+    result = np.full(rays, maximum)
+    if not ((start >= 0) & (start < (columns, rows))).all():
+        return result
+    for k in range(rays):
+        angle = pose[2] + 2 * math.pi * k / rays
+        along = linear @ (math.cos(angle), math.sin(angle))  # cells per m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossed = [(np.arange(n + 1) - s) / a for n, s, a in zip((columns, rows), start, along, strict=True)]
+        edges = np.concatenate(crossed)
+        edges = np.concatenate([[0.0], np.sort(edges[(edges > 0) & (edges < maximum)]), [maximum]])
+        column, row = np.floor(start[:, None] + along[:, None] * (edges[1:] + edges[:-1]) / 2).astype(int)
+        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+        solid = np.flatnonzero(~inside | (clearance_cm[np.where(inside, row, 0), np.where(inside, column, 0)] == 0))
+        if len(solid) and inside[solid[0]]:
+            result[k] = edges[solid[0]]
+    return result
+
+
+def free_poses(grid: DriveGrid, seed: int, count: int) -> list[tuple[float, float, float]]:
+    """Anywhere within random drivable cells."""
+    rng = np.random.default_rng(seed)
+    cells = grid.cell[rng.integers(len(grid.cell), size=count)] + rng.uniform(-0.5, 0.5, (count, 2))
+    x, y = grid.to_world(cells[:, 0], cells[:, 1])
+    return list(zip(x.tolist(), y.tolist(), rng.uniform(-7, 7, count).tolist(), strict=True))
+
+
+# Ranges
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.text("#..", min_size=9, max_size=9), min_size=2, max_size=9),
+    st.integers(0, 10**6),
+    st.sampled_from([0.4, 2.0, 12.0]),
+)
+def test_jumps_give_the_same_ranges_as_looking_at_every_cell(rows: list[str], seed: int, maximum: float) -> None:
+    free = np.flipud(drawn(rows, square_m=0.3).game_free(PELLETS.free_grey))
+    if free.all():
+        free[0, 0] = False
+    affine, clearance_cm = field(free)
+    rng = np.random.default_rng(seed)
+    pose = (rng.uniform(-0.1, 2.8), rng.uniform(-0.1, 0.3 * len(rows) + 0.1), rng.uniform(-7, 7))
+    fast = ranges_at(affine, clearance_cm, pose, rays=61, minimum=0.0, maximum=maximum)
+    np.testing.assert_allclose(fast, slow_ranges(affine, clearance_cm, pose, 61, maximum), atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("name", ["house", "drawn and turned"])
+def test_ranges_on_maps_are_those_of_looking_at_every_cell(name: str) -> None:
+    grid = grid_of(load_map(name) if name == "house" else drawn(ROOMS, origin=(-1.2, -1.7, 0.7)))
+    for pose in free_poses(grid, 3, 12):
+        fast = ranges_at(grid.affine, grid.clearance_cm, pose, minimum=0.0)
+        slow = slow_ranges(grid.affine, grid.clearance_cm, pose, 360, MAXIMUM)
+        assert slow.min() < 4.0
+        np.testing.assert_allclose(fast, slow, atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("pose", [(3.0, 2.0, 0.0), (0.8, 4.1, 2.2), (6.21, 0.93, -40.0)])
+def test_in_an_empty_room_ranges_are_the_distances_to_its_walls(pose: tuple[float, float, float]) -> None:
+    grid = grid_of(drawn(box(12, 8)))  # inside, x from 0.5 to 6.5 m and y from 0.5 to 4.5 m
+    x, y, heading = pose
+    angle = heading + 2 * np.pi * np.arange(360) / 360
+    with np.errstate(divide="ignore"):
+        to_x = np.where(np.cos(angle) > 0, 6.5 - x, x - 0.5) / np.abs(np.cos(angle))
+        to_y = np.where(np.sin(angle) > 0, 4.5 - y, y - 0.5) / np.abs(np.sin(angle))
+    np.testing.assert_allclose(ranges_at(grid.affine, grid.clearance_cm, pose), np.minimum(to_x, to_y), atol=1e-4)
+
+
+def test_rays_go_counter_clockwise_from_ahead() -> None:
+    grid = grid_of(drawn(box(12, 8)))
+    pose = (2.0, 1.5, math.pi / 2)  # facing the upper wall
+    np.testing.assert_allclose(ranges_at(grid.affine, grid.clearance_cm, pose, rays=4), [3.0, 1.5, 1.0, 4.5], atol=1e-4)
+
+
+def test_rays_along_the_edges_of_cells_end() -> None:
+    free = np.ones((40, 40), np.bool_)
+    free[:, 30:] = False
+    affine, clearance_cm = field(free)
+    ranges = ranges_at(affine, clearance_cm, (1.0, 1.0, 0.0), rays=4)
+    np.testing.assert_allclose(ranges, [0.5, MAXIMUM, MAXIMUM, MAXIMUM], atol=1e-4)
+
+
+def test_no_return_within_the_maximum_or_off_the_grid_reads_the_maximum() -> None:
+    affine, clearance_cm = field(np.ones((40, 40), np.bool_))  # nothing solid at all
+    assert (ranges_at(affine, clearance_cm, (1.0, 1.0, 0.3), noise=0.1) == np.float32(MAXIMUM)).all()
+    grid = grid_of(drawn(box(12, 8)))
+    short = ranges_at(grid.affine, grid.clearance_cm, (3.5, 2.5, 0.0), rays=4, noise=0.1, maximum=2.5)
+    assert (short[[0, 2]] == 2.5).all()
+    assert (ranges_at(grid.affine, grid.clearance_cm, (40.0, 2.5, 0.0)) == np.float32(MAXIMUM)).all()
+
+
+@pytest.mark.parametrize("x", [0.45, 0.55])
+def test_in_a_wall_or_close_to_it_reads_the_minimum(x: float) -> None:
+    grid = grid_of(drawn(box(12, 8)))
+    assert ranges_at(grid.affine, grid.clearance_cm, (x, 2.5, math.pi), rays=4)[0] == np.float32(MINIMUM)
+
+
+@given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3))
+def test_any_finite_pose_gives_ranges_between_the_bounds(pose: tuple[float, float, float]) -> None:
+    affine, clearance_cm = field(np.ones((12, 17), np.bool_))
+    clearance_cm[3:6, 4] = 0
+    ranges = ranges_at(affine, clearance_cm, pose, rays=8, noise=0.3)
+    assert ((ranges >= np.float32(MINIMUM)) & (ranges <= np.float32(MAXIMUM))).all()
+
+
+# Noise
+
+
+def noise_of(seeds: range, tick: int = 5) -> np.ndarray:
+    """(len(seeds), 360) noise of scans in the middle of a room, in standard deviations."""
+    grid = grid_of(drawn(box(12, 8)))
+    pose = (3.1, 2.4, 0.2)
+    exact = ranges_at(grid.affine, grid.clearance_cm, pose).astype(np.float64)
+    noisy = [ranges_at(grid.affine, grid.clearance_cm, pose, noise=0.01, seed=s, tick=tick) for s in seeds]
+    return (np.array(noisy) / exact - 1) / 0.01
+
+
+def test_noise_is_normal_and_as_large_as_asked() -> None:
+    z = noise_of(range(100))
+    assert abs(z.mean()) < 0.02  # 36000 draws
+    assert z.std() == pytest.approx(1.0, abs=0.02)
+    assert (np.abs(z) > 1.96).mean() == pytest.approx(0.05, abs=0.005)
+
+
+def test_noise_is_independent_between_rays_seeds_and_ticks() -> None:
+    z = noise_of(range(100))
+    ticks = np.concatenate([noise_of(range(7, 8), tick=t) for t in range(100)])
+    for a, b in ((z[:, 1:], z[:, :-1]), (z[1:], z[:-1]), (ticks[1:], ticks[:-1])):
+        assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 0.03
+
+
+def test_the_same_scan_is_read_twice() -> None:
+    np.testing.assert_array_equal(noise_of(range(3, 5)), noise_of(range(3, 5)))
+
+
+def test_noise_leaves_the_bounds_standing() -> None:
+    grid = grid_of(drawn(box(12, 8)))
+    ranges = ranges_at(grid.affine, grid.clearance_cm, (3.5, 2.5, 0.0), noise=0.5, minimum=1.0, maximum=3.2)
+    assert ranges.min() == 1.0
+    assert ranges.max() == np.float32(3.2)
+
+
+# Batches
+
+
+def test_robots_of_a_batch_scan_each_its_own_map() -> None:
+    grids = [grid_of(drawn(box(12, 8))), grid_of(drawn(ROOMS, origin=(-1.2, -1.7, 0.7)))]
+    shape = np.max([g.shape for g in grids], axis=0)
+    affine = np.stack([g.affine for g in grids])
+    clearance_cm = np.full((2, *shape), 100, np.uint8)  # what lies beyond a map is not looked at
+    shapes = np.array([g.shape for g in grids], np.int32)
+    for level, g in zip(clearance_cm, grids, strict=True):
+        level[: g.shape[0], : g.shape[1]] = g.clearance_cm
+    level = np.array([1, 0, 1], np.int32)
+    pose = np.array([free_poses(grids[m], 5 + m, 1)[0] for m in level])
+    seeds, ticks = np.array([4, 5, 6], np.uint64), np.array([0, 3, 9], np.int64)
+    ranges = np.empty((3, 90), np.float32)
+    scan_all(affine, clearance_cm, shapes, RESOLUTION, level, pose, seeds, ticks, 0.01, MINIMUM, MAXIMUM, ranges)
+    for i, m in enumerate(level):
+        alone = ranges_at(
+            grids[m].affine, grids[m].clearance_cm, tuple(pose[i]), rays=90, noise=0.01, seed=seeds[i], tick=ticks[i]
+        )
+        np.testing.assert_array_equal(ranges[i], alone)

@@ -1,0 +1,205 @@
+from __future__ import annotations
+
+import csv
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eval.checks.navigator_accuracy import NOBODY, drive_leg, with_goals
+from pacman_env.config import make_config
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, scan, update, wrap
+from tests.shared import shared_path
+
+ROBOT = make_config("robot").localization
+POSE = [("x", np.float64), ("y", np.float64), ("heading", np.float64)]
+
+
+def standing(x: float, y: float, heading: float, sigma: float = 0.0) -> np.ndarray:
+    """One game's record, localized at step 0."""
+    g = np.zeros(1, dtype=np.dtype(POSE + LOCALIZATION_FIELDS, align=True))
+    g["x"], g["y"], g["heading"], g["localization_stream"] = x, y, heading, 7
+    g["sigma_xy"], g["sigma_heading"] = sigma, sigma
+    g["update_distance"], g["update_angle"] = ROBOT.update_distance_m, ROBOT.update_angle_rad
+    update(g[0], 0)
+    return g
+
+
+angles = st.floats(-50, 50)
+
+
+@given(angles)
+def test_wrap_gives_the_same_angle_within_half_a_turn(angle: float) -> None:
+    wrapped = wrap(angle)
+    assert -math.pi - 1e-9 <= wrapped <= math.pi + 1e-9
+    assert abs(math.remainder(wrapped - angle, 2 * math.pi)) < 1e-9
+
+
+@settings(deadline=None)
+@given(st.tuples(angles, angles, angles), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-0.5, 0.5))
+def test_a_scan_updates_if_moved_more_than_25_cm_in_x_or_y_or_turned_more_than_02_rad(
+    pose: tuple[float, float, float], dx: float, dy: float, turn: float
+) -> None:
+    g = standing(*pose)
+    g["x"] += dx
+    g["y"] += dy
+    g["heading"] += turn
+    scan(g[0], 33)
+    margins = abs(dx) - 0.25, abs(dy) - 0.25, abs(turn) - 0.2
+    if min(abs(m) for m in margins) > 1e-9:
+        updated = max(margins) > 0
+        assert g["amcl_step"][0] == (33 if updated else 0)
+        assert g["amcl_x"][0] == (pose[0] + dx if updated else pose[0])
+
+
+def test_turning_through_half_a_turn_is_no_large_turn() -> None:
+    g = standing(0.0, 0.0, math.pi - 0.05)
+    g["heading"] = -math.pi + 0.05
+    scan(g[0], 5)
+    assert g["amcl_step"][0] == 0
+
+
+def test_an_update_publishes_the_pose_with_a_new_error_and_its_unit_vector() -> None:
+    g = standing(1.0, -2.0, 3.1, sigma=0.2)
+    errors = []
+    for step in range(1, 50):
+        update(g[0], step)
+        r = g[0]
+        errors.append((r["error_x"], r["error_y"], r["error_heading"]))
+        assert (r["amcl_x"], r["amcl_y"]) == (1.0 + r["error_x"], -2.0 + r["error_y"])
+        assert r["amcl_heading"] == pytest.approx(wrap(3.1 + r["error_heading"]), abs=1e-12)
+        assert (r["error_cos"], r["error_sin"]) == (math.cos(r["error_heading"]), math.sin(r["error_heading"]))
+        assert r["amcl_step"] == step
+    assert len(set(errors)) == 49
+
+
+# In a game
+
+
+@cache
+def batch_on_house(preset: str, execution: str, n: int) -> GameBatch:
+    """Games without Clyde's influence, each with three random goals (refuges 0 to 3 n)."""
+    config = make_config(preset, execution, **NOBODY)
+    assets = map_assets("house", make_config(preset))
+    cells = np.random.default_rng(0).choice(len(assets.cell_xy), 3 * n)
+    return GameBatch(with_goals(assets, cells), config, n)
+
+
+def started(preset: str, execution: str = "robust", n: int = 8) -> GameBatch:
+    batch = batch_on_house(preset, execution, n)
+    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
+    return batch
+
+
+def test_a_perfectly_localized_robot_believes_the_truth_at_every_decision() -> None:
+    batch = started("ideal")
+    for _ in range(60):
+        batch.step(batch.pellet_slots + np.arange(8))
+        truth = np.stack([batch.games["x"], batch.games["y"], [wrap(h) for h in batch.games["heading"]]], axis=1)
+        situation = batch.situation()
+        np.testing.assert_array_equal(situation.robot, truth)
+        np.testing.assert_array_equal(situation.pose_age_s, np.zeros(8))
+    assert (batch.games["x"] != batch.assets.grid.home[0]).all()
+
+
+def test_errors_spread_as_repeated_initialisations_did() -> None:
+    batch = started("robot", n=64)
+    errors = []
+    for k in range(60):
+        batch.reset(np.arange(64), 1000 + 64 * k + np.arange(64, dtype=np.uint64))
+        errors.append(np.stack([batch.games[f"error_{name}"] for name in ("x", "y", "heading")], axis=1))
+    sigma = np.concatenate(errors).std(axis=0)
+    np.testing.assert_allclose(sigma, [0.035, 0.035, 0.07], rtol=0.05)  # 4 standard errors
+    assert np.abs(np.concatenate(errors).mean(axis=0)).max() < 0.005
+    assert np.abs(np.corrcoef(np.concatenate(errors).T) - np.eye(3)).max() < 0.07
+
+
+def test_a_robot_that_stands_hears_nothing_more_from_amcl() -> None:
+    batch = started("robot", "as_built")
+    first = batch.situation()
+    for tick in range(1, 41):
+        batch.step(np.full(8, batch.hold))
+        situation = batch.situation()
+        np.testing.assert_array_equal(situation.robot, first.robot)
+        np.testing.assert_allclose(situation.pose_age_s, 0.5 * tick)
+    assert (batch.games["amcl_step"] == 0).all()
+
+
+def test_tf_carries_the_last_error_along_and_the_latched_pose_stays_behind() -> None:
+    tf, latched = started("robot"), started("robot", "as_built")
+    stayed = 0
+    for _ in range(60):
+        for batch in (tf, latched):
+            batch.step(batch.pellet_slots + np.arange(8))
+            g, situation = batch.games, batch.situation()
+            if batch is tf:
+                np.testing.assert_array_equal(situation.robot[:, 0], g["x"] + g["error_x"])
+                np.testing.assert_array_equal(situation.pose_age_s, np.zeros(8))
+            else:
+                np.testing.assert_array_equal(situation.robot[:, :2], np.stack([g["amcl_x"], g["amcl_y"]], axis=1))
+                np.testing.assert_allclose(situation.pose_age_s, (g["step"] - g["amcl_step"]) * 0.05)
+                np.testing.assert_allclose(g["amcl_x"], g["odom_x"] + g["error_x"], atol=1e-12)
+                stayed += int((situation.pose_age_s > 0.5).sum())
+    assert stayed > 100
+
+
+@cache
+def published() -> tuple[np.ndarray, ...]:
+    """Interval (s), spacing as published, true spacing (m) and turn (rad) of successive updates, all games."""
+    batch = started("robot", n=25)
+    logs: list[list[tuple[float, ...]]] = [[] for _ in range(batch.n)]
+    seen = batch.games["amcl_step"].copy()
+    step = batch.physics.step
+
+    def watched() -> None:
+        step()
+        for i in np.flatnonzero(batch.games["amcl_step"] != seen):
+            g = batch.games[i]
+            names = ("amcl_x", "amcl_y", "odom_x", "odom_y", "odom_heading")
+            logs[i].append((g["amcl_step"] * 0.05, *(float(g[name]) for name in names)))
+        seen[:] = batch.games["amcl_step"]
+
+    batch.physics.step = watched  # type: ignore[method-assign]
+    for leg in range(3):
+        drive_leg(batch, np.arange(25) * 3 + leg)
+    batch.physics.step = step  # type: ignore[method-assign]
+    changes = np.abs(np.concatenate([np.diff(np.array(log), axis=0) for log in logs]))
+    return changes[:, 0], np.hypot(*changes[:, 1:3].T), np.hypot(*changes[:, 3:5].T), changes[:, 5]
+
+
+def test_amcl_speaks_as_often_and_as_far_apart_as_in_the_robots_logs() -> None:
+    interval, spacing, true_spacing, turn = published()
+    driving = (true_spacing > 0.2) & (turn < 0.2)
+    assert driving.sum() > 300
+    low, median, high = np.percentile(interval[driving], [10, 50, 90])
+    assert 1.0 - 1e-9 <= low < median < high <= 1.4 + 1e-9
+    low, median, high = np.percentile(true_spacing[driving], [10, 50, 90])
+    assert 0.25 <= low < median < high <= 0.38
+    assert 0.25 <= np.median(spacing[driving]) <= 0.38
+
+
+@pytest.mark.parametrize("log", ["t1", "t2", "t3", "t4"])
+def test_the_cadence_is_that_of_a_log(log: str) -> None:
+    with shared_path(f"data/amcl/amcl_{log}.csv").open() as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    interval = np.diff([row["elapsed_time_sec"] for row in rows])
+    spacing = np.hypot(np.diff([row["x"] for row in rows]), np.diff([row["y"] for row in rows]))
+    simulated, _, true_spacing, turn = published()
+    driving = (true_spacing > 0.2) & (turn < 0.2)
+    assert np.median(simulated[driving]) == pytest.approx(np.median(interval), abs=0.2)
+    assert np.median(true_spacing[driving]) == pytest.approx(np.median(spacing), abs=0.07)
+    assert np.median(true_spacing[driving] / simulated[driving]) == pytest.approx(
+        np.median(spacing / interval), abs=0.02
+    )
+
+
+def test_while_turning_amcl_speaks_more_often() -> None:
+    interval, _, true_spacing, turn = published()
+    turning = (true_spacing < 0.05) & (turn > 0.2)
+    assert turning.sum() > 50
+    assert np.median(interval[turning]) < 0.5

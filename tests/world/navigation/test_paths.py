@@ -1,0 +1,244 @@
+from __future__ import annotations
+
+import heapq
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pacman_env.world.navigation.paths import (
+    AT_GOAL,
+    NO_STEP,
+    STEPS8,
+    STEPS16,
+    UNREACHABLE_CM,
+    PathFields,
+    navfn_weights,
+    neighbour_table,
+    step_lengths,
+)
+
+RESOLUTION = 0.05
+LENGTHS = step_lengths(STEPS16)
+
+
+def numbered(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``cell_id`` and ``cell`` of a boolean picture."""
+    rows, columns = np.nonzero(free)
+    cell_id = np.full(free.shape, -1, np.int32)
+    cell_id[rows, columns] = np.arange(len(rows), dtype=np.int32)
+    return cell_id, np.stack([columns, rows], axis=1).astype(np.int32)
+
+
+def field(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Lengths (cm), next steps, cells and neighbours for one goal cell."""
+    cell_id, cell = numbered(free)
+    length_cm, next_step = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION).to(goal)
+    return length_cm, next_step, cell, neighbour_table(cell_id, cell, STEPS16)
+
+
+def random_map(seed: int, share_free: float = 0.75) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    free = rng.random((18, 23)) < share_free
+    return free, rng.integers(0, 253, free.shape).astype(np.uint8)
+
+
+def walk(next_step: np.ndarray, start: int) -> list[int]:
+    cells = [start]
+    while next_step[cells[-1]] != AT_GOAL:
+        cells.append(cells[-1] + int(next_step[cells[-1]]))
+        assert len(cells) <= len(next_step), "the steps run in a circle"
+    return cells
+
+
+def may_step(free: np.ndarray, column: int, row: int, dc: int, dr: int) -> bool:
+    """The rule in words: a diagonal step has both its corners free, a knight's move the two cells it passes."""
+    passed = {
+        (1, 1): [(dc, 0), (0, dr)],
+        (2, 1): [(dc // 2, 0), (dc // 2, dr)],
+        (1, 2): [(0, dr // 2), (dc, dr // 2)],
+    }.get((abs(dc), abs(dr)), [])
+    cells = [(row + r, column + c) for c, r in [*passed, (dc, dr)]]
+    inside = all(0 <= r < free.shape[0] and 0 <= c < free.shape[1] for r, c in cells)
+    return inside and all(free[r, c] for r, c in cells)
+
+
+def dijkstra(free: np.ndarray, cost: np.ndarray, goal: tuple[int, int]) -> dict[tuple[int, int], float]:
+    """NavFn-weighted costs in cells of free space, by the textbook, from (column, row)."""
+    weight = (50.0 + 0.8 * cost) / 50.0
+    best = {goal: 0.0}
+    queue = [(0.0, goal)]
+    while queue:
+        so_far, (c, r) = heapq.heappop(queue)
+        if so_far > best[(c, r)]:
+            continue
+        for dc, dr in STEPS16.tolist():
+            if may_step(free, c, r, dc, dr):
+                new = so_far + math.hypot(dc, dr) * 0.5 * (weight[r, c] + weight[r + dr, c + dc])
+                if new < best.get((c + dc, r + dr), math.inf) - 1e-12:
+                    best[(c + dc, r + dr)] = new
+                    heapq.heappush(queue, (new, (c + dc, r + dr)))
+    return best
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6))
+def test_following_the_steps_costs_what_dijkstras_algorithm_says(seed: int) -> None:
+    free, cost = random_map(seed)
+    free[0, 0] = True
+    length_cm, next_step, cell, _ = field(free, cost, 0)
+    expected = dijkstra(free, cost, (0, 0))
+    weight = (50.0 + 0.8 * cost) / 50.0
+    for k, (c, r) in enumerate(cell.tolist()):
+        assert (length_cm[k] != UNREACHABLE_CM) == ((c, r) in expected)
+        if (c, r) not in expected:
+            assert next_step[k] == NO_STEP
+            continue
+        way = cell[walk(next_step, k)]
+        steps = np.hypot(*np.diff(way, axis=0).T)
+        w = weight[way[:, 1], way[:, 0]]
+        assert (steps * 0.5 * (w[1:] + w[:-1])).sum() == pytest.approx(expected[(c, r)], rel=1e-4, abs=1e-4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.4, 1.0))
+def test_a_way_has_the_length_promised_and_cuts_no_corner(seed: int, share_free: float) -> None:
+    free, cost = random_map(seed, share_free)
+    free[5, 5] = True
+    goal = int(numbered(free)[0][5, 5])
+    length_cm, next_step, cell, _ = field(free, cost, goal)
+    for k in np.flatnonzero(length_cm != UNREACHABLE_CM).tolist():
+        way = cell[walk(next_step, k)]
+        assert way[-1].tolist() == [5, 5]
+        moves = np.diff(way, axis=0)
+        assert abs(np.hypot(*moves.T).sum() * RESOLUTION * 100 - length_cm[k]) <= 0.51
+        assert all(
+            may_step(free, c, r, dc, dr) for (c, r), (dc, dr) in zip(way[:-1].tolist(), moves.tolist(), strict=True)
+        )
+
+
+def in_buckets(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray]:
+    """Costs and next steps of Dijkstra's algorithm that tries all steps, last in first out in buckets of one cell."""
+    cell_id, cell = numbered(free)
+    neighbours, weight = neighbour_table(cell_id, cell, STEPS16), navfn_weights(cost, cell)
+    best = np.full(len(cell), np.inf, np.float32)
+    next_step = np.full(len(cell), NO_STEP)
+    best[goal], next_step[goal] = 0.0, AT_GOAL
+    buckets = {0: [goal]}
+    settled = set()
+    while buckets:
+        for u in reversed(buckets.pop(min(buckets))):
+            if u in settled:
+                continue
+            settled.add(u)
+            for d in np.flatnonzero(neighbours[u] >= 0):
+                v = int(neighbours[u, d])
+                new = best[u] + np.float32(0.5) * LENGTHS[d] * (weight[u] + weight[v])
+                if new < best[v]:
+                    best[v], next_step[v] = new, u - v
+                    buckets.setdefault(int(new), []).append(v)
+    return best, next_step
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.85, 1.0), st.sampled_from([0.0, 0.02, 0.1, 1.0]))
+def test_leaving_out_detours_changes_no_step(seed: int, share_free: float, share_costly: float) -> None:
+    rng = np.random.default_rng(seed)
+    free = rng.random((21, 26)) < share_free
+    free[10, 10] = True
+    cost = np.where(rng.random(free.shape) < share_costly, rng.integers(0, 253, free.shape), 0).astype(np.uint8)
+    goal = int(numbered(free)[0][10, 10])
+    np.testing.assert_array_equal(field(free, cost, goal)[1], in_buckets(free, cost, goal)[1])
+
+
+def test_beside_walls_with_falling_costs_leaving_out_detours_changes_no_step() -> None:
+    free = np.ones((30, 40), np.bool_)
+    free[[0, -1]], free[:, [0, -1]], free[12:18, 15:22], free[:20, 30] = False, False, False, False
+    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    cost = np.where(distance < 4, 252 * np.exp(-0.5 * distance), 0).astype(np.uint8)
+    for goal in (0, 500, 900):
+        np.testing.assert_array_equal(field(free, cost, goal)[1], in_buckets(free, cost, goal)[1])
+
+
+def test_far_from_the_goal_where_costs_are_coarse_all_steps_are_tried() -> None:
+    free, cost = np.zeros((3, 30000), np.bool_), np.full((3, 30000), 252, np.uint8)
+    free[1] = True
+    cost[:, 20000:] = 0
+    length_cm, next_step, _, _ = field(free, cost, 0)
+    assert (next_step[1:] == -1).all()  # the last ones cost more than 100 000
+    assert length_cm[-1] == UNREACHABLE_CM - 1
+
+
+def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
+    free, cost = random_map(5, 0.9)
+    cell_id, cell = numbered(free)
+    fields = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION)
+    goals = [3, len(cell) - 1, 3, 120]
+    found = [fields.to(goal) for goal in goals]
+    assert found[2][0] is found[0][0]
+    for goal, (length_cm, next_step) in zip(goals, found, strict=True):
+        alone = field(free, cost, goal)
+        np.testing.assert_array_equal(length_cm, alone[0])
+        np.testing.assert_array_equal(next_step, alone[1])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6))
+def test_the_neighbour_table_holds_exactly_the_allowed_steps(seed: int) -> None:
+    free, _ = random_map(seed, 0.7)
+    cell_id, cell = numbered(free)
+    for steps in (STEPS8, STEPS16):
+        table = neighbour_table(cell_id, cell, steps)
+        for k, (c, r) in enumerate(cell.tolist()):
+            for d, (dc, dr) in enumerate(steps.tolist()):
+                expected = cell_id[r + dr, c + dc] if may_step(free, c, r, dc, dr) else -1
+                assert table[k, d] == expected
+
+
+def test_the_opposite_of_a_direction_is_half_a_turn_further() -> None:
+    np.testing.assert_array_equal(STEPS16[(np.arange(16) + 8) % 16], -STEPS16)
+    np.testing.assert_array_equal(STEPS8[(np.arange(8) + 4) % 8], -STEPS8)
+    assert (np.diff(np.arctan2(STEPS16[:8, 1], STEPS16[:8, 0])) > 0).all()
+
+
+def test_on_an_empty_floor_a_way_is_at_most_2_75_percent_longer_than_a_straight_line() -> None:
+    free = np.ones((101, 101), np.bool_)
+    goal = 50 * 101 + 50
+    length_cm, _, cell, _ = field(free, np.zeros(free.shape, np.uint8), goal)
+    straight = np.hypot(*(cell - 50).T) * RESOLUTION * 100
+    assert (length_cm >= straight - 0.51).all()
+    assert (length_cm <= 1.0275 * straight + 0.51).all()
+
+
+def test_costs_bend_a_way_and_its_length_stays_in_metres() -> None:
+    free, cost = np.ones((21, 21), np.bool_), np.zeros((21, 21), np.uint8)
+    start, goal = 6 * 21, 6 * 21 + 20
+    cost[1:, 8:13] = 30  # the way round over row 0 is 3.3 cells longer, straight on costs 2.4 more
+    assert field(free, cost, goal)[0][start] <= 104
+    cost[1:, 8:13] = 252  # straight on costs 20 more
+    length_cm, next_step, cell, _ = field(free, cost, goal)
+    way = cell[walk(next_step, start)]
+    assert cost[way[:, 1], way[:, 0]].sum() == 0
+    assert length_cm[start] == pytest.approx(np.hypot(*np.diff(way, axis=0).T).sum() * 5, abs=0.51)
+    assert 116 < length_cm[start] < 135
+
+
+def test_a_sealed_room_is_marked_unreachable_and_the_goal_as_reached() -> None:
+    free = np.ones((12, 12), np.bool_)
+    free[:, 6] = False
+    length_cm, next_step, cell, _ = field(free, np.zeros(free.shape, np.uint8), 0)
+    beyond = cell[:, 0] > 6
+    assert (length_cm[beyond] == UNREACHABLE_CM).all()
+    assert (next_step[beyond] == NO_STEP).all()
+    assert (length_cm[~beyond] < UNREACHABLE_CM).all()
+    assert (length_cm[0], next_step[0]) == (0, AT_GOAL)
+    assert np.flatnonzero(next_step == AT_GOAL).tolist() == [0]
+
+
+def test_navfns_weights_are_its_cell_costs_over_those_of_free_space() -> None:
+    cost = np.array([[0, 100, 252]], np.uint8)
+    cell = np.array([[0, 0], [1, 0], [2, 0]], np.int32)
+    assert navfn_weights(cost, cell).tolist() == pytest.approx([1.0, 130 / 50, 251.6 / 50])

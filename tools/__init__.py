@@ -1,0 +1,1 @@
+"""Generators of documentation and of ROS interfaces, run from the checkout."""

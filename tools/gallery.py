@@ -1,0 +1,231 @@
+"""Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``.
+
+What a game looks like is ``pacman_env.render.frames``'s business; here are the scenes and how they are laid out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.files import prepare, replaced
+from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.config import make_config
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.policies.registry import make_policy
+from pacman_env.render.frames import INK, MUTED, PAGE, map_view, render_frame
+from pacman_env.render.symbols import Image, paste, text
+from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.maps.generated import TEST_LEVEL, prepare_level
+from pacman_env.world.maps.occupancy import shipped_maps
+
+IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
+#: Mean difference in grey levels that is no other picture: letters of another OpenCV, a robot a little farther on.
+TOLERANCE = 1.2
+
+_GAP = 10  # px between pictures
+_PX_PER_M = 21.0  # of the maps in a sheet
+_WALLS, _FLOOR, _PELLETS, _GHOSTS, _ROBOT = (60, 66, 84), (250, 250, 247), (214, 158, 0), (235, 100, 20), (25, 103, 210)
+
+
+def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments: Any) -> PacManBotEnv:
+    """An environment after so many decisions of a policy, or when the round is over."""
+    env = PacManBotEnv(**arguments)
+    env.reset(seed=seed)
+    selector = make_policy(policy)
+    selector.reset(np.ones(1, dtype=np.bool_))
+    for _ in range(decisions):
+        _, _, terminated, truncated, _ = env.step(int(selector.select(env.situation)[0]))
+        if terminated or truncated:
+            break
+    return env
+
+
+def sheet(pictures: Sequence[Image], columns: int, captions: Sequence[str] = ()) -> Image:
+    """Pictures in rows, each in the middle of its place, with a caption below."""
+    below = 26 if captions else 0
+    rows = [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
+    widths = [max(row[c].shape[1] for row in rows if c < len(row)) for c in range(columns)]
+    heights = [max(picture.shape[0] for picture in row) + below for row in rows]
+    page = np.empty((sum(heights) + _GAP * (len(rows) + 1), sum(widths) + _GAP * (columns + 1), 3), dtype=np.uint8)
+    page[:] = PAGE
+    top = _GAP
+    for r, row in enumerate(rows):
+        left = _GAP
+        for c, picture in enumerate(row):
+            y = top + (heights[r] - below - picture.shape[0]) // 2
+            x = left + (widths[c] - picture.shape[1]) // 2
+            page[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
+            if captions:
+                words = text(captions[r * columns + c], 9.5, False, INK, PAGE)
+                paste(page, left + (widths[c] - words.shape[1]) / 2, top + heights[r] - below / 2, words)
+            left += widths[c] + _GAP
+        top += heights[r] + _GAP
+    return page
+
+
+def tile(assets: MapAssets, px_per_m: float = _PX_PER_M) -> Image:
+    """A map with its pellets, refuges and home, all at the same scale."""
+    config, height = make_config(), 360
+    for _ in range(6):  # the legend takes its lines, so that the scale is not proportional to the height
+        view = map_view(assets, config, height)
+        if abs(view.scale - px_per_m) < 0.02 * px_per_m:
+            break
+        height = max(2 * round(0.5 * height * px_per_m / view.scale), 120)
+    x, y = view.pixels(corners(assets)).T
+    picture = view.layer(np.ones(assets.pellets, dtype=np.bool_))
+    left, top = max(math.floor(x.min()), 0), max(math.floor(y.min()), view.header)
+    return picture[top : math.ceil(y.max()) + 1, left : math.ceil(x.max()) + 1]
+
+
+def corners(assets: MapAssets) -> NDArray[np.float64]:
+    """(4, 2) m, of the part of the map that is played on."""
+    rows, columns = assets.grid.shape
+    return np.array([assets.grid.to_world(c, r) for c in (0, columns - 1) for r in (0, rows - 1)])
+
+
+def draw_round() -> Image:
+    """A round on the way."""
+    return render_frame(play(7, 70, map="house").batch, 0, height=600, title="clyde_aware")
+
+
+def draw_story() -> Image:
+    """One round from the start to the end."""
+    frames = []
+    for decisions in (0, 90, 220, 2000):
+        batch = play(7, decisions, map="loop").batch
+        view = map_view(batch.assets, batch.config, 400)
+        bottom = view.pixels(corners(batch.assets))[:, 1].max() + _GAP
+        frames.append(render_frame(batch, 0, height=view.height)[: math.ceil(bottom)])  # without the legend
+    return sheet(frames, 2)
+
+
+def draw_ghosts() -> Image:
+    """Four ghosts, each with his behaviour."""
+    env = play(5, 24, map="open_plan", ghosts=("wander", "chase", "arcade", "wander"))
+    return render_frame(env.batch, 0, height=560, title="four ghosts")
+
+
+def draw_maps() -> Image:
+    """The shipped maps."""
+    names = shipped_maps()
+    tiles = [map_assets(name, make_config()) for name in names]
+    captions = [f"{name}: {assets.pellets} pellets" for name, assets in zip(names, tiles, strict=True)]
+    return sheet([tile(assets, 30.0) for assets in tiles], 2, captions)
+
+
+def draw_reading() -> Image:
+    """An image as it was saved, and what the game makes of it."""
+    assets = map_assets("house", make_config())
+    game = tile(assets, 30.0)
+    x, y = corners(assets).T
+    column, row = np.floor(np.stack(assets.occupancy.world_to_cell(x, y)) + 0.5).astype(int)
+    saved = assets.occupancy.grey[row.min() : row.max() + 1, column.min() : column.max() + 1]
+    saved = cv2.resize(saved, game.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+    return sheet([cv2.cvtColor(saved, cv2.COLOR_GRAY2RGB), game], 2, ("the image that SLAM saved", "what is played on"))
+
+
+def draw_houses() -> Image:
+    """Generated houses: two rows to train in, one to be tested in."""
+    levels = [*range(8), *range(TEST_LEVEL, TEST_LEVEL + 4)]
+    assets = [prepare_level(level, make_config()) for level in levels]
+    captions = [f"{'test' if level >= TEST_LEVEL else 'train'}: level {level:,}" for level in levels]
+    return sheet([tile(one) for one in assets], 4, captions)
+
+
+def draw_observations() -> Image:
+    """The same instant as a picture for people, as the lidar sees it, and as the grid."""
+    env = play(5, 24, map="open_plan", ghosts=2, observation=("features", "scan", "grid"))
+    stepped = env.step(int(env.batch.hold))[0]
+    frame = render_frame(env.batch, 0, height=420)
+    pictures = [frame, _scan_picture(env, stepped["scan"], frame.shape[0]), _grid_picture(stepped["grid"])]
+    return sheet(pictures, 3, ("the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot"))
+
+
+def _scan_picture(env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
+    """Where the rays end, the robot in the middle, its heading up; rings every metre."""
+    limit_m = 6.5
+    image = np.full((size, size, 3), 255, dtype=np.uint8)
+    middle, scale = (size - 1) / 2, size / (2 * limit_m)
+    angle = 2 * np.pi * np.arange(len(ranges)) / len(ranges)
+    points = np.stack([middle - scale * ranges * np.sin(angle), middle - scale * ranges * np.cos(angle)], axis=1)
+    cv2.fillPoly(image, [np.rint(points * 16).astype(np.int32)], (232, 240, 252), cv2.LINE_AA, 4)
+    centre = (round(middle), round(middle))
+    for ring in range(1, 7):
+        cv2.circle(image, centre, round(ring * scale), (206, 212, 222), 1, cv2.LINE_AA)
+    for x, y in points[ranges < env.config.observation.scan_maximum_m]:
+        cv2.circle(image, (round(x * 16), round(y * 16)), 30, _WALLS, -1, cv2.LINE_AA, 4)
+    cv2.line(image, centre, (centre[0], round(middle - scale * ranges[0])), _ROBOT, 1, cv2.LINE_AA)
+    cv2.circle(image, centre, round(env.config.robot.radius_m * scale), _ROBOT, -1, cv2.LINE_AA)
+    paste(image, middle + 6, middle - 0.5 * scale, text("ray 0", 9, False, _ROBOT, (232, 240, 252)))
+    paste(image, middle + scale * 3 + 3, middle, text("3 m", 8, False, MUTED, (255, 255, 255)))
+    return image
+
+
+def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
+    """The channels as colours, the later ones on top."""
+    image = np.empty((*grid.shape[:2], 3), dtype=np.uint8)
+    image[:] = _FLOOR
+    for channel, colour in enumerate((_WALLS, _PELLETS, _GHOSTS, _ROBOT)):
+        image[grid[:, :, channel] > 0] = colour
+    return np.repeat(np.repeat(image, times, axis=0), times, axis=1)
+
+
+#: What is drawn, by the name of the file in docs/images.
+PICTURES: dict[str, Callable[[], Image]] = {
+    "round": draw_round,
+    "story": draw_story,
+    "ghosts": draw_ghosts,
+    "observations": draw_observations,
+    "maps": draw_maps,
+    "reading": draw_reading,
+    "houses": draw_houses,
+}
+
+
+def difference(path: Path, picture: Image) -> float:
+    """Mean difference in grey levels between a file and a picture; infinite where there is no such picture."""
+    there = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
+    if there is None or there.shape != picture.shape:
+        return math.inf
+    return float(np.abs(there[:, :, ::-1].astype(np.int16) - picture).mean())
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw the pictures; returns the exit status: 1 where ``--check`` finds another picture."""
+    parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which: {', '.join(PICTURES)} (all)")
+    parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")
+    parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
+    arguments: argparse.Namespace = parser.parse_args(argv)
+    unknown = [name for name in arguments.names if name not in PICTURES]
+    if unknown:
+        parser.error(f"no picture {unknown[0]!r}: choose of {', '.join(PICTURES)}")
+    status = 0
+    for name in arguments.names or PICTURES:
+        path, picture = arguments.out / f"{name}.png", PICTURES[name]()
+        if arguments.check:
+            if difference(path, picture) > TOLERANCE:
+                print(f"{path} is not what is drawn now: run scripts/gallery {name}")
+                status = 1
+            continue
+        try:
+            prepare(path)
+        except ValueError as error:
+            print(f"{parser.prog}: {error}", file=sys.stderr)
+            return ERROR_STATUS
+        with replaced(path) as temporary:
+            cv2.imwrite(str(temporary), picture[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

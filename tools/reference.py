@@ -1,0 +1,297 @@
+"""The tables of the documentation, written from the code that they describe: ``python -m tools.reference``.
+
+A page marks a place with ``<!-- table: NAME -->`` and ``<!-- end -->``; what stands between is written here. The
+words around it are written by people.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import dataclasses
+import inspect
+import io
+import re
+import sys
+import tokenize
+import typing
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from gymnasium import spaces
+
+from eval.files import replaced
+from pacman_env import config
+from pacman_env.cli import main as cli
+from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.config import Config, make_config
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation import robot_features as observation
+from pacman_env.world.maps.occupancy import shipped_maps
+
+ROOT = Path(__file__).resolve().parents[1]
+_BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
+_UNITS = (
+    ("_mps2", "m/s²"), ("_mps", "m/s"), ("_radps", "rad/s"), ("_rad", "rad"), ("_kg", "kg"), ("_m", "m"), ("_s", "s")
+)  # fmt: skip
+_KINDS = {
+    "bool": "`True` or `False`",
+    "int": "whole number",
+    "int | None": "whole number or `None`",
+}
+#: What rewards are given for: their names alone are all that the source says.
+EVENTS = {
+    "pellet": "each pellet collected",
+    "death": "the robot is caught",
+    "completion": "the round is complete",
+    "tick": "each decision",
+    "timeout": "the time limit is reached",
+}
+COLUMNS = {
+    "robot": observation.ROBOT_COLUMNS,
+    "clyde": observation.CLYDE_COLUMNS,
+    "candidates": observation.CANDIDATE_COLUMNS,
+    "round": observation.ROUND_COLUMNS,
+    "ghosts": observation.GHOST_COLUMNS,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """One field of a configuration's section, as it is written in the source."""
+
+    name: str
+    kind: str  # its annotation
+    comment: str
+
+    @property
+    def unit(self) -> str:
+        """By the end of its name; "" for a pure number, a name or a choice."""
+        return next((unit for ending, unit in _UNITS if self.name.endswith(ending)), "")
+
+
+def fields_of(source: str) -> dict[str, list[Field]]:
+    """Fields of every class in a source: comments are those behind a field, or alone on the lines above it."""
+    comments, alone = {}, set()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            comments[token.start[0]] = token.string.lstrip("#: ")
+            if not token.line[: token.start[1]].strip():
+                alone.add(token.start[0])
+    result = {}
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.ClassDef):
+            fields = []
+            for part in node.body:
+                if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name):
+                    first = part.lineno
+                    while first - 1 in alone:
+                        first -= 1
+                    lines = [n for n in range(first, (part.end_lineno or part.lineno) + 1) if n in comments]
+                    words = " ".join(comments[n] for n in lines)
+                    fields.append(Field(part.target.id, ast.unparse(part.annotation), words))
+            result[node.name] = fields
+    return result
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def _code(value: object) -> str:
+    return f"`{value!r}`".replace("'", '"')
+
+
+def _values(field: Field) -> str:
+    """The unit, and what may be given where the default does not show it."""
+    if field.kind.startswith("Literal"):
+        choices = field.kind[len("Literal[") : -1].replace("'", '"').split(", ")
+        return " or ".join(f"`{choice}`" for choice in choices)
+    if field.kind == "Range":
+        return f"{field.unit} (low, high) or `None`".strip()
+    if field.kind == "tuple[Behaviour, ...]":
+        return "each one of " + ", ".join(_code(behaviour) for behaviour in typing.get_args(config.Behaviour))
+    return field.unit or _KINDS.get(field.kind, "")
+
+
+def configuration() -> str:
+    """Every field of the configuration, by section."""
+    sources = fields_of(inspect.getsource(config))
+    default = Config()
+
+    def rows(owner: Any, prefix: str) -> list[list[str]]:
+        return [
+            [f"`{prefix}{f.name}`", _code(getattr(owner, f.name)), _values(f), f.comment or EVENTS.get(f.name, "")]
+            for f in sources[type(owner).__name__]
+            if not dataclasses.is_dataclass(getattr(owner, f.name))
+        ]
+
+    head = ("Field", "Default", "Unit or values", "Meaning, source")
+    text = "## The game as a whole\n\n" + table(head, rows(default, ""))
+    for field in sources["Config"]:
+        section = getattr(default, field.name)
+        if dataclasses.is_dataclass(section):
+            intro = " ".join(filter(None, (field.comment, inspect.getdoc(type(section)))))
+            text += f"\n## `{field.name}`\n\n{' '.join(intro.split())}\n\n" + table(
+                head, rows(section, f"{field.name}.")
+            )
+    return text
+
+
+def presets() -> str:
+    """Fields that presets and executions set, with the value under each."""
+    result = ""
+    for kind, known in (("preset", config.PRESETS), ("execution", config.EXECUTIONS)):
+        names = sorted({name for changes in known.values() for name in changes})
+        made = [make_config(**{kind: one}) for one in known]
+        rows = [[f"`{name}`", *(_code(_value(c, name)) for c in made)] for name in names]
+        result += ("\n" if result else "") + table(("Field", *(f'`{kind}="{one}"`' for one in known)), rows)
+    return result
+
+
+def _value(owner: Any, dotted: str) -> Any:
+    for name in dotted.split("."):
+        owner = getattr(owner, name)
+    return owner
+
+
+def _everything() -> PacManBotEnv:
+    return PacManBotEnv("house", ghosts=2, observation=("features", "scan", "grid"))
+
+
+def keys() -> str:
+    """Keys of the observation on the map ``house`` with two ghosts."""
+    when = {"ghosts": "several ghosts", "scan": '`observation="scan"`', "grid": '`observation="grid"`'}
+    when["action_mask"] = '`action="goal"`'
+    rows = []
+    for key, space in _everything().observation_space.items():
+        bounds = "0 or 1" if isinstance(space, spaces.MultiBinary) else "see below"
+        if isinstance(space, spaces.Box) and key not in COLUMNS:
+            bounds = f"{_number(space.low.min())} to {_number(space.high.max())}"
+        rows.append([f"`{key}`", f"{space.shape}", f"{space.dtype}", bounds, when.get(key, "features, the default")])
+    return table(("Key", "Shape", "dtype", "Values", "There with"), rows)
+
+
+def columns() -> str:
+    """Columns of the features on the map ``house``."""
+    text = ""
+    for key, named in COLUMNS.items():
+        box = _everything().observation_space[key]
+        assert isinstance(box, spaces.Box)
+        low, high = (bound.reshape(-1, bound.shape[-1])[0] for bound in (box.low, box.high))
+        rows = [
+            [str(k), f"`{name}`", _number(low[k]), _number(high[k]), meaning]
+            for k, (name, _, _, meaning) in enumerate(named)
+        ]
+        text += f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
+    return text
+
+
+def actions() -> str:
+    """Both action spaces on the map ``house``."""
+    rows = []
+    for action in ("goal", "velocity"):
+        space = PacManBotEnv("house", action=action).action_space
+        if isinstance(space, spaces.Box):
+            limits = zip(space.low.tolist(), space.high.tolist(), ("v, m/s", "omega, rad/s"), strict=True)
+            words = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
+            rows.append([f'`action="{action}"`', f"`Box`, shape {space.shape}, {space.dtype}", words])
+        else:
+            rows.append([f'`action="{action}"`', f"`Discrete({space.n})`", "number of a candidate, the last is hold"])
+    return table(("Argument", "Space", "Values"), rows)
+
+
+def state() -> str:
+    """Numbers of ``state()`` of the parallel environment on the map ``house``."""
+    env = PacManBotParallelEnv("house")
+    named = zip(env.state_names, env.state_space.low.tolist(), env.state_space.high.tolist(), strict=True)
+    rows = [[str(k), f"`{name}`", _number(low), _number(high)] for k, (name, low, high) in enumerate(named)]
+    pellets = [k for k, name in enumerate(env.state_names) if name.startswith("pellet_")]
+    first, last = pellets[0], pellets[-1]
+    rows[first : last + 1] = [[f"{first} to {last}", f"`pellet_0` to `pellet_{last - first}`", "0", "1"]]
+    return table(("Number", "Name", "Low", "High"), rows)
+
+
+def maps() -> str:
+    """The shipped maps under the default configuration."""
+    rows = []
+    for name in shipped_maps():
+        assets = map_assets(name, make_config())
+        occupancy = assets.occupancy
+        free = occupancy.game_free().sum() * occupancy.resolution**2
+        candidates = assets.pellets + assets.refuges + 1
+        size = f"{occupancy.width} x {occupancy.height} px"
+        rows.append([f"`{name}`", size, f"{free:.0f}", str(assets.pellets), str(assets.refuges), str(candidates)])
+    return table(("Map", "Image", "Free, m²", "Pellets", "Refuges", "Actions (with hold)"), rows)
+
+
+def map_check() -> str:
+    """What ``pacman-env map check`` says of the shipped house."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        cli.main(["map", "check", "house"])
+    return f"```text\n{output.getvalue()}```\n"
+
+
+def _number(value: float) -> str:
+    return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "configuration": configuration,
+    "presets": presets,
+    "keys": keys,
+    "columns": columns,
+    "actions": actions,
+    "state": state,
+    "maps": maps,
+    "map-check": map_check,
+}
+
+
+def fill(page: str) -> str:
+    """A page with its tables as they are now.
+
+    Raises:
+        ValueError: it asks for a table that there is not.
+    """
+
+    def write(match: re.Match[str]) -> str:
+        if match[2] not in TABLES:
+            raise ValueError(f"no table {match[2]!r}: choose of {', '.join(TABLES)}")
+        return match[1] + "\n" + TABLES[match[2]]().strip("\n") + "\n\n"
+
+    return _BLOCK.sub(write, page)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the tables into the pages; returns the exit status: 1 where ``--check`` finds another table."""
+    parser = Parser(prog="python -m tools.reference", description="Write the tables of the documentation.")
+    parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="which Markdown files (all below docs)")
+    parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
+    arguments: argparse.Namespace = parser.parse_args(argv)
+    status = 0
+    for path in arguments.pages or sorted((ROOT / "docs").rglob("*.md")):
+        try:
+            page = path.read_text(encoding="utf-8")
+            filled = fill(page)
+            if filled != page and not arguments.check:
+                with replaced(path) as temporary:
+                    temporary.write_text(filled, encoding="utf-8")
+        except (OSError, ValueError) as error:
+            print(f"{parser.prog}: {path}: {error}", file=sys.stderr)
+            return ERROR_STATUS
+        if filled != page and arguments.check:
+            print(f"{path} has other tables than the code: run scripts/reference")
+            status = 1
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())
