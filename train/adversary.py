@@ -302,13 +302,13 @@ def network_of(path: Path) -> EntityNetwork:
         ValueError: no planner for this version, or a graph that ``train.export`` does not write.
     """
     LearnedPlanner(path)  # refuses weights in other files, and what does not run
-    sidecar, content = read_planner(path)
+    metadata, content = read_planner(path)
     network = EntityNetwork(
         len(CANDIDATE_FEATURES),
         len(GLOBAL_FEATURES),
-        sidecar.width,
-        [CANDIDATE_FEATURES.index(name) for name in sidecar.dropped_features],
-        [CANDIDATE_FEATURES.index(name) for name in sidecar.dropped_kinds],
+        metadata.width,
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_features],
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_kinds],
     )
     graph = onnx.load_model_from_string(content).graph
     arrays = (numpy_helper.to_array(tensor) for tensor in graph.initializer)

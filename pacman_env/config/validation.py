@@ -107,11 +107,14 @@ def _plain(value: Any) -> Any:
 def _message(error: str, value: Any, kind: Any, name: str) -> str:
     """msgspec's words as ``robot.speed_mps = -1.0: must be a finite number above 0.0``."""
     rule, _, place = error.partition(" - at `$")
-    for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", place.partition("[...]")[0]):
+    place, in_dict, _ = place.partition("[...]")
+    for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
         value = value[key] if key else value[int(index)]
         name = f"{name}.{key}" if key else f"{name}[{index}]"
         kind = kinds(kind).get(key) if key else kind
     name = name.lstrip(".")
+    for key, one in value.items() if in_dict else ():
+        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not say under which key
     if field := re.match("Object (missing required|contains unknown) field `(.*)`", rule):
         inner = f"{name}.{field[2]}".lstrip(".")
         return f"{inner} is missing" if "missing" in field[1] else f"{inner} = {value[field[2]]!r:.600}: no such field"

@@ -217,10 +217,10 @@ class Selection:
     def condition(self, now: float) -> dict[str, Any]:
         """Everything that an operator may want to know, plain values."""
         belief, pursuit = self._belief, self.pursuit
-        sidecar = getattr(self.policy, "sidecar", None)
+        metadata = getattr(self.policy, "metadata", None)
         return {
             "policy": self.spec,
-            "policy_version": __version__ if sidecar is None else f"{sidecar.package_version} {sidecar.commit}",
+            "policy_version": __version__ if metadata is None else f"{metadata.package_version} {metadata.commit}",
             "package_version": __version__,
             "map": self.live.assets.occupancy.name,
             "state": pursuit.game_state,
