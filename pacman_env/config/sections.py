@@ -29,6 +29,7 @@ class RobotConfig(Checked, group="robot"):
     omega_radps: Positive = 1.9  # Create 3
     wheel_acceleration_mps2: Positive = 0.9  # Create 3
     wheel_base_m: Positive = 0.233  # Create 3
+    velocity_timeout_s: Positive = 0.5  # a velocity that is not repeated ends (Create 3)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -56,6 +57,8 @@ class LocalizationConfig(Checked, group="localization"):
     scan_period_s: Positive = 0.1  # the filter looks at each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)
     sigma_xy_m: NotNegative = 0.035  # error per axis, redrawn at each update [M]
     sigma_yaw_rad: NotNegative = 0.07  # [M]
+    converges_m: Positive = 1.0  # a pose given in RViz that is off by at most this much ...
+    converges_rad: Positive = 0.52  # ... and this much converges: two deviations of RViz's covariance
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,9 @@ class Nav2Config(Checked, group="nav2"):
     no_control_abort_s: Positive = 15.0  # no admissible control for this long ends ABORTED (Nav2)
     stuck_abort_s: Positive = 150.0  # stuck through all recoveries (Nav2)
     abort_rate: Share = 0.0  # probability that a goal is aborted at once for no reason (bad TF)
-    clyde_keepout_m: Positive = 0.236  # inscribed radius + 0.05 m: Clyde's nine obstacle points
+    recovery_wait_s: Positive = 5.0  # recovery "wait" (Nav2)
+    clyde_keepout_m: Positive = 0.236  # inscribed radius + 0.05 m: Clyde and eight points around him, original
+    clear_distance_m: NotNegative = 0.5  # costmaps are cleared of Clyde when he has moved this far
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,7 @@ class ClydeConfig(Checked, group="clyde"):
     update_period_s: Positive = 0.2  # he moves, and is seen to move, at 5 Hz; original
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
     spawn_distance_m: NotNegative = 1.5  # at least this far from the robot in a straight line; original: 0
+    click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where he can be puts him there
     ghosts: Ghosts = ("wander",)  # one to four: Clyde, Blinky, Pinky, Inky
     # Arcade: Clyde turns away at 8 tiles; a tile is taken as the pick-up radius, what the robot sweeps on either side.
     arcade_distance_m: Positive = 2.0
@@ -151,6 +157,8 @@ class ShowConfig(Checked, group="show"):
     death_s: NotNegative = 5.0  # after a death, original
     home_retries: Count = 3  # more tries after a failed way home before the game gives up; original: none
     home_retry_s: NotNegative = 5.0  # pause before each of them
+    spin_radps: Positive = 1.5  # how fast the robot turns in a show, original
+    swing_s: Positive = 0.25  # the shake goes to the other side this often, original
 
 
 @dataclass(frozen=True)
@@ -168,7 +176,8 @@ class RewardConfig(Checked, group="reward"):
 class RefugeConfig(Checked, group="refuges"):
     """Which free places of a map are candidate goals beside the pellets."""
 
-    spread: Count = 7  # farthest-point places by path length, beside the home pose
+    spread: Count = 7  # farthest-point places by path length, beside the home pose ...
+    clearance_m: NotNegative = 0.30  # ... this far from walls where the map has such places: a pellet's clearance
     nooks: Count = 4  # places Clyde's centre cannot come near
     nook_clearance_m: NotNegative = 0.42  # how near he cannot come
 
