@@ -24,7 +24,7 @@ from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.settings import parse_settings
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import RUNNING
+from pacman_env.game.execution import RUNNING
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 
 WARM_UP = 50  # decisions not counted: compilation, caches

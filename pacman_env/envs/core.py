@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..config import Config, ConfigError
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
-from ..sim.core.records import RUNNING
+from pacman_env.game.execution import RUNNING
 from ..sim.maps.assets import MapSource
 from ..sim.observation.observer import Observer
 from ..sim.observation.robot_features import Observation

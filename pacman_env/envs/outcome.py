@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..config import RewardConfig
 from ..sim.core.kernels import summarize
-from ..sim.core.records import COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.execution import COMPLETE, DEAD, TIMEOUT
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..render.frames import render_frame
-from ..sim.core.records import RUNNING
+from pacman_env.game.execution import RUNNING
 from ..sim.maps.assets import MapSource
 from ..sim.observation.situation import Situation
 from .arguments import RENDER_FPS, Ghosts, check_render_mode

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..game.ghosts import GHOST_NAMES
 from ..sim.core.batch import GameBatch
-from ..sim.core.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from ..sim.maps.assets import MapAssets
 from ..world.navigation.paths import AT_GOAL, NO_STEP
 from . import symbols

@@ -23,7 +23,7 @@ from pacman_env.game.execution import (
     within,
 )
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import CLEARED, RUNNING
+from pacman_env.game.execution import CLEARED, RUNNING
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.navigation.navigator import ABORTED, CANCELED, IDLE, SUCCEEDED
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.game.clyde import ClydeCells, find_path, search_memory
+from pacman_env.sim.maps.ghost_cells import ClydeCells, find_path, search_memory
 from pacman_env.game.ghosts import (
     arcade_chases,
     at_target,

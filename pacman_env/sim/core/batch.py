@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...game.clyde import search_memory
+from ..maps.ghost_cells import search_memory
+from ...game.execution import COMPLETE, TIMEOUT
 from ...game.ghosts import BEHAVIOURS, POLICY, WANDER
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import PhysicsWorld
@@ -114,7 +115,7 @@ class GameBatch:
         self.__init__(*state["made_from"])  # type: ignore[misc]
         rounds: list[RoundSoFar] = state["rounds"]
         longest = max((len(r.decisions) for r in rounds), default=0)
-        self.games["end"][[r.game for r in rounds]] = records.TIMEOUT  # they stand still until they begin
+        self.games["end"][[r.game for r in rounds]] = TIMEOUT  # they stand still until they begin
         velocity = self.config.action == "velocity"
         actions = np.zeros((self.n, 2)) if velocity else np.full(self.n, self.hold, dtype=np.int64)
         choices = self._wander_on.copy()
@@ -218,7 +219,7 @@ class GameBatch:
 
     def _next_rounds(self) -> None:
         """In an endless game a completed round is followed by another with faster ghosts."""
-        index = np.flatnonzero(self.games["end"] == records.COMPLETE)
+        index = np.flatnonzero(self.games["end"] == COMPLETE)
         if len(index) == 0:
             return
         before = self.games[index]
@@ -257,6 +258,7 @@ class GameBatch:
         parameters, games, goal_xy = self._parameters, self.games, self._goal_xy
         physics, nav, alive, obstacles = self.physics, self._nav, self.alive, self.obstacles
         ghosts, ghost_paths = self.ghosts, self._ghost_paths
+        waits, aborts = self._waits, self._aborts
         row, state, force = physics.row, physics.state, physics.force
         self._history.make_room(games)
         due = self._decide(actions)
@@ -264,7 +266,7 @@ class GameBatch:
             self._decide_ghosts(ghost_choices)
         for k in range(self.substeps):
             if self._check_due[k]:
-                kernels.check(games, row, state, goal_xy, alive, obstacles, parameters)
+                kernels.check(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
             if self._ghosts_due[k] and ghost_kernels.move_ghosts(
                 games, ghosts, ghost_paths, obstacles, parameters, self._ghost_xy
             ):
@@ -275,9 +277,9 @@ class GameBatch:
                 kernels.plan(games, self.paths, obstacles, parameters, self._plan_end, nav, self._detour_search)
             due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, self._affine, self._clearance)
             if due & kernels.RESULT_DUE:
-                kernels.apply_results(games, goal_xy, alive, self._waits, self._aborts, parameters)
+                kernels.apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters)
             physics.step()
-        kernels.finish(games, row, state, goal_xy, alive, obstacles, parameters)
+        kernels.finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
 
     def _decide(self, actions: NDArray[Any]) -> int:
         """Hand the actions over; returns what is due."""
@@ -287,7 +289,19 @@ class GameBatch:
             if due < 0:
                 raise ValueError(f"action {actions[-1 - due].tolist()} of game {-1 - due}: must be two finite numbers")
             return due
-        due = int(kernels.decide(self.games, actions, decisions, self.alive, self._waits, self._parameters))
+        due = int(
+            kernels.decide(
+                self.games,
+                actions,
+                decisions,
+                self._goal_xy,
+                self.alive,
+                self._waits,
+                self._aborts,
+                self.obstacles,
+                self._parameters,
+            )
+        )
         if due < 0:
             bad = -1 - due
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")

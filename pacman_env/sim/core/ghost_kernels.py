@@ -6,7 +6,7 @@ from ...game import ghosts as rule
 from ...jit import kernel
 from ...world.navigation.grid import cell_of
 from .kernels import believed, see_ghosts
-from .records import RUNNING
+from pacman_env.game.execution import RUNNING
 
 
 @kernel

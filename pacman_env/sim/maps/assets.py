@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...game.clyde import ClydeCells, clyde_cells
+from .ghost_cells import ClydeCells, clyde_cells
 from ...game.pellets import generate_pellets
 from ...jit import source_hash
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map

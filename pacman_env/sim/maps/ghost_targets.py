@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...game.clyde import ClydeCells
+from .ghost_cells import ClydeCells
 from ...world.navigation.grid import DriveGrid
 
 _NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to

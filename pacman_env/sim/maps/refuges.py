@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import RefugeConfig
-from ...game.clyde import ClydeCells
+from .ghost_cells import ClydeCells
 from ...world.navigation.grid import DriveGrid, clearance_m, connected_parts
 from ...world.navigation.paths import PathFields
 

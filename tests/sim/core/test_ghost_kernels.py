@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.game.clyde import find_path, search_memory
+from pacman_env.sim.maps.ghost_cells import find_path, search_memory
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import DEAD, RUNNING
+from pacman_env.game.execution import DEAD, RUNNING
 from pacman_env.sim.maps.assets import map_assets
 from tests.drawn import drawn
 from tests.game.test_clyde import POCKETS

@@ -11,7 +11,7 @@ from pacman_env.config import Config, make_config
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import RUNNING
+from pacman_env.game.execution import RUNNING
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Goal, LiveGame, Seen
 from pacman_env.sim.observation.situation import Situation
