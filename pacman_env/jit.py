@@ -28,7 +28,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: Modules of plain functions.
 _RULES = ("pacman_env.game.", "pacman_env.rng")
 _PACKAGE = Path(__file__).resolve().parent
-_KERNEL_ROOMS = ("game", "world", "sim", "heuristics")  # beside the modules of the package itself
+_KERNEL_ROOMS = ("config", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
 
 
 def cache_dir() -> Path:
