@@ -61,6 +61,11 @@ def closing_speed(distance_before, distance_now, period):  # type: ignore[no-unt
     return (distance_before - distance_now) / period
 
 
+def round_complete(collected: int, spawned: int) -> bool:
+    """N_collected >= N_spawned (Milestone 3, Algorithm 5); never while the pellets are unknown, 0."""
+    return spawned > 0 and collected >= spawned
+
+
 def goal_of(s, candidate, p):  # type: ignore[no-untyped-def]
     """The goal of the map that a candidate stands for: pellets, then refuges, without the padding between them."""
     return candidate if candidate < p.pellet_slots else s.pellets + candidate - p.pellet_slots
@@ -178,5 +183,5 @@ def _collect(s, slot, left):  # type: ignore[no-untyped-def]
 
 
 def _end_if_no_pellet_is_left(s):  # type: ignore[no-untyped-def]
-    if s.collected + s.lost >= s.spawned:
+    if round_complete(s.collected + s.lost, s.spawned):
         s.end = COMPLETE if s.lost == 0 else CLEARED

@@ -16,8 +16,8 @@ import numpy as np
 
 from pacman_env.config import MAX_SPEED_MPS, ClydeConfig, PelletConfig
 from pacman_env.game import ghosts as rule
-from pacman_env.sim.maps.ghost_cells import ClydeCells, clyde_cells, search_memory
 from pacman_env.rng import below
+from pacman_env.sim.maps.ghost_cells import ClydeCells, clyde_cells, search_memory
 from pacman_env.world.maps.occupancy import load_map
 
 from .. import topics

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-from ...game import ghosts as ghost_rule
 from ...game.execution import (
     CANCEL,
     CHOICE,
@@ -23,6 +22,7 @@ from ...game.execution import (
     goal_of,
     transition,
 )
+from ...game.ghosts import ghost_stream, spawn
 from ...jit import kernel
 from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
@@ -63,13 +63,13 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 @kernel
 def place_ghost(games, ghost, ghosts, path, obstacles, cell, ghost_xy):  # type: ignore[no-untyped-def]
     """Put one ghost of one game on a cell; both are arrays of length 1."""
-    ghost_rule.spawn(ghost[0], cell, path, ghost_xy)
+    spawn(ghost[0], cell, path, ghost_xy)
     see_ghosts(games[0], ghosts, obstacles)
 
 
 @kernel
 def reset_games(  # type: ignore[no-untyped-def]
-    games, index, seeds, fresh, alive, waits, aborts, ghosts, ghost_paths, obstacles, behaviours, maps, parameters
+    games, index, seeds, fresh, alive, waits, aborts, ghosts, ghost_paths, obstacles, wander_first, maps, parameters
 ):
     """Start a new round in the games ``index``; ``fresh`` (M,) holds the per-round parameters already filled in.
 
@@ -103,9 +103,9 @@ def reset_games(  # type: ignore[no-untyped-def]
         for n in range(ghosts.shape[1]):
             ghost = ghosts[i, n]
             ghost.speed = g.clyde_speed
-            ghost.wanders = behaviours[n] == ghost_rule.WANDER or behaviours[n] == ghost_rule.POLICY
-            ghost.stream, pick = below(ghost_rule.ghost_stream(g.seed, n), spawn_count[level])
-            ghost_rule.spawn(ghost, spawn_cells[level, pick], ghost_paths[i, n], ghost_xy[level])
+            ghost.wanders = wander_first[n]
+            ghost.stream, pick = below(ghost_stream(g.seed, n), spawn_count[level])
+            spawn(ghost, spawn_cells[level, pick], ghost_paths[i, n], ghost_xy[level])
         see_ghosts(g, ghosts[i], obstacles[i])
         bx, by, _ = believed(g, p.use_tf)
         _, g.distance = nearest(bx, by, obstacles[i])
@@ -119,6 +119,21 @@ def allowed(g, i, candidate, alive, waits, p):  # type: ignore[no-untyped-def]
     is_hold = candidate == p.pellet_slots + p.refuge_slots
     there = is_refuge | is_hold | ((candidate < p.pellet_slots) & alive[i, min(candidate, p.pellet_slots - 1)])
     return there & (waits[i, candidate] <= g.step)
+
+
+@kernel
+def _follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
+    """Take a game's record over an event of Algorithm 4, and do with the goal what follows; returns what that is."""
+    before = g.collected
+    navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
+    ground = (goal_xy, obstacles, alive[i], waits[i], aborts[i])
+    action = transition(g, event, value, x, y, step, navigating, ground, p)
+    g.score += g.collected - before
+    g.tick_pellets += g.collected - before
+    if action == CANCEL:
+        navigator.cancel(g)
+        g.nav_result = navigator.NO_RESULT
+    return action
 
 
 @kernel
@@ -172,21 +187,6 @@ def decide_velocity(games, commands, decisions, parameters):  # type: ignore[no-
         decisions[i, g.tick, 0], decisions[i, g.tick, 1] = commands[i, 0], commands[i, 1]
         g.command_v, g.command_w = limit(max(commands[i, 0], 0.0), commands[i, 1], p)
     return 0
-
-
-@kernel
-def _follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
-    """Take a game's record over an event of Algorithm 4, and do with the goal what follows; returns what that is."""
-    before = g.collected
-    navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
-    ground = (goal_xy, obstacles, alive[i], waits[i], aborts[i])
-    action = transition(g, event, value, x, y, step, navigating, ground, p)
-    g.score += g.collected - before
-    g.tick_pellets += g.collected - before
-    if action == CANCEL:
-        navigator.cancel(g)
-        g.nav_result = navigator.NO_RESULT
-    return action
 
 
 @kernel
@@ -244,6 +244,21 @@ def drive(games, first, row, state, force, paths, parameters, affine, clearance)
 
 
 @kernel
+def _watch_distance(g, obstacles, p):  # type: ignore[no-untyped-def]
+    """The closing speed since the last decision."""
+    bx, by, _ = believed(g, p.use_tf)
+    _, distance = nearest(bx, by, obstacles)
+    g.closing = closing_speed(g.distance, distance, p.tick_s)
+    g.distance = distance
+
+
+@kernel
+def _end_tick(g, obstacles, p):  # type: ignore[no-untyped-def]
+    g.tick += 1
+    _watch_distance(g, obstacles, p)
+
+
+@kernel
 def apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
     """Algorithm 4's reaction where a goal has ended."""
     p = parameters[0]
@@ -279,21 +294,6 @@ def check(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameter
             _look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
             if g.end != RUNNING:
                 _end_tick(g, obstacles[i], p)
-
-
-@kernel
-def _end_tick(g, obstacles, p):  # type: ignore[no-untyped-def]
-    g.tick += 1
-    _watch_distance(g, obstacles, p)
-
-
-@kernel
-def _watch_distance(g, obstacles, p):  # type: ignore[no-untyped-def]
-    """The closing speed since the last decision."""
-    bx, by, _ = believed(g, p.use_tf)
-    _, distance = nearest(bx, by, obstacles)
-    g.closing = closing_speed(g.distance, distance, p.tick_s)
-    g.distance = distance
 
 
 @kernel
