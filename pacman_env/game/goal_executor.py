@@ -267,7 +267,7 @@ class GoalExecutor:
         """Step the record; what is to be done with the goal, and what the game is told."""
         record, left = self._record, self._left.copy()
         x, y = (math.nan, math.nan) if pose is None else pose
-        navigating = any(sent.cancelled_s is None for sent in self._open.values())
+        navigating = any(not sent.let_go for sent in self._open.values())
         places = np.array(ghosts, dtype=np.float64).reshape(-1, 2)
         ground = (self._goals.xy, places, self._left, self._waits, self._aborts)
         lost, end = record.lost, record.end
@@ -299,8 +299,10 @@ class GoalExecutor:
         sent = self._open.get(number)
         if sent is not None:
             sent.accepted = True
-        if self._current is not None:
-            return []  # this one, or one sent later, which pre-empts it
+            for earlier in (number_ for number_ in self._open if number_ < number):
+                self._open[earlier].let_go = True
+        if self._current is not None or (sent is not None and not sent.let_go):
+            return []  # this one, or the next one to be sent, pre-empts it
         if sent is not None:
             sent.cancelled_s = now
         return [ExecutorAction("cancel", number)]
@@ -369,14 +371,23 @@ class GoalExecutor:
         What is not accepted yet is cancelled when it is, or by its number after ``answer_s``: the answer may be lost.
         """
         self._forget_current()
+        for sent in self._open.values():
+            sent.let_go = True
+        return self._cancel(now)
+
+    def _cancel(self, now: float) -> list[ExecutorAction]:
+        """Cancel what was let go."""
         running = [
             number
             for number, sent in self._open.items()
-            if (sent.accepted or now - sent.since_s >= self._answer_s) and not self._asked(sent, now)
+            if sent.let_go and (sent.accepted or self._unanswered(sent, now)) and not self._asked(sent, now)
         ]
         for number in running:
             self._open[number].cancelled_s = now
         return [ExecutorAction("cancel", number) for number in running]
+
+    def _unanswered(self, sent: Sent, now: float) -> bool:
+        return not sent.accepted and now - sent.since_s >= self._answer_s
 
     def _halt(self, now: float) -> list[ExecutorAction]:
         return [*self._let_go(now), ExecutorAction("stop")]
@@ -393,10 +404,14 @@ class GoalExecutor:
         if not self.driving:  # a cancel may have been lost, or Nav2 away
             return self._let_go(now) if self._nav2_there and not self._settling(now) else []
         current = None if self._current is None else self._open[self._current]
-        if current is not None and not current.accepted and now - current.since_s >= self._answer_s:
+        if current is not None and self._unanswered(current, now):
+            current.let_go = True
             return self._failed(current.place, now)
-        if self._task != "home" or current is not None:
+        if current is not None:
             return []
+        if self._task != "home":
+            overdue = any(sent.let_go and self._unanswered(sent, now) for sent in self._open.values())
+            return self._cancel(now) if overdue else []
         if self.home is not None and self._is_at(self.home, self._rules.goal_tolerance):
             return self._home_ended(now)
         if self._arrived_s is not None:

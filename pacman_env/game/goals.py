@@ -77,3 +77,4 @@ class Sent:
     since_s: float
     accepted: bool = False
     cancelled_s: float | None = None  # when its end was asked for
+    let_go: bool = False  # nobody wants it any more, or a later one has pre-empted it

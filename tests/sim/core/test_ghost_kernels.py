@@ -110,7 +110,7 @@ def test_from_a_pocket_there_is_no_way_so_he_wanders_there_and_pursues_no_place(
     changes = {"pellets.spacing_m": 1.0, "clyde.spawn": "anywhere", "clyde.spawn_distance_m": 4.4, **HARMLESS}
     source = drawn(POCKETS, square_m=0.55, origin=(-2.5, -2.0, 0.0))
     told, free = (games(300, "policy", source=source, **changes) for _ in range(2))
-    part = told.assets.clyde.part[told._ghost_paths[:, 0, 0]]
+    part = told.assets.clyde.part[told._ghosts.paths[:, 0, 0]]
     pocket = part != told.assets.clyde_part
     assert pocket.any()
     assert not pocket.all()
