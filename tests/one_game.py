@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.game.execution import ABORTED, CANCELED, COMPLETE, DEAD, NO_CHOICE, REJECTED, RUNNING
+from pacman_env.game.execution import (
+    ABORTED,
+    CANCELED,
+    CLEARED,
+    COMPLETE,
+    DEAD,
+    NO_CHOICE,
+    REJECTED,
+    RUNNING,
+    SUCCEEDED,
+)
 from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
 from pacman_env.game.goals import Goals, Home
 from pacman_env.game.round import RoundController
@@ -50,7 +60,7 @@ class SimulatorSide:
         self.reset()
 
     def reset(self) -> None:
-        self.score = int(self.game["score"][0]) if self.game["end"][0] == COMPLETE else 0
+        self.score = int(self.game["score"][0]) if self.game["end"][0] in (COMPLETE, CLEARED) else 0
         self.game[:] = self.began
         for name in ("nav_goal", "nav_next", "pursued"):
             self.game[name] = NO_CHOICE
@@ -60,6 +70,7 @@ class SimulatorSide:
 
     def at(self, step: int, pose: Position, ghost: Position = (99.0, 99.0)) -> None:
         self.game["step"], self.game["x"], self.game["y"] = step, *pose
+        self.game["amcl_x"], self.game["amcl_y"] = pose
         self.obstacles[0, 0, :2] = ghost
 
     def choose(self, candidate: int) -> None:
@@ -73,6 +84,10 @@ class SimulatorSide:
         if self.game["nav_next"][0] >= 0:
             self.game["nav_goal"], self.game["nav_next"] = self.game["nav_next"], -1
             self.game["nav_state"] = navigator.ACTIVE
+
+    def pre_empt(self) -> None:
+        """A goal that is cancelled as soon as it is accepted has ended the one driven to."""
+        self.game["nav_state"], self.game["nav_goal"] = navigator.IDLE, -1
 
     def result(self, status: int) -> None:
         """Of the goal driven to, or of one that was not accepted."""
@@ -144,6 +159,8 @@ class RobotSide:
                 break
             self.now += self.referee.start_show_s + self.referee.death_show_s
             self._do(self.executor.look(self.home, (), self.now))
+            for number in list(self.live):  # among them the way home
+                self.finish(number, SUCCEEDED, self.home)
             self._hear(self.referee.tick(self.now))
             self._hear(self.referee.start(self.now)) if self.referee.state == "menu" else None
         assert self.referee.state == "running"
@@ -191,8 +208,8 @@ class RobotSide:
             self.live.remove(number)
         self._do(self.executor.finished(number, status, self.now, at=pose))
 
-    def look(self, pose: Position, ghost: Position) -> None:
-        self._do(self.executor.look(pose, [ghost], self.now))
+    def look(self, pose: Position, ghosts: list[Position]) -> None:
+        self._do(self.executor.look(pose, ghosts, self.now))
 
     def look_at(self, pose: Position) -> None:
         """Move there, far from all ghosts and past no pellet."""
@@ -238,7 +255,8 @@ class RobotSide:
                 if action.value == "dying":
                     self.end, self.score = DEAD, self.referee.score
                 elif action.value == "complete":
-                    self.end, self.score = COMPLETE, self.referee.score
+                    all_counted = self.referee.collected == len(self.pellets)  # else some were lost, as built
+                    self.end, self.score = COMPLETE if all_counted else CLEARED, self.referee.score
                 self._do(self.executor.state(str(action.value), self.now))
             elif action.kind == "command":
                 self._do(self.executor.command(str(action.value), self.now))

@@ -360,6 +360,8 @@ class GoalExecutor:
     def _send(self, place: Place, now: float) -> list[ExecutorAction]:
         self._sent += 1
         self._current = self._sent
+        for sent in self._open.values():
+            sent.let_go |= not sent.accepted  # taken up late, it would come after this one
         self._open[self._sent] = Sent(place, now)
         while len(self._open) > _KEPT:
             del self._open[min(self._open)]
