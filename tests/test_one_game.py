@@ -14,7 +14,7 @@ from pacman_env.game.execution import ABORTED, CANCELED, REJECTED, RUNNING, SUCC
 from tests.one_game import RobotSide, SimulatorSide
 
 #: Of each execution; 5,000 take some minutes.
-TRACES = int(os.environ.get("PACMAN_ENV_TRACES", "500"))
+TRACES = int(os.environ.get("PACMAN_ENV_TRACES", "200"))
 STEP_S = 0.0625  # exact in binary, so that both sides' times are the same numbers
 EXACT = {
     "physics_step_s": STEP_S,
