@@ -194,7 +194,8 @@ class RobotSide:
         if known:
             self.unanswered.remove(number)
         self._do(self.executor.accepted(number, self.now))
-        for earlier in [n for n in self.live if known and n < number and n not in self.unanswered]:
+        for earlier in [n for n in self.live if known and n < number]:
+            self.unanswered = [n for n in self.unanswered if n != earlier]
             self.finish(earlier, ABORTED, self.executor.pose or self.home)
 
     def reject(self, number: int) -> None:
