@@ -30,6 +30,7 @@ from pacman_env.config import Config, composition, make_config, sections
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation import robot_features as observation
 from pacman_env.world.maps.occupancy import shipped_maps
@@ -107,6 +108,8 @@ def _code(value: object) -> str:
 
 def _values(unit: str, kind: Any) -> str:
     """The unit, and what may be given where the default does not show it."""
+    if kind == sections.Ghosts:
+        return "each one of " + ", ".join(map(_code, BEHAVIOURS)) + ", or a plug-in's"
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
         return _values(unit, inner[0])
@@ -114,9 +117,7 @@ def _values(unit: str, kind: Any) -> str:
         return f"{_values(unit, inner[0])} or `None`"
     if origin is typing.Literal:
         return " or ".join(map(_code, inner))
-    if origin is tuple:
-        return f"{unit} (low, high)".strip() if inner[-1] is not ... else f"each {_values(unit, inner[0])}"
-    return unit or _KINDS.get(kind, "")
+    return f"{unit} (low, high)".strip() if origin is tuple else unit or _KINDS.get(kind, "")
 
 
 def configuration() -> str:

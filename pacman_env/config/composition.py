@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import hashlib
 import json
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -125,6 +126,15 @@ class Config(Checked):
             if isinstance(owner, Checked):  # else Config says what is wrong
                 top[group] = dataclasses.replace(owner, **fields)  # type: ignore[type-var]
         return dataclasses.replace(self, **top)
+
+    def value(self, name: str) -> Any:
+        """One field by its dotted name.
+
+        Raises:
+            ConfigError: an unknown name.
+        """
+        kind_of(name)
+        return operator.attrgetter(name)(self)
 
     def as_dict(self) -> dict[str, Any]:
         """All fields as nested plain data, as JSON has it, for results and logs."""

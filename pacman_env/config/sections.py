@@ -92,10 +92,7 @@ class PelletConfig(Checked, group="pellets"):
     reachable_only: bool = True  # False, the original: also pellets the robot can never reach
 
 
-#: How a ghost picks where he goes: ``wander`` is Algorithm 2; ``arcade`` goes for the robot from far away and to his
-#: corner when near; ``chase`` always goes for the robot; ``policy`` is told by whoever steps the games.
-Behaviour = Literal["wander", "arcade", "chase", "policy"]
-Ghosts = Annotated[tuple[Behaviour, ...], Meta(min_length=1, max_length=4)]
+Ghosts = Annotated[tuple[str, ...], Meta(min_length=1, max_length=4)]
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,7 @@ class ClydeConfig(Checked, group="clyde"):
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
     spawn_distance_m: NotNegative = 1.5  # at least this far from the robot in a straight line; original: 0
     click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where he can be puts him there
-    ghosts: Ghosts = ("wander",)  # one to four: Clyde, Blinky, Pinky, Inky
+    ghosts: Ghosts = ("wander",)  # one to four behaviours: of Clyde, Blinky, Pinky, Inky
     # Arcade: Clyde turns away at 8 tiles; a tile is taken as the pick-up radius, what the robot sweeps on either side.
     arcade_distance_m: Positive = 2.0
 
