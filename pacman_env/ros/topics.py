@@ -137,6 +137,8 @@ class Feedback:
         return node.create_subscription(self.action.type.Impl.FeedbackMessage, name, callback, _qos(1), **options)
 
 
+#: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader keeps a topic's last alone.
+CONFIGURATION = Topic("game/configuration", "std_msgs/String", COMMANDS)
 GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)
 GAME_COMMAND = Topic("game_command", "std_msgs/String", COMMANDS)
 GAME_RESULT = Topic("game_result", "std_msgs/String", LATCHED)

@@ -14,12 +14,12 @@ from rclpy.clock_type import ClockType  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
 from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.node import GameNode, Once  # noqa: E402
+from pacman_env.ros.node import BaseNode, Once  # noqa: E402
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
 
-NODE = "tests.ros.farewell_node"
+NODE = "tests.ros.last_messages_node"
 
 
 def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Process:
@@ -38,13 +38,13 @@ def test_the_last_messages_arrive_after_a_signal_and_the_node_ends_with_status_0
     process = up(probe, system, words=20)
     process.send(number)
     process.send(number)  # a terminal and a launcher may both send one
-    probe.wait_for(lambda: len(probe.values(topics.GAME_COMMAND)) == 20, what="the farewell")
+    probe.wait_for(lambda: len(probe.values(topics.GAME_COMMAND)) == 20, what="the last messages")
     assert probe.values(topics.GAME_COMMAND) == [f"last {i}" for i in range(20)]
     assert process.stop(number) == 0
     assert "Traceback" not in process.output
 
 
-def test_the_farewell_waits_for_an_answer(probe: Probe, system: System) -> None:
+def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
     asked = []
 
     def answer(request: Any, response: Any) -> Any:
@@ -60,7 +60,7 @@ def test_the_farewell_waits_for_an_answer(probe: Probe, system: System) -> None:
     assert process.wait() == 0
 
 
-def test_the_farewell_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
+def test_the_end_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
     topics.RESET_GAME.server(probe.node, lambda request, response: response)  # answers only while the probe spins
     process = up(probe, system, call=True)
     before = time.monotonic()
@@ -68,14 +68,14 @@ def test_the_farewell_does_not_wait_for_ever_for_an_answer(probe: Probe, system:
     assert time.monotonic() - before < 12.0
 
 
-def test_a_failing_callback_ends_the_node_after_its_farewell(probe: Probe, system: System) -> None:
+def test_a_failing_callback_ends_the_node_after_its_last_messages(probe: Probe, system: System) -> None:
     process = up(probe, system)
     probe.publish(topics.GAME_EVENT, "fail")
     with pytest.raises(AssertionError, match="ZeroDivisionError: a callback that fails"):
         probe.wait_for(lambda: False, what="the failure")
     assert process.wait() == 1
     system.processes.clear()
-    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="the farewell")
+    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="the last messages")
 
 
 def test_a_signal_breaks_off_the_making_of_a_node(probe: Probe, system: System) -> None:
@@ -103,7 +103,7 @@ def test_a_bad_start_is_one_line(system: System, arguments: list[str], complaint
     system.processes.clear()
     lines = process.output.splitlines()
     assert len(lines) == 1
-    assert lines[0].startswith("farewell_node: ")
+    assert lines[0].startswith("last_messages_node: ")
     assert complaint in lines[0]
 
 
@@ -132,7 +132,7 @@ def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -
 
 
 def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
-    node = GameNode("clockwork", context=probe.context)
+    node = BaseNode("clockwork", context=probe.context)
     clock = node.get_clock()
     clock._set_ros_time_is_active(True)
     seen = []

@@ -91,7 +91,7 @@ class Recorder(GameNode):
             )
             self._waiting.append((subscription, connection))
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """Write what has arrived already, and finish the bag."""
         if self._open:
             for subscription, connection in self._waiting:

@@ -228,7 +228,7 @@ class ClydeGhostNode(GameNode):
             self._cleared_at = self.clyde.pose[:2]
             self._cleared_s = self.now_s()
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """No obstacle is left behind where nobody is any more."""
         self._obstacle.publish(cloud_message(_OBSTACLE[:0], self.get_clock().now().to_msg(), _OBSTACLE_Z_M))
         return ()

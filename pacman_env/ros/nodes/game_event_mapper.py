@@ -77,7 +77,7 @@ class GameEventMapper(GameNode):
     def _drive(self, w_radps: float) -> None:
         self._velocity.publish(twist_message(0.0, w_radps, self.get_clock().now().to_msg()))
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """The robot stands."""
         self._stop()
         return ()

@@ -81,7 +81,7 @@ class GameLightNode(GameNode):
         header = Header(stamp=self.get_clock().now().to_msg())
         self._ring.publish(LightringLeds(header=header, leds=leds, override_system=ring is not None))
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """The ring is the base's own again."""
         self._publish(None)
         return ()

@@ -29,7 +29,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES, as_json, score_markers
-from pacman_env.ros.selector.message_queue import Waiting
+from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.selector.selection import Selection
 from pacman_env.world.maps.occupancy import MapError
@@ -120,7 +120,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         subscriptions = [
             self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
         ]
-        self._transforms = Waiting(self, topics.TF, self._take_transforms)
+        self._transforms = MessageQueue(self, topics.TF, self._take_transforms)
         timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
         reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._destroy = [
@@ -176,7 +176,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             destroy()
         self._destroy, self._selection = [], None
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """Cancel what runs and stop the wheels."""
         if self._selection is None or self._shadow:
             return ()
