@@ -114,7 +114,7 @@ class GameNode(BaseNode):
         self.map: Any = None
         if with_map:
             self.map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
-        self._plays = {
+        self._plays: dict[str, Any] = {
             "node": name,
             "hash": self.config.hash,
             "map": None if self.map is None else self.map.hash[:12],
@@ -257,7 +257,7 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             node = make()
             stop.breaks_off = False
-            # What is loaded now stays: a collector that looks through a compiler's tables holds a decision up for 10 ms.
+            # What is loaded now stays; looked through by the collector it held decisions up for 10 ms.
             gc.collect()
             gc.freeze()
             _spin(node, stop)

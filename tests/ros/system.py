@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import json
 import os
 import signal
 import subprocess
@@ -91,7 +92,7 @@ class System:
         """Start a node's ``main()`` in the namespace; ``arguments`` go behind ``--ros-args``."""
         words = ["--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
-            words += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+            words += ["-p", f"{name}:={json.dumps(value) if isinstance(value, (bool, list)) else value}"]
         name = module.rpartition(".")[2]
         log = self._log(name)
         return self._add(Process(name, Forked(module, words, os.environ, log), log))

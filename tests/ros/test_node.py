@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import time
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.clock_type import ClockType  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
+from pacman_env.config import make_config, parse_settings  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
 
 NODE = "tests.ros.last_messages_node"
+PLAYER = "pacman_env.ros.nodes.game_event_mapper"
 
 
 def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Process:
@@ -129,6 +132,75 @@ def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -
     once.over("pose")
     once.warning("pose", "bad again")
     assert log[3:] == ["info pose: over, after 3 times", "warning bad again"]
+
+
+class Peer:
+    """Another node, as far as its configuration goes."""
+
+    def __init__(self, probe: Probe, name: str) -> None:
+        self.probe, self.name = probe, name
+
+    def plays(self, map: str | None = None, **changes: Any) -> None:
+        config = make_config("robot", **changes)
+        said = {"node": self.name, "hash": config.hash, "map": map, "configuration": config.as_dict()}
+        self.probe.publish(topics.CONFIGURATION, json.dumps(said))
+
+
+def test_an_equal_configuration_is_silent_and_another_one_is_said_once_for_each_node_by_field(
+    probe: Probe, system: System
+) -> None:
+    settings = ["clyde.speed_mps=0.25", "clyde.ghosts=wander,chase"]
+    process = system.start(PLAYER, settings=settings)
+    probe.record(topics.CONFIGURATION, topics.GAME_LIGHT)
+    probe.wait_for(lambda: probe.values(topics.CONFIGURATION), 30.0, "its configuration")
+    (said,) = map(json.loads, probe.values(topics.CONFIGURATION))
+    own = make_config("robot", **parse_settings(settings))
+    assert said == {"node": "game_event_mapper", "hash": own.hash, "map": None, "configuration": own.as_dict()}
+
+    two_ghosts = {"clyde.ghosts": ("wander", "chase")}
+    equal, other, third = (Peer(probe, name) for name in ("pellet_manager", "game_controller", "goal_selector"))
+    equal.plays(map="0123456789ab", **two_ghosts)
+    for _ in range(3):
+        other.plays(**{"clyde.speed_mps": 0.35, **two_ghosts})
+    third.plays()
+    for bad in ("", "no json", "[]", "{}", '{"node": 1, "map": 2, "configuration": 3}', "[" * 200_000):
+        probe.publish(topics.CONFIGURATION, bad)
+    third.plays(**two_ghosts)
+    probe.wait_for(lambda: "configuration of goal_selector: over" in process.output, what="the last")
+    lines = [line for line in process.output.splitlines() if "configuration" in line]
+    assert len(lines) == 4
+    assert lines[0].endswith("game_controller plays by another configuration: clyde.speed_mps 0.35, here 0.25")
+    assert lines[1].endswith(
+        "goal_selector plays by another configuration: clyde.ghosts ['wander'], here ['wander', 'chase']"
+    )
+    assert lines[2].endswith("game/configuration: not the configuration of a node of this game")
+
+    other.plays(**two_ghosts)  # started again, with the same settings
+    other.plays(**{"clyde.speed_mps": 0.45, **two_ghosts})
+    probe.wait_for(lambda: "clyde.speed_mps 0.45, here 0.25" in process.output, what="the other once more")
+    assert process.output.count("game_controller plays by another") == 2
+
+
+def test_two_nodes_hear_one_another_whichever_comes_first_and_another_map_is_said(probe: Probe, system: System) -> None:
+    first = system.start("pacman_env.ros.nodes.pellet_manager", map_yaml="house")
+    probe.record(topics.CONFIGURATION)
+    probe.wait_for(lambda: len(probe.values(topics.CONFIGURATION)) == 1, 30.0, "the first")
+    second = system.start("pacman_env.ros.nodes.clyde_ghost_node", map_yaml="loop", settings=["clyde.ghosts=chase"])
+    for process, name in ((first, "clyde_ghost_node"), (second, "pellet_manager")):
+        text = f"{name} plays by another configuration: "
+        probe.wait_for(lambda process=process, text=text: text in process.output, 30.0, text)
+        (line,) = [line for line in process.output.splitlines() if text in line]
+        assert "clyde.ghosts" in line
+        assert "; map " in line
+
+
+def test_a_bad_configuration_is_one_line_and_status_2(system: System) -> None:
+    for settings in (["clyde.speed_mps=fast"], ["clyde.sped=1"], ["clyde.speed_mps"], "clyde.speed_mps=1"):
+        process = system.start(PLAYER, settings=settings)
+        assert process.wait(30.0) == 2
+        assert process.output.startswith("game_event_mapper: ")
+        assert process.output.count("\n") == 1
+    system.processes.clear()
 
 
 def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:

@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from pacman_env.config import MAX_SPEED_MPS, ClydeConfig, PelletConfig
+from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game import ghosts as rule
 from pacman_env.game.clyde import ClydeCells, clyde_cells, search_memory
 from pacman_env.rng import below
-from pacman_env.world.maps.occupancy import load_map
 
 from .. import topics
 from ..messages import (
@@ -104,16 +103,10 @@ class ClydeGhostNode(GameNode):
     """
 
     def __init__(self) -> None:
-        super().__init__(NAME)
-        config = ClydeConfig()
-        map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
-        speed = parameter(
-            self, "speed_mps", config.speed_mps, "until clyde/speed says another, m/s", 0.0, MAX_SPEED_MPS
-        )
+        super().__init__(NAME, with_map=True)
+        map, config = self.map, self.config.clyde
         seed = parameter(self, "seed", -1, "of all that is random; -1: another one at each start", -1, 2**31 - 1)
-        self._distance_m = parameter(
-            self, "spawn_distance_m", config.spawn_distance_m, "from the robot and its home at least, m", 0.0, 100.0
-        )
+        self._distance_m = config.spawn_distance_m  # from the robot and its home at least
         self._clear_s = parameter(
             self,
             "clear_costmap_s",
@@ -124,7 +117,8 @@ class ClydeGhostNode(GameNode):
         )
         seed = secrets.randbelow(2**31) if seed < 0 else seed
 
-        self.clyde = Wanderer(clyde_cells(map, config, PelletConfig().free_grey), seed, speed, config.update_period_s)
+        cells = clyde_cells(map, config, self.config.pellets.free_grey)
+        self.clyde = Wanderer(cells, seed, config.speed_mps, config.update_period_s)
         self.clyde.respawn([], self._distance_m)
         self.clyde.step()  # compiled now, not while the game waits for his pose
         self.clyde.respawn([], self._distance_m)

@@ -63,7 +63,7 @@ class GameEventMapper(GameNode):
             self._stop()
 
     def _move(self) -> None:
-        turn = angular_velocity(self._motion, self.now_s() - self._since_s)
+        turn = angular_velocity(self._motion, self.now_s() - self._since_s, self.config.show)
         if turn is None:
             self._stop()
         else:

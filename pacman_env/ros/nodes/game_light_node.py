@@ -32,7 +32,7 @@ class GameLightNode(GameNode):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._lights = LightRing()
+        self._lights = LightRing(self.config.show)
         self._shown: Ring | None = None
         self._shown_s = 0.0
         self._ring = topics.LIGHT_RING.publisher(self)

@@ -48,18 +48,14 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     """
 
     def __init__(self) -> None:
-        GameNode.__init__(self, NAME)
+        GameNode.__init__(self, NAME, with_map=True)
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        self._map = parameter(self, "map_yaml", "house", "the map: a YAML file, or the name of a shipped map")
         text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
-        self._rate = parameter(self, "decision_rate", 2.0, "decisions per second", 0.5, 10.0)
         self._tell_rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
-        text = "a pellet is pursued at least this long before another is preferred to it, s"
-        self._min_dwell_s = parameter(self, "min_dwell_s", 1.0, text, 0.0, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"
         self._pose_timeout_s = parameter(self, "pose_timeout_s", 1.0, text, 0.1, 10.0)
         self._shadow = parameter(self, "shadow", False, "decide and log beside another planner, send nothing")
@@ -87,10 +83,10 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             if self._home is not None and len(self._home) != 3:
                 raise ValueError(f"parameter home: {len(self._home)} numbers, must be x, y, heading")
             self._selection = Selection(
-                self._map,
+                self.map,
+                self.config,
                 self.get_parameter("policy").value,
                 None if self._home is None else tuple(self._home),
-                self._min_dwell_s,
                 self._pose_timeout_s,
                 self.once.warning,
             )
@@ -144,7 +140,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         """Begin to decide."""
         assert self._selection is not None
         self._fresh = True
-        self._timer = self.create_timer(1.0 / self._rate, self._tick)
+        self._timer = self.create_timer(self.config.execution.tick_s, self._tick)
         what = f"policy {self._selection.spec} on map {self._selection.live.assets.occupancy.name}"
         self.get_logger().info(f"{what}{', a shadow: nothing is sent' if self._shadow else ''}")
         return super().on_activate(state)

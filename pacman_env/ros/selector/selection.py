@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pacman_env import __version__
-from pacman_env.config import MAX_SPEED_MPS, make_config
+from pacman_env.config import MAX_SPEED_MPS, Config
 from pacman_env.game.execution import ABORTED
 from pacman_env.game.goal_executor import Action, Pursuit
 from pacman_env.game.goals import Home
@@ -26,6 +26,7 @@ from pacman_env.ros.selector.goal_scores import DecisionTimes
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import LiveGame, Pellets, Seen
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 _ONE = np.ones(1, np.bool_)
 
@@ -36,10 +37,10 @@ class Selection:
     Every method that hears something takes the time, s, and returns what is to be done.
 
     Args:
-        map_name: a YAML file, or the name of a shipped map.
+        map: the map.
+        config: what is played by.
         policy: a name of the registry, or an .onnx file.
         home: the home pose; None: the first one in menu, or the map's.
-        min_dwell_s: a pellet is pursued at least this long before another is preferred to it.
         pose_timeout_s: a transform older than this gives way to the latched pose.
         warn: called with the kind of a trouble and what to say about it.
 
@@ -50,17 +51,19 @@ class Selection:
 
     def __init__(
         self,
-        map_name: str,
+        map: str | OccupancyMap,
+        config: Config,
         policy: str,
         home: Pose | None,
-        min_dwell_s: float,
         pose_timeout_s: float,
         warn: Callable[[str, str], None],
     ) -> None:
-        self._config = make_config("robot")
+        self._config = config
         self._warn = warn
-        self.live = LiveGame(map_assets(map_name, self._config, home), self._config)
-        self.pursuit = Pursuit(self._config, None if home is None else Home(*home), min_dwell_s=min_dwell_s)
+        self.live = LiveGame(map_assets(map, self._config, home), self._config)
+        self.pursuit = Pursuit(
+            self._config, None if home is None else Home(*home), min_dwell_s=config.execution.min_dwell_s
+        )
         self.spec, self.policy = policy, self.load(policy)
         self.seen: tuple[Situation, int] | None = None  # at the last choice, and the candidate chosen
         self._believed = BelievedPose(pose_timeout_s)

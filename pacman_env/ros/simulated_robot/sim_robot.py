@@ -20,11 +20,9 @@ from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from ...config import PRESETS, make_config, parse_settings
 from ...sim.core.navigate_to_pose import Navigation
 from ...sim.core.poses import Pose
 from ...sim.core.robot import SimulatedRobot
-from ...world.maps.occupancy import load_map
 from .. import topics
 from ..messages import BadMessage, points_of, pose_of
 from ..node import GameNode, parameter, run
@@ -68,10 +66,8 @@ class SimRobot(GameNode):
     """The node; :meth:`tick` is called at the physics' rate times the speed."""
 
     def __init__(self) -> None:
-        super().__init__(NAME)
-        map_yaml = parameter(self, "map_yaml", "house", "map: YAML file, folder or name of a shipped one")
-        preset = parameter(self, "preset", "robot", f"configuration: one of {', '.join(sorted(PRESETS))}")
-        settings = parameter(self, "settings", "", "fields of the configuration, name=value, separated by blanks")
+        super().__init__(NAME, with_map=True)
+        config = self.config
         seed = parameter(self, "seed", 0, "of all that is drawn", 0, 2**63 - 1)
         home = parameter(self, "home", "", "x,y,heading where the robot stands, m and rad; empty: as in the game")
         localized = parameter(self, "set_initial_pose", True, "AMCL starts at home; false: it waits for initialpose")
@@ -81,8 +77,7 @@ class SimRobot(GameNode):
         self._simulated = bool(self.get_parameter("use_sim_time").value)
         if self._speed != 1.0 and not self._simulated:
             raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
-        config = make_config(preset, **parse_settings(settings.split()))
-        robot = SimulatedRobot(load_map(map_yaml), config, seed, home=_pose(home, "home"), localized=localized)
+        robot = SimulatedRobot(self.map, config, seed, home=_pose(home, "home"), localized=localized)
         self.robot = robot
         _warm_up(robot)
         self._step_ns = round(config.physics_step_s * 1e9)

@@ -176,7 +176,7 @@ def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(probe: Prob
         return response
 
     topics.CLEAR_GLOBAL_COSTMAP.server(probe.node, clear)
-    up(probe, system, clear_costmap_s=1.5, speed_mps=2.0)
+    up(probe, system, clear_costmap_s=1.5, settings=["clyde.speed_mps=2.0"])
     next_pose(probe, 5)
     assert cleared == []
     probe.publish(topics.GAME_STATE, "running")
