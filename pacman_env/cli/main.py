@@ -241,8 +241,8 @@ def _ros_record(arguments: argparse.Namespace) -> int:
 
 def _ros_replay(arguments: argparse.Namespace) -> int:
     with _what_ros_needs():
-        from pacman_env.ros.bags.bag_replay import replay
-    report = replay(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
+        from pacman_env.ros.bags.bag_replay import replay_bag
+    report = replay_bag(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
     print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
     return 0
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from pacman_env.config import ClydeConfig, ShowConfig
-from pacman_env.jit import kernel
 
 State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
 ActionKind = Literal[
@@ -42,13 +41,11 @@ class Action:
     value: str | int | float | None = None
 
 
-@kernel
 def clyde_speed_mps(base: float, step: float, round: int) -> float:
     """Clyde's speed in a round, the first being 1 (Milestone 3, Algorithm 5)."""
     return base + (round - 1) * step
 
 
-@kernel
 def round_complete(collected: int, spawned: int) -> bool:
     """N_collected >= N_spawned (Milestone 3, Algorithm 5); never while the pellets are unknown, 0."""
     return spawned > 0 and collected >= spawned
@@ -126,7 +123,7 @@ class RoundController:
     @property
     def clyde_speed(self) -> float:
         """Clyde's speed in this round, m/s."""
-        return float(clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round))
+        return clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round)
 
     def announce(self) -> list[Action]:
         """Everything latched as it is now, for a node that has just come up.

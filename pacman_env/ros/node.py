@@ -12,6 +12,7 @@ import signal
 import sys
 import time
 import warnings
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
@@ -28,7 +29,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from pacman_env.config import EXECUTIONS, PRESETS, differences, make_config, parse_settings
-from pacman_env.world.maps.occupancy import load_map
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .messages import BadMessage
 from .topics import CONFIGURATION
@@ -96,12 +97,14 @@ class GameNode(BaseNode):
 
     Attributes:
         config: the configuration of the parameters ``preset``, ``execution`` and ``settings``.
-        map: the occupancy map, None without one.
+        map: the occupancy map, of a node with one.
 
     Raises:
         ConfigError: there is no such configuration.
         MapError: the map cannot be read.
     """
+
+    map: OccupancyMap
 
     def __init__(self, name: str, *, with_map: bool = False, **options: Any) -> None:
         super().__init__(name, **options)
@@ -111,13 +114,12 @@ class GameNode(BaseNode):
         descriptor = ParameterDescriptor(description=text, read_only=True)
         settings = self.declare_parameter("settings", Parameter.Type.STRING_ARRAY, descriptor).value or ()
         self.config = make_config(preset, execution, **parse_settings(settings))
-        self.map: Any = None
         if with_map:
             self.map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
         self._plays: dict[str, Any] = {
             "node": name,
             "hash": self.config.hash,
-            "map": None if self.map is None else self.map.hash[:12],
+            "map": _fingerprint(self.map) if with_map else None,
             "configuration": self.config.as_dict(),
         }
         self._configuration = CONFIGURATION.publisher(self)
@@ -143,6 +145,12 @@ class GameNode(BaseNode):
         more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
         text = "; ".join([*fields[:_LISTED], *more])
         self.once.warning(trouble, f"{node} plays by another configuration: {text}")
+
+
+def _fingerprint(map: OccupancyMap) -> str:
+    """8 hexadecimal digits by which maps are told apart; their own hash would load OpenSSL, 4 MB in a node."""
+    geometry = repr((map.grey.shape, map.resolution, map.origin)).encode()
+    return f"{zlib.crc32(geometry, zlib.crc32(map.occupancy.data, zlib.crc32(map.grey.data))):08x}"
 
 
 class Once:

@@ -9,10 +9,9 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
+from typing import Any, ClassVar
 
-from action_msgs.srv import CancelGoal
-from rclpy.action import ActionClient, ActionServer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -34,23 +33,28 @@ TRANSFORMS = _qos(100)
 STATIC_TRANSFORMS = _qos(100, latched=True)
 
 
-def _type(kind: str, name: str) -> Any:
-    package, _, word = name.partition("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), word)
-
-
 @dataclass(frozen=True)
-class Topic:
-    """One topic: its relative name, ``package/Type`` and QoS."""
+class _Interface:
+    """A relative name and a type, ``package/Type``."""
 
     name: str
     type_name: str
-    qos: QoSProfile
+
+    kind: ClassVar[str]  # the module of the package
 
     @property
     def type(self) -> Any:
-        """The message class."""
-        return _type("msg", self.type_name)
+        """The class of messages, or of a service's or an action's parts."""
+        package, _, name = self.type_name.partition("/")
+        return attrgetter(name)(importlib.import_module(f"{package}.{self.kind}"))
+
+
+@dataclass(frozen=True)
+class Topic(_Interface):
+    """One topic."""
+
+    qos: QoSProfile
+    kind = "msg"
 
     def publisher(self, node: Any) -> Any:
         """A publisher of ``node`` on this topic."""
@@ -62,16 +66,10 @@ class Topic:
 
 
 @dataclass(frozen=True)
-class Service:
-    """One service: its relative name and ``package/Type``."""
+class Service(_Interface):
+    """One service; its type has Request and Response."""
 
-    name: str
-    type_name: str
-
-    @property
-    def type(self) -> Any:
-        """The service class, with Request and Response."""
-        return _type("srv", self.type_name)
+    kind = "srv"
 
     def client(self, node: Any, **options: Any) -> Any:
         """A client of ``node``."""
@@ -82,31 +80,33 @@ class Service:
         return node.create_service(self.type, self.name, callback, **options)
 
 
+class FeedbackTopic(Topic):
+    """The topic on which an action's server tells how its goals get on; of interest is the newest alone."""
+
+    kind = "action"
+
+
 @dataclass(frozen=True)
-class Action:
-    """One action: its relative name and ``package/Type``."""
+class RosAction(_Interface):
+    """One action; its type has Goal, Feedback and Result."""
 
-    name: str
-    type_name: str
-
-    @property
-    def type(self) -> Any:
-        """The action class, with Goal, Feedback and Result."""
-        return _type("action", self.type_name)
+    kind = "action"
 
     def client(self, node: Any, **options: Any) -> Any:
         """An ``ActionClient`` of ``node``."""
+        from rclpy.action import ActionClient
+
         return ActionClient(node, self.type, self.name, **options)
 
     @property
     def statuses(self) -> Topic:
-        """What has become of all its goals that the server still lists."""
+        """The topic with the statuses of all its goals that the server still lists."""
         return Topic(f"{self.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     @property
-    def feedback(self) -> Feedback:
-        """How its goals get on."""
-        return Feedback(self)
+    def feedback(self) -> FeedbackTopic:
+        """The topic of its feedback."""
+        return FeedbackTopic(f"{self.name}/_action/feedback", f"{self.type_name}.Impl.FeedbackMessage", _qos(1))
 
     def goal_client(self, node: Any, **options: Any) -> Any:
         """A client of ``node`` for the service that takes goals."""
@@ -118,23 +118,15 @@ class Action:
 
     def cancel_client(self, node: Any, **options: Any) -> Any:
         """A client of ``node`` for action_msgs/CancelGoal, by a goal's id, be it accepted or not."""
+        from action_msgs.srv import CancelGoal
+
         return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""
+        from rclpy.action import ActionServer
+
         return ActionServer(node, self.type, self.name, execute, **options)
-
-
-@dataclass(frozen=True)
-class Feedback:
-    """The topic on which an action's server tells how its goals get on; of interest is the newest alone."""
-
-    action: Action
-
-    def subscription(self, node: Any, callback: Callable[[Any], None], **options: Any) -> Any:
-        """A subscription of ``node``; ``options`` go to ``create_subscription``."""
-        name = f"{self.action.name}/_action/feedback"
-        return node.create_subscription(self.action.type.Impl.FeedbackMessage, name, callback, _qos(1), **options)
 
 
 #: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader keeps a topic's last alone.
@@ -178,8 +170,8 @@ RESET_PELLETS = Service("reset_pellets", "std_srvs/Trigger")
 RESET_CLYDE = Service("reset_clyde", "std_srvs/Trigger")
 CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "nav2_msgs/ClearEntireCostmap")
 
-NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/NavigateToPose")
-PLAY_NOTES = Action("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
+NAVIGATE_TO_POSE = RosAction("navigate_to_pose", "nav2_msgs/NavigateToPose")
+PLAY_NOTES = RosAction("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
 
 GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
 STATE_WORDS = frozenset({"menu", "returning_home", "starting", "running", "dying", "complete"})

@@ -16,7 +16,7 @@ from pacman_env.ros.selector.selection import Selection
 from pacman_env.ros.simulated_robot import sim_robot  # noqa: F401
 
 for _one in vars(topics).values():
-    if isinstance(_one, topics.Topic | topics.Service | topics.Action):
+    if isinstance(_one, topics.Topic | topics.Service | topics.RosAction):
         _one.type.__import_type_support__()
 for _policy in ("clyde_aware", "lookahead"):
     Selection("house", make_config(), _policy, None, 1.0, lambda kind, text: None)

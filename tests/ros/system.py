@@ -22,7 +22,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from pacman_env.ros.topics import Action, Service, Topic
+from pacman_env.ros.topics import RosAction, Service, Topic
 from tests.ros.fork_server import Forked
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -226,7 +226,7 @@ class Probe:
         self.node.destroy_client(client)
         return answer.result()
 
-    def action_client(self, action: Action, timeout_s: float = 15.0) -> Any:
+    def action_client(self, action: RosAction, timeout_s: float = 15.0) -> Any:
         """A client of an action whose server is there."""
         client = action.client(self.node)
         self.wait_for(client.server_is_ready, timeout_s, f"action {action.name}")
