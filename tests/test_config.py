@@ -213,7 +213,7 @@ def test_the_dwell_belongs_to_the_robust_execution() -> None:
 def test_a_hash_stands_for_all_fields_in_any_process() -> None:
     config = make_config()
     assert config.hash == make_config().hash
-    assert len(config.hash) == 8
+    assert len(config.hash) == 12
     assert int(config.hash, 16) >= 0
     others = [make_config(**{name: value}) for name, value in (("show.death_s", 4.0), ("endless", True))]
     assert len({c.hash for c in (config, *others)}) == 3

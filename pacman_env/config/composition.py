@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
+import hashlib
 import json
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -30,8 +31,6 @@ MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
 
 def _meant(name: str, known: dict[str, Any]) -> str:
     """What a mistyped field may have been."""
-    import difflib
-
     fields = []
     for group, value in known.items():
         inner = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
@@ -151,9 +150,9 @@ class Config(Section):
 
     @property
     def hash(self) -> str:
-        """8 hexadecimal digits by which two configurations are told apart: equal fields, equal hash."""
+        """12 hexadecimal digits by which two configurations are told apart: equal fields, equal hash."""
         text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
-        return f"{zlib.crc32(text.encode()):08x}"  # hashlib loads OpenSSL, 4 MB in each of the robot's nodes
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

@@ -5,14 +5,12 @@ What a node does is not here. ``run`` is the whole ``main`` of every node.
 
 from __future__ import annotations
 
-import gc
 import json
 import math
 import signal
 import sys
 import time
 import warnings
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
@@ -32,6 +30,7 @@ from pacman_env.config import EXECUTIONS, PRESETS, differences, make_config, par
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .messages import BadMessage
+from .process_memory import settle
 from .topics import CONFIGURATION
 
 LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
@@ -119,7 +118,7 @@ class GameNode(BaseNode):
         self._plays: dict[str, Any] = {
             "node": name,
             "hash": self.config.hash,
-            "map": _fingerprint(self.map) if with_map else None,
+            "map": self.map.hash[:12] if with_map else None,
             "configuration": self.config.as_dict(),
         }
         self._configuration = CONFIGURATION.publisher(self)
@@ -145,12 +144,6 @@ class GameNode(BaseNode):
         more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
         text = "; ".join([*fields[:_LISTED], *more])
         self.once.warning(trouble, f"{node} plays by another configuration: {text}")
-
-
-def _fingerprint(map: OccupancyMap) -> str:
-    """8 hexadecimal digits by which maps are told apart; their own hash would load OpenSSL, 4 MB in a node."""
-    geometry = repr((map.grey.shape, map.resolution, map.origin)).encode()
-    return f"{zlib.crc32(geometry, zlib.crc32(map.occupancy.data, zlib.crc32(map.grey.data))):08x}"
 
 
 class Once:
@@ -265,9 +258,7 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             node = make()
             stop.breaks_off = False
-            # What is loaded now stays; looked through by the collector it held decisions up for 10 ms.
-            gc.collect()
-            gc.freeze()
+            settle()
             _spin(node, stop)
         except KeyboardInterrupt:
             pass  # there is no node yet that could say anything

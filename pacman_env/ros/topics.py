@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, ClassVar
 
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient, ActionServer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -94,8 +96,6 @@ class RosAction(_Interface):
 
     def client(self, node: Any, **options: Any) -> Any:
         """An ``ActionClient`` of ``node``."""
-        from rclpy.action import ActionClient
-
         return ActionClient(node, self.type, self.name, **options)
 
     @property
@@ -118,14 +118,10 @@ class RosAction(_Interface):
 
     def cancel_client(self, node: Any, **options: Any) -> Any:
         """A client of ``node`` for action_msgs/CancelGoal, by a goal's id, be it accepted or not."""
-        from action_msgs.srv import CancelGoal
-
         return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""
-        from rclpy.action import ActionServer
-
         return ActionServer(node, self.type, self.name, execute, **options)
 
 

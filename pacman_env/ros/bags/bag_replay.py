@@ -121,7 +121,7 @@ def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) 
     """
     occupancy, chooser = load_map(map), make_policy(policy)
     with open_bag(path, namespace) as bag:
-        config = _recorded_config(bag)
+        config = recorded_config(bag)
         assets = map_assets(occupancy, config)
         report = ReplayReport(str(path), bag.namespace, map, policy, bag.duration_s)
         walk = _Walk(bag, assets, config, chooser, report)
@@ -273,7 +273,7 @@ class _Walk:
         return f"{kind} at ({goal.x:.2f}, {goal.y:.2f})"
 
 
-def _recorded_config(bag: Bag) -> Config:
+def recorded_config(bag: Bag) -> Config:
     """The configuration that the goal selector of a recorded game published; the default one where it has not.
 
     Raises:

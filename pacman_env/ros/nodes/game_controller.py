@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from platformdirs import user_state_path
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
@@ -73,7 +74,7 @@ class GameController(GameNode):
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         namespace = self.get_namespace()
         name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}.json"
-        path = _user_folder() / name if where == "auto" else Path(where) if where else None
+        path = user_state_path("pacman_env") / name if where == "auto" else Path(where) if where else None
         simulated = bool(self.get_parameter("use_sim_time").value)
         return StateFile(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
@@ -160,12 +161,6 @@ class GameController(GameNode):
         self._do([Action("command", "disable"), Action("event", "reset"), Action("state", "menu")])
         self._file.remove()
         return ()
-
-
-def _user_folder() -> Path:
-    from platformdirs import user_state_path
-
-    return user_state_path("pacman_env")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -7,6 +7,7 @@ game's rule "brighter than 250 is free" looks at. What a map is good for is judg
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import re
@@ -125,8 +126,6 @@ class OccupancyMap:
     @cached_property
     def hash(self) -> str:
         """SHA-256 (hex) of grey, occupancy, resolution and origin: the key of what is computed from a map."""
-        import hashlib  # with OpenSSL it has 4 MB, which many a node does without
-
         digest = hashlib.sha256(struct.pack("<2q4d", *self.grey.shape, self.resolution, *self.origin))
         digest.update(self.grey.tobytes())
         digest.update(self.occupancy.tobytes())

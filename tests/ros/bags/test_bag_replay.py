@@ -22,8 +22,8 @@ from pacman_env.cli.main import main
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag import BagError
-from pacman_env.ros.bags.bag_replay import chosen_of, replay_bag
+from pacman_env.ros.bags.bag import BagError, open_bag
+from pacman_env.ros.bags.bag_replay import chosen_of, recorded_config, replay_bag
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
 from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.sim.core.batch import GameBatch
@@ -267,6 +267,26 @@ def test_a_bag_without_a_round_says_so(tmp_path: Path) -> None:
         idle.say(topics.GAME_STATE, 0.0, data="menu")
     with pytest.raises(BagError, match="no round was played"):
         replay_bag(tmp_path / "idle", "house", "nearest")
+
+
+def test_a_game_is_replayed_under_the_configuration_of_its_goal_selector(tmp_path: Path) -> None:
+    played = make_config(**{"clyde.speed_mps": 0.35, "clyde.ghosts": ("wander", "chase"), "max_pellets": 20})
+
+    def said(node: str, configuration: Any) -> str:
+        return json.dumps({"node": node, "hash": "", "map": None, "configuration": configuration})
+
+    with Bagged(tmp_path / "game") as bagged:
+        bagged.say(topics.GAME_STATE, 0.0, data="menu")
+        bagged.say(topics.CONFIGURATION, 0.0, data=said("goal_selector", played.as_dict()))
+        bagged.say(topics.CONFIGURATION, 0.1, data=said("sim_robot", make_config("ideal").as_dict()))
+    with open_bag(tmp_path / "game") as bag:
+        assert recorded_config(bag) == played
+    for number, bad in enumerate(("no json", said("goal_selector", {"clyde": {"hue": "orange"}}), "[]")):
+        with Bagged(tmp_path / f"bad{number}") as bagged:
+            bagged.say(topics.GAME_STATE, 0.0, data="menu")
+            bagged.say(topics.CONFIGURATION, 0.0, data=bad)
+        with open_bag(tmp_path / f"bad{number}") as bag, pytest.raises(BagError, match="configuration"):
+            recorded_config(bag)
 
 
 def test_the_candidate_shown_as_chosen_is_the_one_read() -> None:
