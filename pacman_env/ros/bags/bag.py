@@ -63,7 +63,7 @@ class Bag:
         if not chosen:
             return
         start = self._reader.start_time
-        for connection, at_ns, raw in _told(self._path, self._reader.messages(chosen)):
+        for connection, at_ns, raw in _with_named_errors(self._path, self._reader.messages(chosen)):
             try:
                 message = store.deserialize_cdr(raw, connection.msgtype)
             except Exception as error:  # whatever broken bytes lead to
@@ -110,7 +110,7 @@ def _line(error: Exception) -> str:
     return " ".join(str(error).split()) or repr(error)
 
 
-def _told(path: Path, messages: Iterator[Any]) -> Iterator[Any]:
+def _with_named_errors(path: Path, messages: Iterator[Any]) -> Iterator[Any]:
     """The same, with errors that name the bag."""
     try:
         yield from messages

@@ -27,6 +27,7 @@ from pacman_env.ros.selector.goal_scores import DecisionTimes
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 _ONE = np.ones(1, np.bool_)
 
@@ -37,8 +38,8 @@ class Selection:
     Every method that hears something takes the time, s, and returns what is to be done.
 
     Args:
+        map: the map.
         config: what is played by.
-        map_name: a YAML file, or the name of a shipped map.
         policy: a name of the registry, or an .onnx file.
         home: the home pose; None: the first one in menu, or the map's.
         pose_timeout_s: a transform older than this gives way to the latched pose.
@@ -51,15 +52,15 @@ class Selection:
 
     def __init__(
         self,
+        map: str | OccupancyMap,
         config: Config,
-        map_name: str,
         policy: str,
         home: Pose | None,
         pose_timeout_s: float,
         warn: Callable[[str, str], None],
     ) -> None:
         self._warn = warn
-        self.view = RobotView(map_assets(map_name, config, home), config)
+        self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else Home(*home))
         self.spec, self.policy = policy, self.load(policy)
         self.seen: tuple[Situation, int] | None = None  # at the last choice, and the candidate chosen
