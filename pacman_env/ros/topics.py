@@ -127,6 +127,7 @@ class RosAction(_Interface):
 
 #: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader keeps a topic's last alone.
 CONFIGURATION = Topic("game/configuration", "std_msgs/String", COMMANDS)
+GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
 GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)
 GAME_COMMAND = Topic("game_command", "std_msgs/String", COMMANDS)
 GAME_RESULT = Topic("game_result", "std_msgs/String", LATCHED)
@@ -139,7 +140,8 @@ CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
 PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
 REMOVE_PELLET = Topic("remove_pellet", "std_msgs/Int32", EVENTS)
-CLYDE_POSE = Topic("clyde_pose", "geometry_msgs/PoseStamped", EVENTS)
+GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) for name in GHOSTS)
+CLYDE_POSE = GHOST_POSES[0]
 CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
 CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
 CLICKED_POINT = Topic("clicked_point", "geometry_msgs/PointStamped", EVENTS)  # places Clyde before a round
@@ -169,7 +171,6 @@ CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "
 NAVIGATE_TO_POSE = RosAction("navigate_to_pose", "nav2_msgs/NavigateToPose")
 PLAY_NOTES = RosAction("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
 
-GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
 STATE_WORDS = frozenset({"menu", "returning_home", "starting", "running", "dying", "complete"})
 COMMAND_WORDS = frozenset({"enable", "disable", "reset_round", "return_home"})
 #: ``pellet_collected`` is followed by a colon and the pellet's id.

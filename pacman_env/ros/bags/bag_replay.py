@@ -26,7 +26,7 @@ from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose
 from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.observation.robot_view import LiveGame, Seen
+from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.world.maps.occupancy import load_map
 
 _READ = (
@@ -136,7 +136,7 @@ class _Walk:
     """One pass through a bag: what the robot knows at each moment, and a decision at each tick."""
 
     def __init__(self, bag: Bag, assets: MapAssets, config: Config, policy: Policy, report: ReplayReport) -> None:
-        self._live = LiveGame(assets, config)
+        self._live = RobotView(assets, config)
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
@@ -203,7 +203,7 @@ class _Walk:
             self._live.clyde_speed_mps = message.data
         elif topic == topics.CLYDE_POSE.name:
             x, y, _ = pose_of(message)
-            self._live.see_clyde(x, y, nanoseconds_of(message.header.stamp))
+            self._live.see_ghost(0, x, y, nanoseconds_of(message.header.stamp))
             self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
         elif topic == topics.AMCL_POSE.name:
             self._motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
@@ -230,7 +230,7 @@ class _Walk:
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
         """``pursued``: where the robot was going, ``recorded``: what was chosen; -1: nothing, None: not known."""
         pose, left = self._motion.believed, self._left - self._gone
-        if pose is None or self._live.clyde is None or not left or self._live.off_the_map(*pose[:2]):
+        if pose is None or self._live.unseen or not left or self._live.off_the_map(*pose[:2]):
             return
         seen = Seen(
             time_s=at_s - self._began_s,

@@ -12,6 +12,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -24,7 +25,7 @@ from ...sim.core.navigate_to_pose import Navigation
 from ...sim.core.poses import Pose
 from ...sim.core.robot import SimulatedRobot
 from .. import topics
-from ..messages import BadMessage, points_of, pose_of
+from ..messages import GHOST_OBSTACLE, BadMessage, points_of, pose_of
 from ..node import GameNode, parameter, run
 from .sim_actions import NavigateServer, NotesServer
 from .sim_faults import Faults
@@ -84,7 +85,8 @@ class SimRobot(GameNode):
         self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
         self._start_ns = START_NS if self._simulated else time.time_ns()
         self._began = time.monotonic()  # wall time of step 0
-        self._marked_step: int | None = None  # when Clyde was seen last
+        self._marks: dict[int, tuple[float, float]] = {}  # where ghosts were seen
+        self._marked_step: int | None = None  # when one was seen last
         self._faults = Faults()
         self.navigation = Navigation(robot)
         self._navigate = NavigateServer(self, self.navigation, self._faults)
@@ -107,14 +109,15 @@ class SimRobot(GameNode):
 
     def _listen(self, stamped: bool) -> None:
         velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
-        for topic, take in (
+        heard: tuple[tuple[topics.Topic, Callable[[Any], None]], ...] = (
             (velocity, self._take_velocity),
             (topics.INITIAL_POSE, self._take_initial_pose),
-            (topics.CLYDE_POSE, self._take_clyde),
+            *((topic, partial(self._take_ghost, k)) for k, topic in enumerate(topics.GHOST_POSES)),
             (topics.CLYDE_OBSTACLE, self._take_obstacle),
             (topics.LIGHT_RING, self._take_lights),
             (FAULT, self._take_fault),
-        ):
+        )
+        for topic, take in heard:
             topic.subscription(self, self._checked(topic.name, take))
 
     def _checked(self, name: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -180,22 +183,27 @@ class SimRobot(GameNode):
             raise BadMessage("the pose is lost, by a fault")
         self.robot.set_initial_pose(pose)
 
-    def _take_clyde(self, message: Any) -> None:
-        self._mark(*pose_of(message)[:2])
+    def _take_ghost(self, number: int, message: Any) -> None:
+        self._marks[number] = pose_of(message)[:2]
+        self._mark()
 
     def _take_obstacle(self, message: Any) -> None:
         points = points_of(message)
         if len(points) == 0:
             self._unmark()
-        else:
-            self._mark(*points.mean(axis=0).tolist())
+            return
+        around = len(points) if len(points) % len(GHOST_OBSTACLE) else len(GHOST_OBSTACLE)
+        centres = points.reshape(-1, around, 2).mean(axis=1)
+        self._marks = {number: (x, y) for number, (x, y) in enumerate(centres.tolist())}
+        self._mark()
 
-    def _mark(self, x: float, y: float) -> None:
-        self.robot.set_obstacle((x, y))
+    def _mark(self) -> None:
+        self.robot.set_obstacles(list(self._marks.values()))
         self._marked_step = self.robot.steps
 
     def _unmark(self) -> None:
-        self.robot.set_obstacle(None)
+        self._marks.clear()
+        self.robot.set_obstacles([])
         self._marked_step = None
 
     def _take_lights(self, message: Any) -> None:
