@@ -127,20 +127,20 @@ class GameNode(BaseNode):
 
     def _compare(self, message: Any) -> None:
         """Say by which fields another node differs, once for each other node; again only after they agreed."""
-        here = self._plays
+        own = self._plays
         try:
-            theirs = json.loads(message.data[:_LONGEST])
-            node, map, configuration = str(theirs["node"])[:100], theirs["map"], dict(theirs["configuration"])
+            other = json.loads(message.data[:_LONGEST])
+            node, map, configuration = str(other["node"])[:100], other["map"], dict(other["configuration"])
         except (ValueError, TypeError, LookupError, RecursionError):
             raise BadMessage("not the configuration of a node of this game") from None
-        found = differences(configuration, here["configuration"])
-        if map != here["map"] and None not in (map, here["map"]):
-            found["map"] = map, here["map"]
+        found = differences(configuration, own["configuration"])
+        if map != own["map"] and None not in (map, own["map"]):
+            found["map"] = map, own["map"]
         trouble = f"configuration of {node}"
         if not found:
             self.once.over(trouble)
             return
-        fields = [f"{name} {theirs}, here {ours}" for name, (theirs, ours) in found.items()]
+        fields = [f"{name} {there}, here {here}" for name, (there, here) in found.items()]
         more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
         text = "; ".join([*fields[:_LISTED], *more])
         self.once.warning(trouble, f"{node} plays by another configuration: {text}")

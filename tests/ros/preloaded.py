@@ -19,4 +19,4 @@ for _one in vars(topics).values():
     if isinstance(_one, topics.Topic | topics.Service | topics.RosAction):
         _one.type.__import_type_support__()
 for _policy in ("clyde_aware", "lookahead"):
-    Selection("house", make_config(), _policy, None, 1.0, lambda kind, text: None)
+    Selection(make_config(), "house", _policy, None, 1.0, lambda kind, text: None)

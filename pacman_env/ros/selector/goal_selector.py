@@ -83,8 +83,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             if self._home is not None and len(self._home) != 3:
                 raise ValueError(f"parameter home: {len(self._home)} numbers, must be x, y, heading")
             self._selection = Selection(
-                self.map,
                 self.config,
+                self.map,
                 self.get_parameter("policy").value,
                 None if self._home is None else tuple(self._home),
                 self._pose_timeout_s,

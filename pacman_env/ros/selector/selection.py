@@ -38,8 +38,8 @@ class Selection:
     Every method that hears something takes the time, s, and returns what is to be done.
 
     Args:
-        map: the map.
         config: what is played by.
+        map: a YAML file, the name of a shipped map, or a loaded map.
         policy: a name of the registry, or an .onnx file.
         home: the home pose; None: the first one in menu, or the map's.
         pose_timeout_s: a transform older than this gives way to the latched pose.
@@ -52,8 +52,8 @@ class Selection:
 
     def __init__(
         self,
-        map: str | OccupancyMap,
         config: Config,
+        map: str | OccupancyMap,
         policy: str,
         home: Pose | None,
         pose_timeout_s: float,

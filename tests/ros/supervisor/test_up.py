@@ -16,6 +16,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup, module_of
@@ -131,6 +132,7 @@ def test_what_cannot_be_played_is_one_line_before_anything_starts(
 def test_without_ros_the_command_says_what_to_install(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(ros, "supervisor", ros.supervisor)  # is put back: the command imports another one
     for name in [name for name in sys.modules if name.startswith("pacman_env.ros.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "rclpy", None)  # as if it were not there
