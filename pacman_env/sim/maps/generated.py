@@ -154,11 +154,6 @@ def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
     )
 
 
-def level_map(level: int, config: Config) -> OccupancyMap:
-    """The map of a level as it is played."""
-    return prepare_level(level, config).occupancy
-
-
 def _objection(assets: MapAssets, config: Config, scale: int) -> str:
     """Why a house is no level, "" if it is one."""
     fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1

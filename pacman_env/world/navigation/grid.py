@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Nav2Config, PelletConfig, RobotConfig
+from ...config import ExecutionConfig, Nav2Config, PelletConfig, RobotConfig
 from ...jit import kernel
 from ..maps.occupancy import MapError, OccupancyMap
 from .paths import STEPS16, PathFields, navfn_weights, neighbour_table
@@ -80,8 +80,7 @@ class DriveGrid:
 
     def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
         """Number of the drivable cell under each position (M, 2); -1: none there."""
-        column, row, _ = self.locate(position)
-        return self._numbers(column, row)
+        return self._numbers(*self.locate(position)[:2])
 
     def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
         """Number of the drivable cell that each pixel (M, 2) u, v of an image of that height is; -1: none."""
@@ -102,9 +101,23 @@ class DriveGrid:
         cx, cy = _apply(self.affine, x, y)
         return int(_nearest(self.cell_id, cx, cy, within_m / self.resolution + 0.5))
 
+    def pellet_cells(
+        self, places: NDArray[np.float64], nav2: Nav2Config, execution: ExecutionConfig
+    ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """(P,) the cell where the robot collects the pellet at each place (P, 2) in m, and whether it can.
+
+        It is the drivable cell nearest to the place, -1: none within the planner's tolerance. The robot collects the
+        pellet there if the cell's centre is within the pick-up radius: what is no further away counts as reachable.
+        """
+        cells = np.array([self.nearest_cell(x, y, nav2.unreachable_tolerance_m) for x, y in places], dtype=np.int32)
+        offset = np.hypot(*(np.stack(self.to_world(*self.cell[cells].T), axis=1) - places).T)
+        # Pellets lie on the corners of cells: on a coarse map no centre is nearer than half a diagonal.
+        enough = max(execution.pickup_radius_m, self.resolution * math.sqrt(0.5) + 1e-9)
+        return cells, (cells >= 0) & (offset <= enough)
+
     def path_fields(self) -> PathFields:
         """A store of path fields over this grid, still empty."""
-        return PathFields(self.cell_id, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
+        return PathFields(self.neighbours, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
 
 
 @kernel

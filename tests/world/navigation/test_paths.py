@@ -36,8 +36,9 @@ def numbered(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def field(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Lengths (cm), next steps, cells and neighbours for one goal cell."""
     cell_id, cell = numbered(free)
-    length_cm, next_step = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION).to(goal)
-    return length_cm, next_step, cell, neighbour_table(cell_id, cell, STEPS16)
+    neighbours = neighbour_table(cell_id, cell, STEPS16)
+    length_cm, next_step = PathFields(neighbours, cell, navfn_weights(cost, cell), RESOLUTION).to(goal)
+    return length_cm, next_step, cell, neighbours
 
 
 def random_map(seed: int, share_free: float = 0.75) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +176,7 @@ def test_far_from_the_goal_where_costs_are_coarse_all_steps_are_tried() -> None:
 def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
     free, cost = random_map(5, 0.9)
     cell_id, cell = numbered(free)
-    fields = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION)
+    fields = PathFields(neighbour_table(cell_id, cell, STEPS16), cell, navfn_weights(cost, cell), RESOLUTION)
     goals = [3, len(cell) - 1, 3, 120]
     found = [fields.to(goal) for goal in goals]
     assert found[2][0] is found[0][0]
