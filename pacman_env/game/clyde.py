@@ -31,7 +31,7 @@ _STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1),
 
 @dataclass(frozen=True, eq=False)
 class ClydeCells:
-    """Where Clyde can be, and what his search needs."""
+    """The cells where Clyde can be, with what his search needs."""
 
     resolution: float
     position: NDArray[np.float64]  # (K, 2) m

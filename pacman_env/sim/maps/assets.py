@@ -25,7 +25,7 @@ from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
-from .ghost_targets import Haunts, find_haunts
+from .ghost_targets import GhostTargets, find_ghost_targets
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
@@ -63,9 +63,9 @@ class MapAssets:
         return len(self.goal_xy) - len(self.pellet_ids)
 
     @functools.cached_property
-    def haunts(self) -> Haunts:
-        """Where the ghosts can be sent."""
-        return find_haunts(self.grid, self.clyde, self.clyde_part, self.goal_xy)
+    def ghost_targets(self) -> GhostTargets:
+        """The cells that ghosts can be sent to."""
+        return find_ghost_targets(self.grid, self.clyde, self.clyde_part, self.goal_xy)
 
 
 _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()

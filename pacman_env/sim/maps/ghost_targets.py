@@ -1,4 +1,4 @@
-"""Where ghosts can be sent: the cell of theirs nearest to each place of the robot's, and their corners."""
+"""The cells that ghosts can be sent to: of theirs, the one nearest to each place of the robot's, and their corners."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place 
 _CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))
 
 
-class Haunts(NamedTuple):
+class GhostTargets(NamedTuple):
     """Cells of the ghosts' part that connects to the robot's area."""
 
     snap: NDArray[np.int32]  # (H, W) of the drive grid: the nearest cell
@@ -24,7 +24,7 @@ class Haunts(NamedTuple):
     corner: NDArray[np.int32]  # (4,) the corner of each ghost
 
 
-def find_haunts(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[np.float64]) -> Haunts:
+def find_ghost_targets(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[np.float64]) -> GhostTargets:
     """Look them up; ``part`` is the ghosts' part, ``goal_xy`` (G, 2) in m."""
     cells = clyde.cells_in(part)
     position = clyde.position[cells]
@@ -41,6 +41,6 @@ def find_haunts(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[
     low, high = position.min(axis=0), position.max(axis=0)
     corners = (low + high) / 2 + np.array(_CORNERS) * (high - low) / 2
     reach = ((position[None, :, :] - corners[:, None, :]) ** 2).sum(axis=2)
-    return Haunts(
+    return GhostTargets(
         snap=by_label[labels], place=place.astype(np.int32), corner=cells[reach.argmin(axis=1)].astype(np.int32)
     )

@@ -33,7 +33,7 @@ class PelletPlace:
 
 @dataclass(frozen=True)
 class MapReport:
-    """What :func:`check_map` found.
+    """The findings of :func:`check_map`.
 
     Attributes:
         name: name of the map.

@@ -192,9 +192,7 @@ def test_reachable_is_what_a_flood_fill_reaches(seed: int) -> None:
     centres = flood(free, (4, 4))
     if centres:  # pellets lie on the corner of their cell
         assert reached == {
-            (r, c)
-            for c, r in cells
-            if min(math.hypot(r - 0.5 - i, c - 0.5 - j) for i, j in centres) * 0.1 <= PICKUP_M
+            (r, c) for c, r in cells if min(math.hypot(r - 0.5 - i, c - 0.5 - j) for i, j in centres) * 0.1 <= PICKUP_M
         }
     else:
         assert report.home is None or warnings_with(report, "is not free for the robot")
