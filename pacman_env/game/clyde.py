@@ -132,8 +132,8 @@ def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
 def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
     """Fill the landmarks' columns of ``graph``; return an upper bound of the cells of a path.
 
-    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than the way from
-    anywhere over one fixed cell of the part to anywhere.
+    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than its part, and than
+    the way from anywhere over one fixed cell of the part to anywhere.
     """
     count = len(graph)
     cost = np.empty(count, np.int32)
@@ -146,21 +146,15 @@ def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
     bound = 0
     for p in range(len(part_start) - 1):
         cells = part_cells[part_start[p] : part_start[p + 1]]
-        guided = p == 0 or len(cells) >= _WORTH_LANDMARKS  # small parts do with the octile distance
-        # A path never has more cells than its part.
-        unbound = p > 0 and len(cells) > bound
-        if not guided and not unbound:
-            break  # the parts to come are smaller
+        if p > 0 and len(cells) < _WORTH_LANDMARKS:  # it does with the octile distance, as do the smaller ones to come
+            bound = max(bound, len(cells))
+            break
         _costs_from(graph, open_floor, cells[0], cost, came, queue)
         source = cells[0]
         for k in cells:
             nearest[k] = _FAR
             if cost[k] > cost[source]:
                 source = k
-        if unbound:
-            bound = max(bound, cost[source] * 2 // STRAIGHT)
-        if not guided:
-            continue
         for column in range(_AT_LANDMARKS, _AT_PIXEL):
             _costs_from(graph, open_floor, source, cost, came, queue)
             source = cells[0]
@@ -169,8 +163,7 @@ def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
                 nearest[k] = min(nearest[k], cost[k])
                 if nearest[k] > nearest[source]:
                     source = k
-            if p == 0 and column == _AT_LANDMARKS:
-                bound = nearest[source] * 2 // STRAIGHT
+        bound = max(bound, graph[cells, _AT_LANDMARKS].max() * 2 // STRAIGHT)
     return bound + 2
 
 

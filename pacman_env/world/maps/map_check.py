@@ -23,7 +23,10 @@ SUSPICIOUS_SHARE = 0.01  # of all pixels
 
 @dataclass(frozen=True)
 class PelletPlace:
-    """One pellet in the map frame, m, and whether a robot that starts from home can collect it."""
+    """One pellet in the map frame, m.
+
+    It is ``reachable`` if a robot that starts from home can collect it.
+    """
 
     id: int
     x: float

@@ -19,11 +19,10 @@ UNREACHABLE_CM = 65535  # in a length field: no way
 AT_GOAL = 0  # in a next-step field: this is the goal's cell
 NO_STEP = -32768  # in a next-step field: no way
 
-#: Column and row offset of the 16 directions, ordered by angle: the opposite of d is (d + 8) % 16.
+#: Column and row offset of the 16 directions, ordered by angle: the opposite of d is (d + 8) % 16, even ones are the
+#: 8 neighbours.
 _HALF_TURN = np.array([(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)], dtype=np.int64)
 STEPS16 = np.concatenate([_HALF_TURN, -_HALF_TURN])
-#: The even ones: the 8 neighbours; the opposite of d is (d + 4) % 8.
-STEPS8 = STEPS16[::2].copy()
 
 _START = 16  # in place of a direction: the way begins at this cell
 _SETTLED = 32  # added to a cell's direction once its cost is final
@@ -45,8 +44,8 @@ def _between(dc, dr):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def neighbour_table(cell_id, cell, steps):  # type: ignore[no-untyped-def]
-    """Number of the cell that each step leads to, int32 (K, len(steps)); -1: not allowed.
+def neighbour_table(cell_id, cell):  # type: ignore[no-untyped-def]
+    """Number of the cell that each of STEPS16 leads to, int32 (K, 16); -1: not allowed.
 
     A diagonal step needs both cells beside it (no corner cutting), a knight's move the two cells it passes between.
     """
@@ -55,15 +54,15 @@ def neighbour_table(cell_id, cell, steps):  # type: ignore[no-untyped-def]
     number = np.full((rows + 2 * _PAD) * width, -1, np.int32)
     for row in range(rows):
         number[(row + _PAD) * width + _PAD :][:columns] = cell_id[row]
-    there = np.empty((len(steps), 3), np.int64)
-    for d in range(len(steps)):
-        dc, dr = steps[d]
+    there = np.empty((16, 3), np.int64)
+    for d in range(16):
+        dc, dr = STEPS16[d]
         c0, r0, c1, r1 = _between(dc, dr)
         there[d, 0], there[d, 1], there[d, 2] = dr * width + dc, r0 * width + c0, r1 * width + c1
-    table = np.empty((len(cell), len(steps)), np.int32)
+    table = np.empty((len(cell), 16), np.int32)
     for k in range(len(cell)):
         here = (cell[k, 1] + _PAD) * width + cell[k, 0] + _PAD
-        for d in range(len(steps)):
+        for d in range(16):
             v = number[np.uintp(here + there[d, 0])]
             free = min(number[np.uintp(here + there[d, 1])], number[np.uintp(here + there[d, 2])]) >= 0
             table[k, d] = v if free else -1
@@ -86,7 +85,7 @@ class PathFields:
         weight: NDArray[np.float32],
         resolution: float,
     ) -> None:
-        """``neighbours`` (K, 16) by STEPS16, ``cell`` (K, 2) column, row, ``weight`` (K,) at least 1."""
+        """``neighbours`` (K, 16), ``cell`` (K, 2) column, row, ``weight`` (K,) at least 1."""
         columns, rows = cell[:, 0].max() + 1 + 2 * _PAD, cell[:, 1].max() + 1 + 2 * _PAD
         places = (cell[:, 1] + _PAD) * columns + cell[:, 0] + _PAD
         steps = np.append(STEPS16, [(0, 0)], axis=0)  # the last: _START
