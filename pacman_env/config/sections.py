@@ -106,7 +106,7 @@ class ClydeConfig(Checked, group="clyde"):
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
     spawn_distance_m: NotNegative = 1.5  # at least this far from the robot in a straight line; original: 0
     click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where he can be puts him there
-    ghosts: Ghosts = ("wander",)  # one to four behaviours: of Clyde, Blinky, Pinky, Inky
+    ghosts: Ghosts = ("wander",)  # behaviours of one to four: Clyde, Blinky, Pinky, Inky
     # Arcade: Clyde turns away at 8 tiles; a tile is taken as the pick-up radius, what the robot sweeps on either side.
     arcade_distance_m: Positive = 2.0
 

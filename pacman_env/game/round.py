@@ -114,7 +114,7 @@ class RoundController:
     @property
     def clyde_speed(self) -> float:
         """Clyde's speed in this round, m/s."""
-        return float(clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round))
+        return clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round)
 
     def announce(self) -> list[Action]:
         """Everything latched as it is now, for a node that has just come up.
