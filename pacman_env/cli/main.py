@@ -77,17 +77,16 @@ def _add_map_group(commands: Any) -> None:
 
 
 def _map_check(arguments: argparse.Namespace) -> int:
-    from pacman_env.config import PelletConfig
+    from pacman_env.config import make_config
     from pacman_env.game.pellets import generate_pellets
     from pacman_env.world.maps.map_check import check_map
     from pacman_env.world.maps.occupancy import load_map
 
-    config = PelletConfig(spacing_m=arguments.spacing)
+    config = make_config().with_fields(**{"pellets.spacing_m": arguments.spacing})
     occupancy = load_map(arguments.map)
-    pellets = generate_pellets(occupancy, config)
-    x, y = arguments.home
-    report = check_map(occupancy, pellets.position, pellets.ids, home=(x, y), free_grey=config.free_grey)
-    refusal = _refusal(occupancy, arguments.spacing)
+    pellets = generate_pellets(occupancy, config.pellets)
+    report = check_map(occupancy, pellets.position, pellets.ids, config, home=tuple(arguments.home))
+    refusal = _refusal(occupancy, config)
     if arguments.json:
         print(json.dumps({**report.as_dict(), "refusal": refusal}, indent=2))
     else:
@@ -95,13 +94,12 @@ def _map_check(arguments: argparse.Namespace) -> int:
     return 1 if refusal else 0
 
 
-def _refusal(occupancy: Any, spacing_m: float) -> str | None:
+def _refusal(occupancy: Any, config: Any) -> str | None:
     """Why an environment would refuse the map, None if it would not."""
-    from pacman_env.config import make_config
     from pacman_env.sim.maps.assets import map_assets
 
     try:
-        map_assets(occupancy, make_config().with_fields(**{"pellets.spacing_m": spacing_m}))
+        map_assets(occupancy, config)
     except ValueError as error:
         return str(error)
     return None
@@ -116,7 +114,7 @@ def _map_list(arguments: argparse.Namespace) -> int:
 
 def _map_generate(arguments: argparse.Namespace) -> int:
     from pacman_env.config import make_config
-    from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS, level_map
+    from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS, prepare_level
 
     config = make_config()
     last = arguments.level + arguments.count - 1
@@ -127,7 +125,7 @@ def _map_generate(arguments: argparse.Namespace) -> int:
         )
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for level in range(arguments.level, arguments.level + arguments.count):
-        print(level_map(level, config).save(arguments.folder / f"generated-{level}.yaml"))
+        print(prepare_level(level, config).occupancy.save(arguments.folder / f"generated-{level}.yaml"))
     return 0
 
 

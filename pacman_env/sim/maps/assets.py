@@ -25,7 +25,7 @@ from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells, clyde_cells
-from .ghost_targets import Haunts, find_haunts
+from .ghost_targets import GhostTargets, find_ghost_targets
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
@@ -63,9 +63,9 @@ class MapAssets:
         return len(self.goal_xy) - len(self.pellet_ids)
 
     @functools.cached_property
-    def haunts(self) -> Haunts:
-        """Where the ghosts can be sent."""
-        return find_haunts(self.grid, self.clyde, self.clyde_part, self.goal_xy)
+    def ghost_targets(self) -> GhostTargets:
+        """The cells that ghosts can be sent to."""
+        return find_ghost_targets(self.grid, self.clyde, self.clyde_part, self.goal_xy)
 
 
 _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()
@@ -139,15 +139,7 @@ def _build(
     """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
-    tolerance = config.nav2.unreachable_tolerance_m
-    cells = np.array([grid.nearest_cell(x, y, tolerance) for x, y in pellets.position], dtype=np.int32)
-    near = np.zeros(len(pellets), dtype=np.bool_)
-    for i, cell in enumerate(cells):
-        if cell >= 0:
-            x, y = grid.to_world(*grid.cell[cell])
-            offset = np.hypot(x - pellets.position[i, 0], y - pellets.position[i, 1])
-            # Pellets lie on the corners of cells: on a coarse map no centre is nearer than half a diagonal.
-            near[i] = offset <= max(config.execution.pickup_radius_m, occupancy.resolution * math.sqrt(0.5) + 1e-9)
+    cells, near = grid.pellet_cells(pellets.position, config.nav2, config.execution)
     keep = near if config.pellets.reachable_only else np.ones(len(pellets), dtype=np.bool_)
     if not near.any():
         raise MapError(
@@ -158,6 +150,7 @@ def _build(
     part = _connected_part(clyde, clyde_drive, occupancy.name)
     known = grid.path_fields()
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
+    tolerance = config.nav2.unreachable_tolerance_m
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Where a robot can wait: candidate goals beside the pellets, chosen once per map.
+"""Refuges, places for the robot to wait at: candidate goals beside the pellets, chosen once per map.
 
 *Nooks* are places that Clyde's centre cannot come near and that the robot can reach; the others are spread out by
 path length over the robot's area, far from the home pose and the nooks.

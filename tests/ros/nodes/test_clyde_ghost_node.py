@@ -107,7 +107,7 @@ def test_he_moves_only_while_the_game_is_running_and_then_at_his_speed(probe: Pr
     next_pose(probe, 5)
     poses = np.array([pose_of(m)[:2] for m in probe.messages(topics.CLYDE_POSE)])
     steps = np.hypot(*np.diff(poses, axis=0).T)
-    assert steps.max() == pytest.approx(0.8 * PERIOD, abs=1e-6)
+    assert steps.max() == pytest.approx(0.8 * CONFIG.clyde.update_period_s, abs=1e-6)
     assert (steps[-4:] > 0.01).all()
     probe.publish(topics.GAME_STATE, "dying")
     next_pose(probe, 3)
