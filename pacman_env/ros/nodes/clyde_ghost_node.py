@@ -44,7 +44,6 @@ _DIAMETER_M = 0.35  # of the marker; original
 #: Of the markers, whose ids count from 1: orange is the original's Clyde.
 _COLOURS = ((1.0, 0.31, 0.0), (1.0, 0.0, 0.0), (1.0, 0.6, 0.8), (0.0, 1.0, 1.0))
 _OBSTACLE_Z_M = 0.25  # where the costmap looks for him; original
-_CLICK_M = 0.25  # a click this far from where Clyde can be is still meant for the nearest of his cells
 _LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
 _CLEAR_DISTANCE_M = 0.5  # a costmap is not cleared before a ghost has moved this far
 _ANSWER_S = 10.0  # an answer that is not there by then will not come
@@ -149,7 +148,7 @@ class ClydeGhostNode(GameNode):
         cell, distance = self.ghosts.cells.nearest(*point_of(message))
         if self._state == "running":
             raise BadMessage("Clyde can be placed only before a round")
-        if distance > _CLICK_M:
+        if distance > self.config.clyde.click_distance_m:
             raise BadMessage(f"Clyde cannot be there: {distance:.2f} m from the nearest place wide enough for him")
         self.once.over("bad click")
         self._chosen = cell

@@ -208,10 +208,10 @@ class Selection:
     def condition(self, now: float) -> dict[str, Any]:
         """Everything that an operator may want to know, plain values."""
         belief, executor = self._belief, self.executor
-        sidecar = getattr(self.policy, "sidecar", None)
+        metadata = getattr(self.policy, "metadata", None)
         return {
             "policy": self.spec,
-            "policy_version": __version__ if sidecar is None else f"{sidecar.package_version} {sidecar.commit}",
+            "policy_version": __version__ if metadata is None else f"{metadata.package_version} {metadata.commit}",
             "package_version": __version__,
             "map": self.view.assets.occupancy.name,
             "state": executor.game_state,
