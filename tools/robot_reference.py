@@ -115,7 +115,7 @@ def _parameter(node: Any, name: str) -> list[str]:
     low_high = [*descriptor.floating_point_range, *descriptor.integer_range]
     limits = f"{low_high[0].from_value:g} to {low_high[0].to_value:g}" if low_high else ""
     shown = "" if value is None else f"`{value}`" if value != "" else '`""`'
-    shown = "to be given" if name == "map_yaml" else shown
+    shown = {"map_yaml": "to be given", "settings": ""}.get(name, shown)
     return [f"`{name}`", _TYPES.get(descriptor.type, ""), shown, limits, descriptor.description]
 
 
@@ -136,7 +136,7 @@ def _qos(profile: Any) -> str:
 def page() -> str:
     """The whole page."""
     context_arguments = ["--ros-args", "-r", "__ns:=/robot", "-p", "map_yaml:=house", "--disable-external-lib-logs"]
-    context_arguments += ["--log-level", "fatal"]
+    context_arguments += ["-p", f'settings:=["clyde.ghosts={",".join(4 * ["wander"])}"]', "--log-level", "fatal"]
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init(args=context_arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
