@@ -31,7 +31,7 @@ MESSAGES = (
 #: Outside package: the only rooms that may import it.
 ONLY_IN = {
     "pymunk": {"world.navigation.physics"},
-    "gymnasium": {"envs"},
+    "gymnasium": {"envs", "render"},
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     "torch": set(),

@@ -20,10 +20,9 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
+from ..sim.observation.robot_features import Observation
 from .arguments import check_render_mode
 from .pacmanbot_vector import PacManBotVectorEnv
-
-Observation = dict[str, NDArray[Any]]
 
 _FINAL = ("final_obs", "final_info")
 _SPACES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
