@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from eval.compare.arguments import check_goals
 from eval.compare.scenarios import Levels, Place
 from eval.compare.workers import Block
-from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.settings import parse_settings
+from pacman_env.config import Config, ConfigError, make_config, parse_settings
 
 _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is no separator
 

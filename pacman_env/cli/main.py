@@ -162,10 +162,10 @@ def _not_negative(text: str) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
+    from pacman_env.config import parse_settings
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.render.play import Player, play
     from pacman_env.render.window import HumanWindow
-    from pacman_env.settings import parse_settings
 
     try:
         window = HumanWindow()
