@@ -277,10 +277,9 @@ class ObservationConfig(Section):
 
     group = "observation"
 
-    features: bool = True  # robot, Clyde, candidates and round as numbers
-    scan: bool = False  # the lidar
-    grid: bool = False  # picture around the robot
-    planner: bool = False  # what the learned planner reads (sim/observation/planner_features.py)
+    #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), grid (picture around the
+    #: robot), planner (what the learned planner reads); in any order.
+    kinds: tuple[str, ...] = ("features",)
     scan_rays: int = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: float = 0.15  # RPLIDAR A1
     scan_maximum_m: float = 12.0  # RPLIDAR A1
@@ -290,8 +289,8 @@ class ObservationConfig(Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kinds = (self.features, self.scan, self.grid, self.planner)
-        require(any(kinds), "observation", kinds, "at least one of features, scan, grid and planner must be True")
+        require(len(self.kinds) > 0, "observation.kinds", self.kinds, "must name at least one kind")
+        object.__setattr__(self, "kinds", tuple(sorted(set(self.kinds))))
         positive(self, "scan_rays", "scan_minimum_m", "grid_pixels", "grid_pixel_m")
         require(self.scan_rays <= 10_000, "observation.scan_rays", self.scan_rays, "must be at most 10000")
         require(self.grid_pixels <= 1024, "observation.grid_pixels", self.grid_pixels, "must be at most 1024")

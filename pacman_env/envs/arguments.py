@@ -13,13 +13,13 @@ import numpy as np
 
 from ..config import Config, ConfigError, make_config
 from ..game.ghosts import BEHAVIOURS, GHOST_NAMES
+from ..plugins import PluginError
 from ..policies.base import Policy
 from ..sim.maps.assets import MapSource, map_assets
 from ..sim.maps.generated import GeneratedMaps
 from ..sim.maps.level_source import FixedMap, LevelSource
+from ..sim.observation.kinds import KINDS
 from ..world.maps.occupancy import OccupancyMap
-
-KINDS = ("features", "scan", "grid", "planner")
 
 #: How many wander, or for each a behaviour or a policy of his own.
 Ghosts = int | str | Policy | Sequence[str | Policy]
@@ -132,11 +132,15 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
 
 def _kinds(observation: str | Sequence[str]) -> dict[str, Any]:
     several = isinstance(observation, Iterable) and not isinstance(observation, (str, Mapping))
-    chosen = list(observation) if several else [observation]
-    unknown = [name for name in chosen if name not in KINDS]
-    if unknown or not chosen:
-        raise ConfigError(f"observation = {observation!r}: choose one or several of {KINDS}")
-    return {f"observation.{name}": name in chosen for name in KINDS}
+    chosen: list[Any] = list(observation) if several else [observation]
+    if not chosen or not all(isinstance(name, str) for name in chosen):
+        raise ConfigError(f"observation = {observation!r}: choose one or several of {', '.join(KINDS.names())}")
+    try:
+        for name in chosen:
+            KINDS.find(name)
+    except PluginError as error:
+        raise ConfigError(f"observation = {observation!r}: {error}") from error
+    return {"observation.kinds": tuple(chosen)}
 
 
 def check_render_mode(render_mode: str | None, known: Sequence[str]) -> None:

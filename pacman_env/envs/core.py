@@ -13,7 +13,7 @@ from ..config import Config, ConfigError
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.core.records import RUNNING
-from ..sim.observation.observer import Observer
+from ..sim.observation.kinds import Observer
 from ..sim.observation.robot_features import Observation
 from ..sim.observation.situation import Situation
 from . import outcome
@@ -35,6 +35,7 @@ class EnvCore:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
         self.batch = GameBatch(arguments.make_source(self.config), self.config, n)
         self._observer = Observer(self.batch)
+        self.parts = self._observer.parts
         self._situation: Situation | None = None
 
     @property

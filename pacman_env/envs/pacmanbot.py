@@ -127,7 +127,7 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[dict[str, Any], Any]):
     def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_core(1, arguments)
-        self.observation_space = observation_space(self.batch)
+        self.observation_space = observation_space(self._core.parts)
         self.action_space = action_space(self.batch)
 
     def reset(

@@ -57,7 +57,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(self.batch)
+        self.single_observation_space = observation_space(self._core.parts)
         self.single_action_space = action_space(self.batch)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -109,7 +109,7 @@ class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], An
         self._cycles = 0
         self.possible_agents = [PACMAN, *self._ghosts]
         self.agents: list[str] = []
-        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: observation_space(self.batch)}
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: observation_space(self._core.parts)}
         self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: action_space(self.batch)}
         for name in self._ghosts:
             self.observation_spaces[name] = ghost_observation_space(self.batch)

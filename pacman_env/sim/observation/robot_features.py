@@ -6,6 +6,7 @@ Directions are in the robot's frame, lengths in m, capped at ``FAR_M``. The colu
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,9 @@ FAR_M = 100.0  # cap of every length
 FAST_MPS = 5.0  # cap of every speed
 OLD_S = 100.0  # cap of a pose's age
 
+Columns = tuple[tuple[str, float, float, str], ...]
 #: name, low, high, unit of each column of the arrays that an observation holds; what has no bound of its own is
-#: bounded by the map or the configuration (``envs/spaces.py``).
+#: bounded by the map or the configuration (``kinds.py``).
 ROBOT_COLUMNS = (
     ("x", -np.inf, np.inf, "m, map frame"),
     ("y", -np.inf, np.inf, "m, map frame"),
@@ -61,31 +63,38 @@ ROUND_COLUMNS = (
     ("time", 0.0, np.inf, "s since the round began"),
     ("pellets_left", 0.0, np.inf, "on the map, those that may not be chosen now included"),
 )
-
-Observation = dict[str, NDArray]
+COLUMNS: dict[str, Columns] = {
+    "robot": ROBOT_COLUMNS,
+    "clyde": CLYDE_COLUMNS,
+    "candidates": CANDIDATE_COLUMNS,
+    "round": ROUND_COLUMNS,
+    "ghosts": GHOST_COLUMNS,
+}
+Observation = dict[str, NDArray[Any]]
 
 
 def observe(situation: Situation) -> Observation:
-    """Observations of N situations; new arrays at each call.
+    """The features, and ``action_mask`` (N, C) int8."""
+    return {**features(situation), "action_mask": situation.mask.astype(np.int8)}
+
+
+def features(situation: Situation) -> Observation:
+    """Features of N situations; new arrays at each call.
 
     Returns:
         ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2) and, where there are several
-        ghosts, ``ghosts`` (N, G, 6), all float32; ``action_mask`` (N, C) int8. Rows of candidates that the mask
-        forbids keep their kind and are 0 otherwise.
+        ghosts, ``ghosts`` (N, G, 6), all float32. Rows of candidates that the mask forbids keep their kind and are 0
+        otherwise.
     """
     n, c = situation.mask.shape
     robot = np.empty((n, len(ROBOT_COLUMNS)), dtype=np.float32)
     clyde = np.empty((n, len(CLYDE_COLUMNS)), dtype=np.float32)
     candidates = np.empty((n, c, len(CANDIDATE_COLUMNS)), dtype=np.float32)
     round_ = np.empty((n, len(ROUND_COLUMNS)), dtype=np.float32)
-    mask = np.empty((n, c), dtype=np.int8)
     ghosts = np.empty((n, situation.ghosts.shape[1], len(GHOST_COLUMNS)), dtype=np.float32)
-    _fill(situation.arrays(), robot, clyde, candidates, round_, mask, ghosts)
-    observation: Observation = {"robot": robot, "clyde": clyde, "candidates": candidates, "round": round_}
-    if ghosts.shape[1] > 1:
-        observation["ghosts"] = ghosts
-    observation["action_mask"] = mask
-    return observation
+    _fill(situation.arrays(), robot, clyde, candidates, round_, ghosts)
+    found = {"robot": robot, "clyde": clyde, "candidates": candidates, "round": round_}
+    return found | ({"ghosts": ghosts} if ghosts.shape[1] > 1 else {})
 
 
 @kernel
@@ -94,7 +103,7 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # type: ignore[no-untyped-def]
+def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, everyone, _, _,
@@ -119,7 +128,6 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # typ
         clyde[i, 6] = min(clyde_speed[i], FAST_MPS)
         for c in range(count):
             allowed = mask[i, c]
-            action_mask[i, c] = allowed
             k = kind[i, c]
             candidates[i, c, 0] = k == PELLET
             candidates[i, c, 1] = k == REFUGE
