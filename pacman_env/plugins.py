@@ -11,6 +11,7 @@ import importlib
 import re
 from collections.abc import Mapping
 from importlib import metadata
+from importlib.util import find_spec
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
@@ -51,7 +52,7 @@ class Registry(Generic[T]):
         return [*self._own, *sorted(_entry_points(self.group).keys() - self._own.keys())]
 
     def find(self, name: str) -> T:
-        """What the name stands for.
+        """The thing of that name.
 
         Raises:
             PluginError: nothing, or it cannot be imported.
@@ -72,15 +73,15 @@ def load(group: str, name: str) -> Any:
     """The object of an entry point of that name, or of ``module:attribute``.
 
     Raises:
-        LookupError: neither.
+        LookupError: there is neither.
         Exception: whatever its import raises.
     """
     point = _entry_points(group).get(name)
     if point is not None:
         return point.load()
-    if not _REFERENCE.fullmatch(name):
-        raise LookupError(name)
     module, _, attribute = name.partition(":")
+    if not _REFERENCE.fullmatch(name) or find_spec(module.partition(".")[0]) is None:
+        raise LookupError(name)
     return functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
 
 

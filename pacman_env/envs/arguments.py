@@ -1,4 +1,4 @@
-"""The arguments of every environment, and what follows from them: a configuration, maps, the policies of ghosts."""
+"""The arguments of every environment, and all that follows from them: a configuration, maps, the policies of ghosts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Ghosts = int | str | Policy | Sequence[str | Policy]
 
 @dataclass(frozen=True)
 class EnvArguments:
-    """What all environments take; :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` tells what each means."""
+    """All environments take these; :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` tells what each means."""
 
     map: MapSource = "house"
     preset: str = "robot"
@@ -68,7 +68,7 @@ class EnvArguments:
         return make_config(self.preset, self.execution, **changes, **settings), policies
 
     def make_source(self, config: Config) -> LevelSource:
-        """Where the maps come from: ``generated``, ``generated:test``, or one map.
+        """The maps: ``generated`` ones, ``generated:test``, or one map.
 
         Raises:
             ConfigError: levels of a map that has none, or levels out of range.

@@ -1,4 +1,4 @@
-"""What the environments share: games with checked actions, the ghosts' policies, observations, rewards, infos."""
+"""The common core of the environments: checked actions, the ghosts' policies, observations, rewards, infos."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class EnvCore:
         return outcome.reward_and_end(self.batch.games, never, self.config.ghost_reward)[0]
 
     def observe(self) -> Observation:
-        """What the robot's agent sees now, one array (N, ...) per key."""
+        """The robot's agent sees this now: one array (N, ...) per key."""
         return self._observer.observe(self.situation)
 
     def infos(self) -> dict[str, NDArray[Any]]:
@@ -133,7 +133,7 @@ class CoreEnv:
 
     @property
     def situation(self) -> Situation:
-        """What a policy of this package sees now: one situation per game.
+        """A policy of this package sees this now: one situation per game.
 
         Raises:
             ResetNeeded: before the first reset.

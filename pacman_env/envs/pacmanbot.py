@@ -95,12 +95,13 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[dict[str, Any], Any]):
     ```
     - `map`: a shipped map's name, a map_server YAML file, or an `OccupancyMap`; `"generated"` or `"generated:test"`:
       a new house for each episode, its level drawn uniformly from the episode's seed.
-    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays) or `ideal` (perfect localization).
+    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays), `ideal` (perfect localization), or
+      one of your own.
     - `execution`: `robust`, or `as_built` as the original executor was.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
-      (the numbers of `sim/observation/planner_features.py`).
+      (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
     - `action`: `"goal"` (the default) or `"velocity"`.
     - `endless`: round follows round.
     - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to

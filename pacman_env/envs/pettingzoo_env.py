@@ -202,7 +202,7 @@ class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], An
 
     @property
     def state_names(self) -> list[str]:
-        """What each number of ``state()`` is."""
+        """The names of the numbers of ``state()``."""
         names = ["x", "y", "heading", "believed_x", "believed_y", "believed_heading", "v", "omega"]
         for ghost in GHOST_NAMES[: self.batch.ghosts.shape[1]]:
             names += [f"{ghost}_{part}" for part in ("x", "y", "vx", "vy", "speed", "place")]

@@ -43,7 +43,10 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     """
     if spec.endswith(".onnx"):
         return LearnedPlanner(spec, **parameters)
-    policy = POLICIES.find(spec)(**parameters)
+    factory = POLICIES.find(spec)
+    if not callable(factory):
+        raise ValueError(f"policy {spec!r}: {factory!r} is no class or function that makes one")
+    policy = factory(**parameters)
     missing = [name for name in ("reset", "scores", "select", "explain", "name") if not hasattr(policy, name)]
     if missing:
         raise ValueError(f"policy {spec!r}: {policy!r} is none, it has no {', '.join(missing)}")

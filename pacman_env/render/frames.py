@@ -64,7 +64,7 @@ def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
 
 
 class MapView:
-    """What all frames of one map, configuration and height share.
+    """The common part of all frames of one map, configuration and height.
 
     Attributes:
         width: of a frame, px; ``height`` likewise.
@@ -370,7 +370,7 @@ def _outside(way: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64
 
 
 def _rest_of_plan(assets: MapAssets, cell: int, goal: int, end: NDArray) -> NDArray[np.float64]:
-    """What the navigator has not written out yet: the static path from the end of the plan to the goal, (M, 2)."""
+    """The static path from the end of the plan that the navigator has written out to the goal, (M, 2)."""
     places: list[NDArray] = []
     if cell >= 0 and np.array_equal(assets.cell_xy[cell], end.astype(np.float32)):
         step = assets.next_step[goal]

@@ -1,4 +1,4 @@
-"""What an observation can hold: one object per kind, found by name, and the observations that several kinds make up.
+"""The kinds of observation: one object per kind, found by name, and the observations that several kinds make up.
 
 A kind says which arrays it adds, as plain data (the environments make Gymnasium's spaces of it), and fills them for all
 games of a batch. Features and planner features are built from a situation alone, on a robot as here; scan and picture
@@ -91,7 +91,7 @@ class Features:
 
 
 class Planner:
-    """What the learned planner reads (``planner_features.py``)."""
+    """The learned planner reads these (``planner_features.py``)."""
 
     name = "planner"
 

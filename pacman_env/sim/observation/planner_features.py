@@ -1,4 +1,4 @@
-"""What a learned planner reads: numbers per candidate and of the whole, none of which names a particular map.
+"""The features of a learned planner: numbers per candidate and of the whole, none of which names a particular map.
 
 Built from a situation and its maps, alike in the simulator and on a robot. All are of the order of one; what is
 unreachable is far, not infinite. Rows of candidates that may not be chosen are 0. ``VERSION`` changes with the meaning
@@ -16,7 +16,7 @@ from ...config import make_config
 from ...game.goal_cost import TOTAL, is_threatening, score_situation, scorer_parameters
 from ...jit import kernel
 from ...world.navigation.paths import UNREACHABLE_CM
-from . import prediction as futures
+from .prediction import encounters
 from .situation import HOLD, PELLET, REFUGE, Situation
 
 VERSION = 3
@@ -71,7 +71,7 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     Raises:
         ValueError: the situation has no maps.
     """
-    meetings = futures.encounters(situation, robot_speed_mps)
+    meetings = encounters(situation, robot_speed_mps)
     assert situation.maps is not None
     arrays = situation.maps.arrays
     n, c = situation.mask.shape
