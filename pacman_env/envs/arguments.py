@@ -109,11 +109,11 @@ def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
 def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int, Policy]]:
     if ghosts is None:
         return None, {}
+    each: Any = [ghosts] if isinstance(ghosts, str) or hasattr(ghosts, "select") else ghosts
     if isinstance(ghosts, (int, np.integer)) and not isinstance(ghosts, bool):
         if not 1 <= ghosts <= len(GHOST_NAMES):
             raise ConfigError(f"ghosts = {ghosts}: must be 1 to {len(GHOST_NAMES)}")
-        return ("wander",) * int(ghosts), {}
-    each: Any = [ghosts] if isinstance(ghosts, str) or hasattr(ghosts, "select") else ghosts
+        each = ("wander",) * int(ghosts)
     if not isinstance(each, Sequence):
         raise ConfigError(f"ghosts = {ghosts!r}: must be a number, a behaviour, a policy, or a sequence of these")
     names, policies = [], {}

@@ -81,8 +81,13 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             ResetNeeded: the first reset is not of all games.
         """
         index = self._reset_index(options)
+        if seed is None or isinstance(seed, (int, np.integer)):
+            seed = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds for {self.num_envs} games")
         for i in index.tolist():
-            self._seed(i, self._seed_of(seed, i))
+            if seed[i] is not None or self._generators[i] is None:
+                self._generators[i], _ = gym.utils.seeding.np_random(seed[i])
         self._new_rounds(index)
         return self._core.observe(), self._infos(index)
 
@@ -139,19 +144,6 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         if not self._core.started and not mask.all():
             raise gym.error.ResetNeeded("the first reset() must be of all games")
         return np.flatnonzero(mask)
-
-    def _seed_of(self, seed: int | Sequence[int | None] | None, i: int) -> int | None:
-        if seed is None:
-            return None
-        if isinstance(seed, (int, np.integer)):
-            return int(seed) + i
-        if len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds for {self.num_envs} games")
-        return seed[i]
-
-    def _seed(self, i: int, seed: int | None) -> None:
-        if seed is not None or self._generators[i] is None:
-            self._generators[i], _ = gym.utils.seeding.np_random(seed)
 
     def _new_rounds(self, index: NDArray[np.int64]) -> None:
         seeds = [self._generators[i].integers(2**63, dtype=np.uint64) for i in index.tolist()]

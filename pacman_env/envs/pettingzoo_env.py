@@ -27,7 +27,7 @@ from .spaces import (
     ghost_action_space,
     ghost_observation_space,
     observation_space,
-    state_space,
+    state_limits,
 )
 
 PACMAN = "pacman"
@@ -114,7 +114,8 @@ class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], An
         for name in self._ghosts:
             self.observation_spaces[name] = ghost_observation_space(self.batch)
             self.action_spaces[name] = ghost_action_space(self.batch)
-        self.state_space = state_space(self.batch)
+        low, high = np.array(list(state_limits(self.batch).values())).T
+        self.state_space = spaces.Box(low, high, dtype=np.float64)
         self._generator: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
@@ -203,11 +204,7 @@ class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], An
     @property
     def state_names(self) -> list[str]:
         """The names of the numbers of ``state()``."""
-        names = ["x", "y", "heading", "believed_x", "believed_y", "believed_heading", "v", "omega"]
-        for ghost in GHOST_NAMES[: self.batch.ghosts.shape[1]]:
-            names += [f"{ghost}_{part}" for part in ("x", "y", "vx", "vy", "speed", "place")]
-        names += [f"pellet_{k}" for k in range(self.batch.pellet_slots)]
-        return [*names, "goal", "time", "round", "score"]
+        return list(state_limits(self.batch))
 
     def _observations(self) -> Observations:
         result = {PACMAN: {key: array[0] for key, array in self._core.observe().items()}}

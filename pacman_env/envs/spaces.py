@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from ..game.ghosts import GHOST_NAMES
 from ..sim.core.batch import GameBatch
 from ..sim.observation.kinds import MASK, Features, Part, bounds, mask_part
 from ..sim.observation.robot_features import FAST_MPS
@@ -40,17 +41,18 @@ def ghost_observation_space(batch: GameBatch) -> spaces.Dict:
     return observation_space({**Features().parts(batch), MASK: mask_part(batch)})
 
 
-def state_space(batch: GameBatch) -> spaces.Box:
-    """Of the whole game, the numbers of ``PacManBotParallelEnv.state_names``."""
-    limits_of, robot = bounds(batch), batch.config.robot
-    x, y, turn = limits_of["x"], limits_of["y"], (-np.pi, np.pi)
-    wheels = 2 * robot.wheel_speed_mps
-    limits = [x, y, turn, x, y, turn, (-wheels, wheels), (-wheels / robot.wheel_base_m, wheels / robot.wheel_base_m)]
-    fast = (-FAST_MPS, FAST_MPS)
-    place = (-1.0, float(batch.hold))
-    limits += [x, y, fast, fast, (0.0, FAST_MPS), place] * batch.ghosts.shape[1] + [(0.0, 1.0)] * batch.pellet_slots
-    low, high = np.array([*limits, place, limits_of["time"], (1.0, _MANY), (0.0, _MANY)]).T
-    return spaces.Box(low, high, dtype=np.float64)
+def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of each number of the state of a whole game, by its name."""
+    known, robot = bounds(batch), batch.config.robot
+    x, y, turn, fast = known["x"], known["y"], (-np.pi, np.pi), (-FAST_MPS, FAST_MPS)
+    wheels, place = 2 * robot.wheel_speed_mps, (-1.0, float(batch.hold))
+    limits = {"x": x, "y": y, "heading": turn, "believed_x": x, "believed_y": y, "believed_heading": turn}
+    limits |= {"v": (-wheels, wheels), "omega": (-wheels / robot.wheel_base_m, wheels / robot.wheel_base_m)}
+    each = {"x": x, "y": y, "vx": fast, "vy": fast, "speed": (0.0, FAST_MPS), "place": place}
+    for ghost in GHOST_NAMES[: batch.ghosts.shape[1]]:
+        limits |= {f"{ghost}_{part}": value for part, value in each.items()}
+    limits |= {f"pellet_{k}": (0.0, 1.0) for k in range(batch.pellet_slots)}
+    return limits | {"goal": place, "time": known["time"], "round": (1.0, _MANY), "score": (0.0, _MANY)}
 
 
 def checked_action(space: spaces.Space[Any], action: Any, who: str = "") -> Any:

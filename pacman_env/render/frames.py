@@ -243,25 +243,21 @@ def _draw_map(assets: MapAssets, config: Config, crop: tuple[int, int, int, int]
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     played = cv2.dilate(np.flipud(grid.cell_id >= 0).astype(np.uint8), around)
     c0, r0, c1, r1 = crop
-    colours = np.empty((r1 - r0, c1 - c0, 3), dtype=np.uint8)
-    colours[:] = UNKNOWN
     # The crop and the grid can both reach beyond the image.
-    top, left = max(r0, 0), max(c0, 0)
-    bottom, right = min(r1, occupancy.height), min(c1, occupancy.width)
-    inner = colours[top - r0 : bottom - r0, left - c0 : right - c0]
-    free, wall = free[top:bottom, left:right], wall[top:bottom, left:right]
-    reachable = np.zeros((r1 - r0, c1 - c0), dtype=np.uint8)
-    grid_top = occupancy.height - grid.offset[1] - grid.shape[0] - r0
-    grid_left = grid.offset[0] - c0
-    reachable[grid_top : grid_top + grid.shape[0], grid_left : grid_left + grid.shape[1]] = played
-    reachable = reachable[top - r0 : bottom - r0, left - c0 : right - c0]
-    width, height = size
-    factor = max(width / (c1 - c0), height / (r1 - r0))
+    columns, rows = np.arange(c0, c1), np.arange(r0, r1)[:, None]
+    inside = (columns >= 0) & (columns < occupancy.width) & (rows >= 0) & (rows < occupancy.height)
+    at = rows.clip(0, occupancy.height - 1), columns.clip(0, occupancy.width - 1)
+    free, wall = free[at] & inside, wall[at] & inside
+    reachable = np.zeros(free.shape, dtype=np.bool_)
+    top, left = occupancy.height - grid.offset[1] - grid.shape[0] - r0, grid.offset[0] - c0
+    reachable[top : top + grid.shape[0], left : left + grid.shape[1]] = played > 0
+    factor = max(size[0] / (c1 - c0), size[1] / (r1 - r0))
     if factor < 1:  # thin walls would fade
         wall = cv2.dilate(wall.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
-    inner[free] = OUT_OF_REACH
-    inner[free & (reachable > 0)] = FLOOR
-    inner[wall] = WALL
+    colours = np.full((*free.shape, 3), UNKNOWN, dtype=np.uint8)
+    colours[free] = OUT_OF_REACH
+    colours[free & reachable] = FLOOR
+    colours[wall] = WALL
     if factor > 1:  # whole blocks first: edges of cells stay sharp, whatever the scale
         k = math.ceil(factor)
         colours = np.repeat(np.repeat(colours, k, axis=0), k, axis=1)

@@ -39,14 +39,7 @@ CLYDE_COLUMNS = (
     ("closing_speed", -FAST_MPS, FAST_MPS, "m/s"),
     ("speed", 0.0, FAST_MPS, "m/s, in this round"),
 )
-GHOST_COLUMNS = (
-    ("forward", -FAR_M, FAR_M, "m, robot frame"),
-    ("left", -FAR_M, FAR_M, "m, robot frame"),
-    ("velocity_forward", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
-    ("velocity_left", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
-    ("distance", 0.0, FAR_M, "m, straight"),
-    ("speed", 0.0, FAST_MPS, "m/s, in this round"),
-)
+GHOST_COLUMNS = tuple(column for column in CLYDE_COLUMNS if column[0] != "closing_speed")
 CANDIDATE_COLUMNS = (
     ("is_pellet", 0.0, 1.0, ""),
     ("is_refuge", 0.0, 1.0, ""),
@@ -103,6 +96,11 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
+    return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
+
+
+@kernel
 def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
@@ -119,10 +117,8 @@ def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-
         cx, cy = clyde_xy[i, 0], clyde_xy[i, 1]
         dx, dy = cx - x, cy - y
         vx, vy = clyde_velocity[i, 0], clyde_velocity[i, 1]
-        clyde[i, 0] = _cap(dx * ch + dy * sh, FAR_M)
-        clyde[i, 1] = _cap(dy * ch - dx * sh, FAR_M)
-        clyde[i, 2] = _cap(vx * ch + vy * sh, FAST_MPS)
-        clyde[i, 3] = _cap(vy * ch - vx * sh, FAST_MPS)
+        clyde[i, 0], clyde[i, 1] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
+        clyde[i, 2], clyde[i, 3] = _in_robot_frame(vx, vy, ch, sh, FAST_MPS)
         clyde[i, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
         clyde[i, 5] = _cap(closing[i], FAST_MPS)
         clyde[i, 6] = min(clyde_speed[i], FAST_MPS)
@@ -139,8 +135,7 @@ def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-
             candidates[i, c, 3] = c == current[i]
             px, py = position[i, c, 0], position[i, c, 1]
             dx, dy = px - x, py - y
-            candidates[i, c, 4] = _cap(dx * ch + dy * sh, FAR_M)
-            candidates[i, c, 5] = _cap(dy * ch - dx * sh, FAR_M)
+            candidates[i, c, 4], candidates[i, c, 5] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
             candidates[i, c, 6] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             candidates[i, c, 7] = min(path_robot[i, c], FAR_M)
             dx, dy = px - cx, py - cy
@@ -151,9 +146,7 @@ def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-
         for k in range(everyone.shape[1]):
             dx, dy = everyone[i, k, 0] - x, everyone[i, k, 1] - y
             vx, vy = everyone[i, k, 2], everyone[i, k, 3]
-            ghosts[i, k, 0] = _cap(dx * ch + dy * sh, FAR_M)
-            ghosts[i, k, 1] = _cap(dy * ch - dx * sh, FAR_M)
-            ghosts[i, k, 2] = _cap(vx * ch + vy * sh, FAST_MPS)
-            ghosts[i, k, 3] = _cap(vy * ch - vx * sh, FAST_MPS)
+            ghosts[i, k, 0], ghosts[i, k, 1] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
+            ghosts[i, k, 2], ghosts[i, k, 3] = _in_robot_frame(vx, vy, ch, sh, FAST_MPS)
             ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             ghosts[i, k, 5] = min(everyone[i, k, 4], FAST_MPS)
