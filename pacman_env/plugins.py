@@ -10,9 +10,11 @@ import functools
 import importlib
 import re
 from collections.abc import Mapping
-from importlib import metadata
 from importlib.util import find_spec
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 _REFERENCE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
@@ -85,5 +87,7 @@ def load(group: str, name: str) -> Any:
     return functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
 
 
-def _entry_points(group: str) -> dict[str, metadata.EntryPoint]:
+def _entry_points(group: str) -> dict[str, EntryPoint]:
+    from importlib import metadata  # needed for plug-ins alone
+
     return {point.name: point for point in metadata.entry_points(group=group)}

@@ -146,7 +146,7 @@ def test_the_example_is_played_in_gymnasium(example: None) -> None:
 
 
 def test_the_example_is_played_in_pettingzoo(example: None) -> None:
-    env = pacman_env.parallel_env(preset="sleepy", observation="compass", settings=QUICK)
+    env = pacman_env.parallel_env(preset="sleepy", observation="compass", ghosts=("policy", "ambush"), settings=QUICK)
     observations, _ = env.reset(seed=0)
     while env.agents:
         assert set(observations["pacman"]) == {"compass", "action_mask"}
@@ -161,13 +161,34 @@ def test_the_example_policy_fills_a_ghosts_place(example: None) -> None:
         env.step(0)
 
 
+def test_the_example_ghost_goes_where_the_robot_is_about_to_be(example: None) -> None:
+    env = make(ghosts=("ambush", "wander"), preset="ideal", settings={"execution.death_radius_m": 0.01})
+    env.reset(seed=4)
+    for _ in range(60):
+        env.step(env.batch.hold)  # it stands at home and looks along x
+    x, y, _ = env.batch.assets.grid.home
+    ambush, wander = env.batch.ghosts[0]
+    assert np.hypot(ambush["x"] - x - 1.0, ambush["y"] - y) < 0.3
+    assert np.hypot(wander["x"] - x - 1.0, wander["y"] - y) > 0.3
+
+
+def test_what_is_no_ghost_is_refused(example: None) -> None:
+    with pytest.raises(
+        ConfigError, match=r"clyde\.ghosts: unknown ghost behaviour 'sulk': choose one of .*, ambush, or"
+    ):
+        make(ghosts="sulk")
+    with pytest.raises(ConfigError, match=r"clyde\.ghosts: 'json:loads' is .*, must be a Behaviour"):
+        make(ghosts="json:loads")
+
+
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_the_example_is_compared(example: None, tmp_path: Path, workers: str) -> None:
     from eval.compare.__main__ import main
 
     out = tmp_path / "out.json"
     policies = ["nearest", "shy", "pacman_plugin.policy:Shy"]
-    asked = ["--policies", *policies, "--preset", "sleepy", "--episodes", "2", "--workers", workers]
+    rules = ["--preset", "sleepy", "--set", "clyde.ghosts=ambush"]
+    asked = ["--policies", *policies, *rules, "--episodes", "2", "--workers", workers]
     assert main([*asked, "--json", str(out)]) == 0
     rows = json.loads(out.read_text())["rows"]
     assert {row["policy"] for row in rows} == set(policies)

@@ -15,7 +15,6 @@ import io
 import re
 import sys
 import tokenize
-import typing
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,7 @@ from pacman_env.cli.main import ERROR_STATUS, Parser
 from pacman_env.config import Config, composition, make_config, sections
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import KINDS, MASK, Features, Part, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
@@ -109,8 +109,8 @@ def _values(field: Field) -> str:
         return " or ".join(f"`{choice}`" for choice in choices)
     if field.kind == "Range":
         return f"{field.unit} (low, high) or `None`".strip()
-    if field.kind == "tuple[Behaviour, ...]":
-        return "each one of " + ", ".join(_code(behaviour) for behaviour in typing.get_args(config.Behaviour))
+    if field.name == "ghosts":
+        return "each one of " + ", ".join(map(_code, BEHAVIOURS)) + ", or a plug-in's"
     return field.unit or _KINDS.get(field.kind, "")
 
 

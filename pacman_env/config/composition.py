@@ -144,6 +144,19 @@ class Config(Section):
                 top[group] = dataclasses.replace(owner, **fields)
         return dataclasses.replace(self, **top)
 
+    def value(self, name: str) -> Any:
+        """One field by its dotted name.
+
+        Raises:
+            ConfigError: an unknown name.
+        """
+        value: Any = self
+        for part in name.split("."):
+            if not hasattr(value, part):
+                raise ConfigError(f"unknown configuration field {name!r}")
+            value = getattr(value, part)
+        return value
+
     def as_dict(self) -> dict[str, Any]:
         """All fields as nested plain data, as JSON has it, for results and logs."""
         return dataclasses.asdict(self, dict_factory=_as_json)

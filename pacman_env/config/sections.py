@@ -112,11 +112,6 @@ class PelletConfig(Section):
         require(0 <= self.free_grey <= 254, "pellets.free_grey", self.free_grey, "must be in 0..254")
 
 
-#: How a ghost picks where he goes: ``wander`` is Algorithm 2; ``arcade`` goes for the robot from far away and to his
-#: corner when near; ``chase`` always goes for the robot; ``policy`` is told by whoever steps the games.
-Behaviour = Literal["wander", "arcade", "chase", "policy"]
-
-
 @dataclass(frozen=True)
 class ClydeConfig(Section):
     """Algorithm 2, for Clyde and for the ghosts beside him."""
@@ -129,7 +124,7 @@ class ClydeConfig(Section):
     update_period_s: float = 0.2  # he moves, and is seen to move, at 5 Hz; original
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
     spawn_distance_m: float = 1.5  # at least this far from the robot in a straight line; original: 0
-    ghosts: tuple[Behaviour, ...] = ("wander",)  # one to four: Clyde, Blinky, Pinky, Inky
+    ghosts: tuple[str, ...] = ("wander",)  # one to four behaviours: of Clyde, Blinky, Pinky, Inky
     # Arcade: Clyde turns away at 8 tiles; a tile is taken as the pick-up radius, what the robot sweeps on either side.
     arcade_distance_m: float = 2.0
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..config import Config, ConfigError, make_config
-from ..game.ghosts import BEHAVIOURS, GHOST_NAMES
+from ..game.ghosts import GHOST_NAMES, POLICY, behaviour_names
 from ..plugins import PluginError
 from ..policies.base import Policy
 from ..sim.maps.assets import MapSource, map_assets
@@ -121,12 +121,11 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
         if isinstance(one, str):
             names.append(one)
         elif hasattr(one, "select") and hasattr(one, "reset") and not isinstance(one, type):
-            names.append("policy")
+            names.append(POLICY)
             policies[number] = one
         else:
-            raise ConfigError(
-                f"ghosts[{number}] = {one!r}: must be one of {BEHAVIOURS[:-1]} or an object with reset and select"
-            )
+            known = ", ".join(name for name in behaviour_names() if name != POLICY)
+            raise ConfigError(f"ghosts[{number}] = {one!r}: must be one of {known}, or an object with reset and select")
     return tuple(names), policies
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
+from ..game.execution import RUNNING
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
-from ..sim.core.records import RUNNING
 from ..sim.observation.kinds import Observer
 from ..sim.observation.robot_features import Observation
 from ..sim.observation.situation import Situation

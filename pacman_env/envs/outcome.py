@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RewardConfig
+from ..game.execution import COMPLETE, DEAD, TIMEOUT
 from ..sim.core.kernels import summarize
-from ..sim.core.records import COMPLETE, DEAD, TIMEOUT
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)

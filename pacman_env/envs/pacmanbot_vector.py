@@ -12,8 +12,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from ..game.execution import RUNNING
 from ..render.display import RENDER_FPS
-from ..sim.core.records import RUNNING
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from pacman_env.config import ClydeConfig, ShowConfig
-from pacman_env.jit import kernel
+from pacman_env.game.execution import round_complete
 
 State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
 ActionKind = Literal[
@@ -42,16 +42,9 @@ class Action:
     value: str | int | float | None = None
 
 
-@kernel
 def clyde_speed_mps(base: float, step: float, round: int) -> float:
     """Clyde's speed in a round, the first being 1 (Milestone 3, Algorithm 5)."""
     return base + (round - 1) * step
-
-
-@kernel
-def round_complete(collected: int, spawned: int) -> bool:
-    """N_collected >= N_spawned (Milestone 3, Algorithm 5); never while the pellets are unknown, 0."""
-    return spawned > 0 and collected >= spawned
 
 
 def _is_count(value: object, least: int = 0) -> bool:

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.game.round import Action, RoundController, clyde_speed_mps, round_complete
+from pacman_env.game.execution import round_complete
+from pacman_env.game.round import Action, RoundController, clyde_speed_mps
 
 SHOWN = ("command", "event", "state", "score", "round", "clyde_speed", "collected", "spawned", "result")
 

@@ -24,7 +24,7 @@ from pacman_env.ros.bags.pose_statistics import QUANTITIES, Motion, simulated_mo
 from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
 from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.observation.robot_view import LiveGame, Seen
+from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.world.maps.occupancy import load_map
 
 READ = (
@@ -134,7 +134,7 @@ class _Walk:
     """One pass through a bag: what the robot knows at each moment, and a decision at each tick."""
 
     def __init__(self, bag: Bag, assets: MapAssets, config: Config, policy: Policy, report: Report) -> None:
-        self._live = LiveGame(assets, config)
+        self._live = RobotView(assets, config)
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
@@ -201,8 +201,8 @@ class _Walk:
             self._live.clyde_speed_mps = message.data
         elif topic == topics.CLYDE_POSE.name:
             x, y, _ = pose_of(message)
-            self._live.see_clyde(x, y, nanoseconds_of(message.header.stamp))
-            self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
+            self._live.see_ghost(0, x, y, nanoseconds_of(message.header.stamp))
+            self._motion.see_ghost(0, nanoseconds_of(message.header.stamp) / 1e9, x, y)
         elif topic == topics.AMCL_POSE.name:
             self._motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
         elif topic == topics.ODOMETRY.name:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.poses import Pose, compose, relative
-from pacman_env.sim.core.records import RUNNING
 from pacman_env.sim.maps.assets import MapAssets
 
 DRIVING_MPS = 0.05  # slower is standing
@@ -121,5 +121,5 @@ def simulated_motion(assets: MapAssets, config: Config, policy: Policy, rounds: 
             clyde = tuple(batch.obstacles[0, 0, :2].tolist())
             if clyde != last_clyde:
                 last_clyde = clyde
-                motion.see_clyde(at_s, *clyde)
+                motion.see_ghost(0, at_s, *clyde)
     return motion

@@ -1,6 +1,6 @@
 """Node ``clyde_ghost_node``: Clyde on the real map, as pose, marker and obstacle (Algorithm 2).
 
-His cells, ways and walk are the rules of ``game/clyde.py`` and ``game/ghosts.py``; here he gets a clock and a voice.
+His cells, ways and walk are the rules of ``sim/maps/ghost_cells.py`` and ``game/ghosts.py``; here he gets a clock and a voice.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 
 from pacman_env.config import MAX_SPEED_MPS, ClydeConfig, PelletConfig
 from pacman_env.game import ghosts as rule
-from pacman_env.game.clyde import ClydeCells, clyde_cells, search_memory
 from pacman_env.rng import below
+from pacman_env.sim.maps.ghost_cells import ClydeCells, clyde_cells, search_memory
 from pacman_env.world.maps.occupancy import load_map
 
 from .. import topics

@@ -19,7 +19,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from pacman_env.config import MAX_SPEED_MPS, ClydeConfig
-from pacman_env.game.round import Action, RoundController, round_complete
+from pacman_env.game.execution import round_complete
+from pacman_env.game.round import Action, RoundController
 
 from .. import topics
 from ..messages import number_of, pellets_of, word_of

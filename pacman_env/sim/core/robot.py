@@ -158,8 +158,8 @@ class SimulatedRobot:
         """Begin on a pose, at rest and without a goal."""
         g = self._g
         g["seed"] = seed
-        g["localization_stream"] = stream(np.uint64(seed), LOCALIZATION)
-        g["nav_stream"] = stream(np.uint64(seed), NAVIGATION)
+        g["localization_stream"] = kernel(stream)(np.uint64(seed), LOCALIZATION)
+        g["nav_stream"] = kernel(stream)(np.uint64(seed), NAVIGATION)
         g["x"], g["y"], g["heading"] = pose
         g["error_cos"] = 1.0
         g["nav_goal"] = g["nav_next"] = -1

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...game.clyde import ClydeCells, clyde_cells
 from ...game.pellets import generate_pellets
 from ...jit import source_hash
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
+from .ghost_cells import ClydeCells, clyde_cells
 from .ghost_targets import Haunts, find_haunts
 from .refuges import choose_refuges
 

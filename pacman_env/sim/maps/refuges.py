@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import RefugeConfig
-from ...game.clyde import ClydeCells
 from ...world.navigation.grid import DriveGrid, clearance_m, connected_parts
 from ...world.navigation.paths import PathFields
+from .ghost_cells import ClydeCells
 
 _ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
 

@@ -16,10 +16,10 @@ from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
 from pacman_env.config import ClydeConfig, PelletConfig
-from pacman_env.game.clyde import ClydeCells, clyde_cells
 from pacman_env.ros import topics
 from pacman_env.ros.messages import points_of, pose_of
 from pacman_env.ros.nodes.clyde_ghost_node import Wanderer
+from pacman_env.sim.maps.ghost_cells import ClydeCells, clyde_cells
 from pacman_env.world.maps.occupancy import load_map
 from tests.shared import shared_path
 

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bucket_queue import Queue, clear, new_queue, pop, push
-from ..config import ClydeConfig, ConfigError
-from ..jit import kernel
-from .pellets import FreeSpace, pixel_to_world
+from ...bucket_queue import Queue, clear, new_queue, pop, push
+from ...config import ClydeConfig, ConfigError
+from ...game.pellets import FreeSpace, pixel_to_world
+from ...jit import kernel
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 6
