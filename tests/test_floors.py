@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pacman_env"
 FLOORS = (
-    ("config", "jit", "rng", "bucket_queue", "_version"),
+    ("config", "plugins", "jit", "rng", "bucket_queue", "_version"),
     ("world", "game"),
     ("sim",),
     ("policies", "heuristics"),

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
 
 from eval.files import replaced
@@ -32,7 +33,7 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation import robot_features as observation
+from pacman_env.sim.observation.kinds import KINDS, MASK, Features, Part, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,13 +49,6 @@ EVENTS = {
     "completion": "the round is complete",
     "tick": "each decision",
     "timeout": "the time limit is reached",
-}
-COLUMNS = {
-    "robot": observation.ROBOT_COLUMNS,
-    "clyde": observation.CLYDE_COLUMNS,
-    "candidates": observation.CANDIDATE_COLUMNS,
-    "round": observation.ROUND_COLUMNS,
-    "ghosts": observation.GHOST_COLUMNS,
 }
 
 
@@ -162,33 +156,33 @@ def _value(owner: Any, dotted: str) -> Any:
     return owner
 
 
-def _everything() -> PacManBotEnv:
-    return PacManBotEnv("house", ghosts=2, observation=("features", "scan", "grid"))
+def _parts(kind: str) -> dict[str, Part]:
+    """Of one kind of observation on the map ``house`` with two ghosts."""
+    return KINDS.find(kind)().parts(PacManBotEnv("house", ghosts=2).batch)
 
 
 def keys() -> str:
     """Keys of the observation on the map ``house`` with two ghosts."""
-    when = {"ghosts": "several ghosts", "scan": '`observation="scan"`', "grid": '`observation="grid"`'}
-    when["action_mask"] = '`action="goal"`'
+    batch = PacManBotEnv("house").batch
+    entries = [(MASK, mask_part(batch), '`action="goal"`')]
+    for kind in ("features", "planner", "scan", "grid"):
+        when = "features, the default" if kind == Features.name else f'`observation="{kind}"`'
+        entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
     rows = []
-    for key, space in _everything().observation_space.items():
-        bounds = "0 or 1" if isinstance(space, spaces.MultiBinary) else "see below"
-        if isinstance(space, spaces.Box) and key not in COLUMNS:
-            bounds = f"{_number(space.low.min())} to {_number(space.high.max())}"
-        rows.append([f"`{key}`", f"{space.shape}", f"{space.dtype}", bounds, when.get(key, "features, the default")])
+    for key, part, when in entries:
+        values = "see below" if part.columns else f"{_number(part.low)} to {_number(part.high)}"
+        rows.append([f"`{key}`", f"{part.shape}", np.dtype(part.dtype).name, values, when])
     return table(("Key", "Shape", "dtype", "Values", "There with"), rows)
 
 
 def columns() -> str:
     """Columns of the features on the map ``house``."""
     text = ""
-    for key, named in COLUMNS.items():
-        box = _everything().observation_space[key]
-        assert isinstance(box, spaces.Box)
-        low, high = (bound.reshape(-1, bound.shape[-1])[0] for bound in (box.low, box.high))
+    for key, part in _parts(Features.name).items():
+        low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
         rows = [
             [str(k), f"`{name}`", _number(low[k]), _number(high[k]), meaning]
-            for k, (name, _, _, meaning) in enumerate(named)
+            for k, (name, _, _, meaning) in enumerate(part.columns)
         ]
         text += f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
     return text
@@ -240,7 +234,7 @@ def map_check() -> str:
     return f"```text\n{output.getvalue()}```\n"
 
 
-def _number(value: float) -> str:
+def _number(value: Any) -> str:
     return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
 
 

@@ -53,8 +53,7 @@ def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dic
     changes: dict[str, Any] = {
         "randomize.clyde_speed_mps": (low, high),
         "randomize.speed_mps": hyper.robot_speed,
-        "observation.features": False,
-        "observation.planner": True,
+        "observation.kinds": ("planner",),
     }
     return changes | (_DOMAIN if arguments.randomize else {})
 

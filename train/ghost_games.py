@@ -18,9 +18,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 from eval.compare.episodes import allowed
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
 from pacman_env.envs.sb3_vec_env import Observation
-from pacman_env.envs.spaces import planner_spaces
+from pacman_env.envs.spaces import observation_space
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
+from pacman_env.sim.observation.kinds import MASK, Planner, mask_part
 from pacman_env.sim.observation.planner_features import planner_features
 from train.arguments import Arguments
 from train.games import VALIDATION_LEVEL, TrainingGames, game_settings
@@ -51,9 +52,9 @@ class GhostGames(VecEnv):
         self.envs = list(envs)
         self._robots = [robot() for _ in envs]
         self._actions = np.zeros(len(envs), dtype=np.int64)
-        count = self.envs[0].batch.candidates
-        space = spaces.Dict({**planner_spaces(count), "action_mask": spaces.MultiBinary(count)})
-        super().__init__(len(envs), space, spaces.Discrete(count))
+        batch = self.envs[0].batch
+        space = observation_space({**Planner().parts(batch), MASK: mask_part(batch)})
+        super().__init__(len(envs), space, spaces.Discrete(batch.candidates))
         self._seen = {key: np.zeros((len(envs), *(part.shape or ())), part.dtype) for key, part in space.items()}
 
     def reset(self) -> Observation:
@@ -142,7 +143,7 @@ def make_ghost_games(arguments: Arguments, segment: int, robot: Callable[[], Pol
     each = max(hyper.levels // hyper.games, 1)
     first = segment % (VALIDATION_LEVEL // (each * hyper.games)) * each * hyper.games
     # The robot's policy reads the situation: what its agent would observe is built for nobody.
-    settings = game_settings(arguments) | {"observation.features": True, "observation.planner": False}
+    settings = game_settings(arguments) | {"observation.kinds": ("features",)}
     envs = [
         PacManBotParallelEnv(
             "generated",

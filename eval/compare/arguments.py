@@ -9,7 +9,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config, parse_settings
+from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.sim.maps.generated import TEST_LEVEL
 
 LEVELS_PLAYED = 200  # of a split, unless said otherwise
@@ -45,7 +45,7 @@ def add_place_arguments(parser: argparse.ArgumentParser, *, several: bool) -> No
 def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
     """``--preset``, ``--execution`` and ``--set``: every configuration but for Clyde's speed."""
     add = parser.add_argument
-    add("--preset", choices=sorted(PRESETS), default="robot", help="robot and localization (%(default)s)")
+    add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
     add("--execution", choices=sorted(EXECUTIONS), default="robust", help="how goals are executed (%(default)s)")
     add(
         "--set",

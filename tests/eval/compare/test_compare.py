@@ -107,7 +107,7 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
     [
         (["--map", "nowhere"], "nowhere"),
         (["--policies", "nearst"], "unknown policy 'nearst'"),
-        (["--preset", "perfect"], "invalid choice: 'perfect'"),
+        (["--preset", "perfect"], "unknown preset 'perfect': choose one of ideal, robot"),
         (["--episodes", "0"], "must be at least 1"),
         (["--episodes", "many"], "'many' is no whole number"),
         (["--workers", "0"], "must be at least 1"),
