@@ -24,7 +24,7 @@ NODES = (
 )
 SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
 
-commands = [f"pacman-env = {NAME}.cli:main"]
+commands = [f"pacman-env = {NAME}.cli.main:main"]
 data_files = []
 if not {"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv):  # pip's way: no ten commands on a user's path
     commands += [f"{node.partition('.')[2]} = {NAME}.ros.{node}:main" for node in NODES]

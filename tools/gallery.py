@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.files import prepare, replaced
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import ERROR_STATUS, Parser
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.files import prepare, replaced
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import INK, MUTED, PAGE, map_view, render_frame
 from pacman_env.render.symbols import Image, paste, text

@@ -22,13 +22,13 @@ from typing import Any
 
 from gymnasium import spaces
 
-from eval.files import replaced
 from pacman_env import config
 from pacman_env.cli import main as cli
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import ERROR_STATUS, Parser
 from pacman_env.config import Config, make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.files import replaced
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation import robot_features as observation
 from pacman_env.world.maps.occupancy import shipped_maps

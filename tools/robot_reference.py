@@ -21,8 +21,8 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from eval.files import replaced
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import ERROR_STATUS, Parser
+from pacman_env.files import replaced
 from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.node import GameNode
 from pacman_env.ros.supervisor.game_nodes import NODES, module_of

@@ -13,13 +13,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from eval.files import replaced
 from pacman_env.config import make_config
+from pacman_env.files import replaced
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.metadata import Training, dump, parse
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import Situation
-from train.network import FORBIDDEN, EntityNetwork
+
+from .network import FORBIDDEN, EntityNetwork
 
 
 @dataclass(frozen=True)
@@ -72,10 +73,14 @@ def load_network(path: Path, trust: bool) -> EntityNetwork:
         raise ValueError(f"{path}: no such file")
     from sb3_contrib import MaskablePPO
 
-    from train.policy import EntityPolicy
+    from .policy import EntityPolicy
 
+    own = {
+        "policy_class": EntityPolicy,
+        "lr_schedule": None,
+    }  # pickled by name, which is another in the installed package
     try:
-        model = MaskablePPO.load(path, device="cpu", custom_objects={"policy_class": EntityPolicy})
+        model = MaskablePPO.load(path, device="cpu", custom_objects=own)
     except Exception as error:  # anything may go wrong while it unpickles
         raise ValueError(f"{path}: no MaskablePPO that can be loaded: {error}") from error
     network = getattr(model.policy, "network", None)

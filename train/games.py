@@ -15,8 +15,9 @@ from pacman_env.envs.arguments import Ghosts
 from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.generated import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
-from train.arguments import Arguments, Hyperparameters
-from train.game_workers import ParallelGames, Worker
+
+from .arguments import Arguments, Hyperparameters
+from .game_workers import ParallelGames, Worker
 
 _PARTS = 4  # few houses at a time stay in the processor's cache
 VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them

@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from eval.compare.episodes import allowed
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
 from pacman_env.envs.sb3_vec_env import Observation
 from pacman_env.envs.spaces import planner_spaces
+from pacman_env.episodes.play import allowed
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
 from pacman_env.sim.observation.planner_features import planner_features
-from train.arguments import Arguments
-from train.games import VALIDATION_LEVEL, TrainingGames, game_settings
+
+from .arguments import Arguments
+from .games import VALIDATION_LEVEL, TrainingGames, game_settings
 
 CLYDE = GHOST_NAMES[0]
 

@@ -19,12 +19,13 @@ import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from eval.files import replaced, write_json
 from pacman_env import __version__
+from pacman_env.files import replaced, write_json
 from pacman_env.policies.metadata import Training
-from train.arguments import Arguments, Hyperparameters
-from train.checkpoint import Facts, facts_path, write_facts
-from train.games import VALIDATION_LEVEL, game_config
+
+from .arguments import Arguments, Hyperparameters
+from .checkpoint import Facts, facts_path, write_facts
+from .games import VALIDATION_LEVEL, game_config
 
 
 class Run:

@@ -1,10 +1,11 @@
-"""What a learned planner's features cost: ``python -m eval.benchmarks.feature_cost``.
+"""The cost of a learned planner's features: ``pacman-env feature-cost``.
 
 The native vector environment with and without them, in turns in one run on one core, and the parts of a decision.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -13,8 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from eval.compare.arguments import at_least
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.game.goal_cost import Parameters, score_situation
 from pacman_env.jit import kernel
@@ -74,29 +74,28 @@ def parts(situation: Situation, speed_mps: float, repeats: int) -> dict[str, flo
     n = len(situation)
     s, terms = situation, np.empty((situation.mask.shape[1], 6))
     whole = _microseconds(lambda: planner_features(s, speed_mps), n, repeats)
-    futures = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
+    encounter = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
     scorer = _microseconds(lambda: _score_all(s.robot, s.clyde, s.position, _SCORER, terms), n, repeats)
     return {
-        "Clyde's futures, clearance and direction of ways": futures,
+        "prediction of Clyde, clearance and direction of ways": encounter,
         "the handcrafted score": scorer,
-        "path lengths, margins, other pellets, globals": max(whole - futures - scorer, 0.0),
+        "path lengths, margins, other pellets, globals": max(whole - encounter - scorer, 0.0),
         "all features": whole,
     }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns the exit status: 0, or 2 after one line on stderr."""
-    parser = Parser(prog="eval.benchmarks.feature_cost", description=__doc__)
+    """Measure; returns the exit status."""
+    parser = Parser(prog="pacman-env feature-cost", description=__doc__)
     parser.add_argument("--map", default="house", help="name, YAML file or generated")
-    parser.add_argument("--games", type=at_least(1), default=64)
-    parser.add_argument("--steps", type=at_least(1), default=600, help="decisions of each game per turn")
-    parser.add_argument("--rounds", type=at_least(1), default=5, help="turns")
-    arguments = parser.parse_args(argv)
-    try:
-        envs = [_make(arguments.games, arguments.map, kinds) for kinds in KINDS]
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+    parser.add_argument("--games", type=whole_number(1), default=64)
+    parser.add_argument("--steps", type=whole_number(1), default=600, help="decisions of each game per turn")
+    parser.add_argument("--rounds", type=whole_number(1), default=5, help="turns")
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    envs = [_make(arguments.games, arguments.map, kinds) for kinds in KINDS]
     rng = np.random.default_rng(0)
     for env in envs:
         _rate(env, rng, arguments.steps)  # compilation, caches, houses
@@ -108,8 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("us per decision:")
     for name, cost in parts(env.situation, env.config.robot.speed_mps, 20 * arguments.rounds).items():
         print(f"  {name:<50}{cost:6.2f}")
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -25,13 +25,14 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from eval.campaign.interference import Interference
-from eval.campaign.verdict import ENDED, Record, Sample
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.ros.supervisor.game_nodes import QUIET, SELECTOR
+
+from .interference import Interference
+from .verdict import ENDED, Record, Sample
 
 DEPTH = 5000  # nothing may be lost where this process is late
 LATCHED = (

@@ -15,7 +15,6 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from eval.campaign.schedule import ground_of, part_of_map
 from pacman_env.config import make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros.supervisor.game_nodes import (
@@ -29,6 +28,8 @@ from pacman_env.ros.supervisor.game_nodes import (
     full_namespace,
 )
 from pacman_env.ros.supervisor.processes import Crew, Lost
+
+from .schedule import ground_of, part_of_map
 
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
@@ -88,8 +89,9 @@ class System:
         self.said: list[str] = []  # by the crew
 
     def __enter__(self) -> System:
-        from eval.campaign.recorder import Recorder
         from pacman_env.ros.supervisor.up import environment
+
+        from .recorder import Recorder
 
         self._crew = Crew(self.folder, {**os.environ, **environment(self._game, None)}, self.said.append)
         self.recorder = Recorder(full_namespace(self._game.namespace))

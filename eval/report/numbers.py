@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.statistics import (
+from pacman_env.episodes.statistics import (
     bootstrapped_improvement,
     bootstrapped_iqm,
     bootstrapped_mean,
     paired_difference,
     wilson,
 )
-from eval.compare.workers import Played
-from eval.report.plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, replay_command
 from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, TIMEOUT
+
+from ..compare.workers import Played
+from .plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, replay_command
 
 END_NAMES = {COMPLETE: "complete", DEAD: "caught", TIMEOUT: "time-out", CLEARED: "pellets lost"}
 Numbers = dict[str, Any]

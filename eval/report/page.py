@@ -1,4 +1,4 @@
-"""The report's numbers as one HTML page that needs nothing else. Which numbers there are is ``report_numbers``'s."""
+"""The report's numbers as one HTML page that needs nothing else. Which numbers there are is decided by ``numbers``."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from eval.compare.episodes import MOST_ROUNDS
-from eval.report.charts import COLOURS, Line, curve_chart, interval_bar
-from eval.report.numbers import END_NAMES, Numbers
+from pacman_env.episodes.play import MOST_ROUNDS
+
+from .charts import COLOURS, Line, curve_chart, interval_bar
+from .numbers import END_NAMES, Numbers
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _ROUNDS_SHOWN = 12  # of either kind
@@ -20,7 +21,7 @@ _IQM_MAPS = 4  # with fewer maps than these nothing is left out of the mean
 
 
 def render_page(report: Numbers) -> str:
-    """The page of a report as ``eval.report`` writes it to JSON; every text in it is escaped."""
+    """The page of a report as ``pacman-env report`` writes it to JSON; every text in it is escaped."""
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,

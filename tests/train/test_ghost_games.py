@@ -94,14 +94,14 @@ def test_training_games_are_zero_sum_scaled_and_end_at_the_time_limit() -> None:
     paid: list[float] = []
     step = PacManBotParallelEnv.step
 
-    class Watched(PacManBotParallelEnv):
+    class RecordedGame(PacManBotParallelEnv):
         def step(self, actions: dict[str, Any]) -> Any:
             result = step(self, actions)
             paid.append(result[1][PACMAN])
             return result
 
     for env in world.envs:
-        env.__class__ = Watched
+        env.__class__ = RecordedGame
     games.seed(0)
     games.reset()
     truncated = 0

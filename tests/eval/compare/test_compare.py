@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from eval.compare.__main__ import SCHEMA, main
-from eval.compare.episodes import episode_seeds
 from pacman_env import __version__
+from pacman_env.episodes.play import episode_seeds
 from pacman_env.world.maps.occupancy import load_map
 from tests.eval.compare.test_rows import PROMISED
 from tests.eval.helpers import refused_in_one_line

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from eval.compare.policies import check_contestants, contestant_names, make_contestant
+from eval.compare.policies import load_policy, named_policies, result_names
 
 
 @pytest.mark.parametrize(
@@ -19,21 +19,21 @@ from eval.compare.policies import check_contestants, contestant_names, make_cont
     ],
 )
 def test_files_are_called_by_their_stems_unless_another_is_called_so(specs: list[str], names: list[str]) -> None:
-    assert contestant_names(specs) == dict(zip(specs, names, strict=True))
+    assert result_names(specs) == dict(zip(specs, names, strict=True))
 
 
 def test_a_registered_policy_is_made_anew_each_time() -> None:
-    assert make_contestant("nearest").name == "nearest"
-    assert make_contestant("nearest") is not make_contestant("nearest")
+    assert load_policy("nearest").name == "nearest"
+    assert load_policy("nearest") is not load_policy("nearest")
 
 
 def test_a_checkpoint_is_refused_by_name_before_the_file_is_opened(tmp_path: Path) -> None:
     path = tmp_path / "run.zip"
     with pytest.raises(ValueError, match=r"run\.zip: loading executes code from the file; give --trust"):
-        make_contestant(str(path))
+        load_policy(str(path))
     path.write_bytes(b"anything")
     with pytest.raises(ValueError, match="loading executes code"):
-        check_contestants(["nearest", str(path)], trust=False)
+        named_policies(["nearest", str(path)], trust=False)
 
 
 @pytest.mark.skipif(
@@ -44,14 +44,14 @@ def test_a_trusted_file_that_is_no_checkpoint_is_refused_as_such(tmp_path: Path)
     path = tmp_path / "run.zip"
     path.write_bytes(b"anything")
     with pytest.raises(ValueError, match=r"run\.zip"):
-        make_contestant(str(path), trust=True)
+        load_policy(str(path), trust=True)
 
 
 def test_the_packages_planner_is_made_by_its_name() -> None:
-    assert make_contestant("ppo").name == "ppo"
+    assert load_policy("ppo").name == "ppo"
 
 
 @pytest.mark.parametrize("spec", ["nobody", "nowhere.onnx"])
 def test_a_policy_that_there_is_not_is_refused_early(spec: str) -> None:
     with pytest.raises(ValueError, match=spec):
-        check_contestants(["nearest", spec], trust=False)
+        named_policies(["nearest", spec], trust=False)

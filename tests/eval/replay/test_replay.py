@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from eval.compare.episodes import episode_seeds
-from eval.replay.__main__ import main
-from eval.replay.page import page
-from eval.replay.recording import Change, Watched
+from eval.replay.__main__ import main, page
+from eval.replay.recording import Change, RecordedGame
+from pacman_env.episodes.play import episode_seeds
 from tests.eval.helpers import CONFIG, played, played_on_levels, refused_in_one_line
 from tests.eval.replay.test_video import film
 
@@ -64,9 +63,9 @@ def test_the_film_lies_in_results_unless_it_is_named(tmp_path: Path, monkeypatch
 
 
 def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
-    from eval.compare.scenarios import open_place
+    from eval.compare.scenarios import open_scenario
 
-    game = Watched(open_place("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
+    game = RecordedGame(open_scenario("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
     game.changes.append(Change("1.0 s", "pellet & more", "<script>"))
     text = page("a < b", b"film", [game])
     for escaped in ("&lt;b&gt;policy", "pellet &amp; more", "&lt;script&gt;", "<h1>a &lt; b</h1>"):

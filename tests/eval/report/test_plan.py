@@ -4,8 +4,7 @@ import shlex
 
 import pytest
 
-from eval.compare.episodes import episode_seeds
-from eval.compare.scenarios import Levels, Place
+from eval.compare.scenarios import Levels, Scenario
 from eval.report.plan import (
     ENDLESS_GAMES,
     ROUNDS,
@@ -17,12 +16,13 @@ from eval.report.plan import (
     replay_command,
 )
 from pacman_env.config import ConfigError, make_config
+from pacman_env.episodes.play import episode_seeds
 
 HOUSE, LEVELS = "some folder/house.yaml", Levels("test", None, 7)
 
 
 def plan(
-    *variants: str, settings: tuple[str, ...] = (), trust: bool = False, file: str = "runs/best.onnx", **maps: Place
+    *variants: str, settings: tuple[str, ...] = (), trust: bool = False, file: str = "runs/best.onnx", **maps: Scenario
 ) -> Plan:
     return Plan(
         maps={"house": HOUSE, "generated:test": LEVELS, **maps},
@@ -51,7 +51,7 @@ def test_everything_is_played_once() -> None:
     ]
     assert len(work) == 2 * len(house)
     for cell, block in work.items():
-        assert block.map == (HOUSE if cell.map == "house" else LEVELS)
+        assert block.scenario == (HOUSE if cell.map == "house" else LEVELS)
         assert block.policy == ("runs/best.onnx" if cell.policy == "best" else "clyde_aware")
         assert block.config.clyde.speed_mps == cell.speed
         assert block.config.endless == (cell.part == ENDLESS_GAMES)

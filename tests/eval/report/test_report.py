@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from eval.compare.statistics import wilson
 from eval.replay.__main__ import main as replay
 from eval.report.__main__ import main
 from eval.report.page import headline, render_page
 from pacman_env import __version__
+from pacman_env.episodes.statistics import wilson
 from pacman_env.sim.core.records import COMPLETE
 from pacman_env.world.maps.occupancy import load_map
 from tests.eval.helpers import CONFIG, refused_in_one_line
@@ -25,7 +25,7 @@ VOID = {"meta", "br", "path", "circle", "rect", "polyline", "polygon", "i"}
 
 
 class Tags(HTMLParser):
-    """Every tag is closed in its place; attributes that name files are kept."""
+    """Every tag is closed in its scenario; attributes that name files are kept."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
