@@ -23,7 +23,7 @@ from numba.extending import intrinsic
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).resolve().parent
-_KERNEL_ROOMS = ("game", "world", "sim", "heuristics")  # beside the modules of the package itself
+_KERNEL_ROOMS = ("config", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
 
 
 def cache_dir() -> Path:

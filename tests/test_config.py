@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
+from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, differences, make_config
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -89,6 +89,12 @@ def test_an_unknown_preset_or_execution_is_named_with_the_choices(arguments: tup
         ("execution.pose_source", "odom"),
         ("execution.on_abort", "retry"),
         ("execution.switch", "send"),
+        ("execution.min_dwell_s", -0.5),
+        ("execution.success_margin_m", -0.1),
+        ("scorer.risk_weight", -3.0),
+        ("scorer.threat_exit_margin_m", math.nan),
+        ("show.start_s", -1.0),
+        ("show.home_retries", -1),
         ("refuges.nooks", -1),
         ("time_limit_s", 0.0),
         ("max_pellets", 0),
@@ -197,3 +203,33 @@ def test_numbers_of_numpy_are_numbers() -> None:
     config = make_config(**{"clyde.speed_mps": np.float32(0.5), "refuges.spread": np.int64(3)})
     assert (type(config.clyde.speed_mps), type(config.refuges.spread)) == (float, int)
     json.dumps(config.as_dict())
+
+
+def test_the_dwell_belongs_to_the_robust_execution() -> None:
+    dwell = {name: make_config(execution=name).execution.min_dwell_s for name in EXECUTIONS}
+    assert dwell == {"as_built": 0.0, "robust": 1.0}
+
+
+def test_a_hash_stands_for_all_fields_in_any_process() -> None:
+    config = make_config()
+    assert config.hash == make_config().hash
+    assert len(config.hash) == 12
+    assert int(config.hash, 16) >= 0
+    others = [make_config(**{name: value}) for name, value in (("show.death_s", 4.0), ("endless", True))]
+    assert len({c.hash for c in (config, *others)}) == 3
+
+
+def test_differences_are_named_with_both_values() -> None:
+    one, other = make_config(), make_config(**{"clyde.speed_mps": 0.3, "clyde.ghosts": ("chase",), "endless": True})
+    assert differences(one.as_dict(), one.as_dict()) == {}
+    assert differences(one.as_dict(), other.as_dict()) == {
+        "clyde.ghosts": (["wander"], ["chase"]),
+        "clyde.speed_mps": (0.25, 0.3),
+        "endless": (False, True),
+    }
+    older = one.as_dict()
+    del older["show"], older["clyde"]["spawn"]
+    assert differences(older, one.as_dict()) == {
+        "clyde.spawn": (None, "connected"),
+        "show": (None, one.as_dict()["show"]),
+    }

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from pacman_env.config import ConfigError, make_config
-from pacman_env.settings import parse_settings
+from pacman_env.config import ConfigError, make_config, parse_settings
 
 
 @pytest.mark.parametrize(

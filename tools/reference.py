@@ -25,7 +25,7 @@ from gymnasium import spaces
 from pacman_env import config
 from pacman_env.cli import main as cli
 from pacman_env.cli.command import ERROR_STATUS, Parser
-from pacman_env.config import Config, make_config
+from pacman_env.config import Config, composition, make_config, sections
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.files import replaced
@@ -122,7 +122,7 @@ def _values(field: Field) -> str:
 
 def configuration() -> str:
     """Every field of the configuration, by section."""
-    sources = fields_of(inspect.getsource(config))
+    sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
     default = Config()
 
     def rows(owner: Any, prefix: str) -> list[list[str]]:

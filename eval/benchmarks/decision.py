@@ -18,11 +18,10 @@ import numpy as np
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.config import Config, make_config
+from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.files import prepare, write_json
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.settings import parse_settings
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.records import RUNNING
 from pacman_env.sim.maps.assets import MapAssets, map_assets

@@ -15,8 +15,9 @@ import gymnasium as gym
 import numpy as np
 
 from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.game.goal_cost import Parameters, score_situation
+from pacman_env.game.goal_cost import score_situation, scorer_parameters
 from pacman_env.jit import kernel
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.prediction import encounters
@@ -24,7 +25,7 @@ from pacman_env.sim.observation.situation import Situation
 
 KINDS = (("features",), ("planner",), ("features", "planner"))
 HELD = 6  # decisions that a choice is held for
-_SCORER = Parameters()
+_SCORER = scorer_parameters(make_config())
 
 
 def _make(games: int, map_source: str, observation: Sequence[str]) -> PacManBotVectorEnv:

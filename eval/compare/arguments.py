@@ -6,8 +6,7 @@ import argparse
 from typing import Any
 
 from pacman_env.cli.command import finite_number, whole_number
-from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config
-from pacman_env.settings import parse_settings
+from pacman_env.config import EXECUTIONS, PRESETS, Config, ConfigError, make_config, parse_settings
 from pacman_env.sim.maps.generated import TEST_LEVEL
 
 LEVELS_PLAYED = 200  # of a split, unless said otherwise

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.settings import parse_settings
+from pacman_env.config import Config, ConfigError, make_config, parse_settings
 
 from ..compare.arguments import check_goals
 from ..compare.scenarios import Levels, Scenario

@@ -158,10 +158,10 @@ def _add_play(commands: Any) -> None:
 
 
 def _play(arguments: argparse.Namespace) -> int:
+    from pacman_env.config import parse_settings
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.render.play import Player, play
     from pacman_env.render.window import HumanWindow
-    from pacman_env.settings import parse_settings
 
     try:
         window = HumanWindow()

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+from ..config import ShowConfig
+
 Motion = Literal["spin", "shake", "stop"]
 
 SPEED_RADPS = 1.5  # original
-SPIN_S = 8.0  # as long as the start show
-SHAKE_S = 5.0  # as long as the death show
+SPIN_S = ShowConfig.start_s  # as long as the start show
+SHAKE_S = ShowConfig.death_s  # as long as the death show
 _SWING_S = 0.25  # from one side to the other; original
 _EDGE_S = 1e-9  # times at which the side changes are hit by sums of periods
 

@@ -5,34 +5,41 @@ The formula for one situation; which goal is then chosen is decided in ``heurist
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config import Config
 from ..jit import kernel
 
 #: Columns of the terms of a candidate; the last two are 0 or 1.
 DISTANCE, RISK, DIRECTION, TOTAL, SAFE, SKIPPED = range(6)
 
 
-class Parameters(NamedTuple):
-    """Numbers of the scorer; the defaults are the deployed robot's."""
+class ScorerParameters(NamedTuple):
+    """Numbers of the scorer: the group ``scorer`` of a configuration, and the death radius."""
 
-    risk_radius_m: float = 2.0  # r_g
-    risk_weight: float = 3.0  # w_g, per m
-    direction_weight: float = 5.0  # w_d, m
-    emergency_radius_m: float = 2.0  # Clyde threatens within this distance ...
-    warning_radius_m: float = 3.0  # ... or within this one while he closes in
-    approach_speed_mps: float = 0.03  # closing in means at least this fast
-    death_radius_m: float = 0.25  # no threat any more, and pellets this near Clyde are skipped
-    replan_margin_m: float = 0.3  # a new goal must cost less by more than this
-    threat_exit_margin_m: float = 0.0  # both radii grow by this much while Clyde threatens
+    risk_radius_m: float
+    risk_weight: float
+    direction_weight: float
+    emergency_radius_m: float
+    warning_radius_m: float
+    approach_speed_mps: float
+    replan_margin_m: float
+    threat_exit_margin_m: float
+    death_radius_m: float  # no threat any more, and pellets this near Clyde are skipped
+
+
+def scorer_parameters(config: Config) -> ScorerParameters:
+    """The scorer's numbers under a configuration."""
+    return ScorerParameters(**dataclasses.asdict(config.scorer), death_radius_m=config.execution.death_radius_m)
 
 
 @kernel
-def is_threatening(distance_m: float, closing_mps: float, was: bool, p: Parameters) -> bool:
+def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerParameters) -> bool:
     """Whether Clyde threatens the robot, given that he did (``was``) at the decision before."""
     if distance_m <= p.death_radius_m:
         return False
@@ -49,7 +56,7 @@ def score_situation(
     position: NDArray[np.float64],
     threatened: bool,
     documented: bool,
-    p: Parameters,
+    p: ScorerParameters,
     terms: NDArray[np.float64],
 ) -> None:
     """Fill ``terms`` (C, 6) for the candidates at ``position`` (C, 2) of one situation.

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from ..config import ShowConfig
+
 Colour = tuple[int, int, int]  # red, green, blue, 0..255
 Ring = tuple[Colour, ...]  # of the six LEDs
 
@@ -29,6 +31,7 @@ GHOST_COLOURS = {
 BLACK: Colour = (0, 0, 0)
 _YELLOW, _RED, _WHITE = COLOURS["yellow"], COLOURS["red"], COLOURS["white"]
 _FRAME_S = 0.15
+_DEATH_S = ShowConfig.death_s
 
 
 @dataclass(frozen=True)
@@ -73,13 +76,13 @@ def _mouth(width: int) -> Ring:
 ANIMATIONS: dict[str, Animation] = {
     **{name: Animation((_all(colour),)) for name, colour in COLOURS.items()},
     "pacman": Animation((_mouth(0), _mouth(1), _mouth(3), _mouth(1))),  # it opens and shuts
-    "start": Animation(_turning((_YELLOW, *GHOST_COLOURS.values(), BLACK)), 8.0, "pacman"),
+    "start": Animation(_turning((_YELLOW, *GHOST_COLOURS.values(), BLACK)), ShowConfig.start_s, "pacman"),
     "pellet": Animation((_all(_WHITE), _all(_YELLOW)), 2 * _FRAME_S),
     "power pellet": Animation((_all(_YELLOW), _all(_WHITE)), 3.0),
-    "game over": Animation(_wave(_RED, _dimmed(_RED, 0.2)), 5.0, "off"),
+    "game over": Animation(_wave(_RED, _dimmed(_RED, 0.2)), _DEATH_S, "off"),
     "win": Animation((*_turning((_YELLOW, BLACK, _WHITE) * 2), _all(_WHITE), _all(_YELLOW)), 6.0, "off"),
     **{f"{g} caught": Animation((_all(c), _all(_YELLOW)), 2.0) for g, c in GHOST_COLOURS.items()},
-    **{f"{g} killed": Animation(_wave(c, _dimmed(_RED, 0.2)), 5.0, "off") for g, c in GHOST_COLOURS.items()},
+    **{f"{g} killed": Animation(_wave(c, _dimmed(_RED, 0.2)), _DEATH_S, "off") for g, c in GHOST_COLOURS.items()},
 }
 LIGHTS = frozenset(ANIMATIONS) | {"off"}
 #: By state of the game: what the ring shows in it when nothing happens; ``off`` in every other.

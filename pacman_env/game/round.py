@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from pacman_env.config import ClydeConfig
+from pacman_env.config import ClydeConfig, ShowConfig
 from pacman_env.jit import kernel
 
 State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
@@ -92,10 +92,10 @@ class RoundController:
     """
 
     clyde: ClydeConfig = field(default_factory=ClydeConfig)
-    start_show_s: float = 8.0  # original
-    death_show_s: float = 5.0  # original
-    home_retries: int = 3  # more tries after a failed way home before the game gives up
-    home_retry_s: float = 5.0  # pause before each of them
+    start_show_s: float = ShowConfig.start_s
+    death_show_s: float = ShowConfig.death_s
+    home_retries: int = ShowConfig.home_retries  # more tries after a failed way home before the game gives up
+    home_retry_s: float = ShowConfig.home_retry_s  # pause before each of them
 
     state: State = field(default="menu", init=False)
     score: int = field(default=0, init=False)

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config import make_config
 from pacman_env.game.goal_cost import (
     DIRECTION,
     DISTANCE,
@@ -19,9 +20,10 @@ from pacman_env.game.goal_cost import (
     SAFE,
     SKIPPED,
     TOTAL,
-    Parameters,
+    ScorerParameters,
     is_threatening,
     score_situation,
+    scorer_parameters,
 )
 from pacman_env.jit import kernel
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
@@ -35,7 +37,7 @@ def choose(
     mask: NDArray[np.bool_],
     current: int,
     prefer_safe: bool,
-    p: Parameters,
+    p: ScorerParameters,
 ) -> int:
     """The goal of one situation: a pellet, else HOLD, else -1. The first of equals wins.
 
@@ -77,7 +79,7 @@ def evaluate_batch(
     current: NDArray[np.int64],
     was_threatened: NDArray[np.bool_],
     documented: bool,
-    p: Parameters,
+    p: ScorerParameters,
     terms: NDArray[np.float64],
     threatened: NDArray[np.bool_],
     goal: NDArray[np.int64],
@@ -101,18 +103,18 @@ class ClydeAware(BasePolicy):
 
     Raises:
         ValueError: an unknown form, or a parameter that is negative or not finite.
-        TypeError: an unknown parameter; the known ones are the fields of ``Parameters``.
+        TypeError: an unknown parameter; the known ones are the fields of ``ScorerParameters``.
     """
 
     def __init__(self, form: Literal["deployed", "documented"] = "deployed", **parameters: float) -> None:
         if form not in ("deployed", "documented"):
             raise ValueError(f"form = {form!r}: must be 'deployed' or 'documented'")
         for name, value in parameters.items():
-            if name not in Parameters._fields:
-                raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(Parameters._fields)}")
+            if name not in ScorerParameters._fields:
+                raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(ScorerParameters._fields)}")
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0")
-        self.parameters = Parameters(**{name: float(value) for name, value in parameters.items()})
+        self.parameters = scorer_parameters(make_config())._replace(**{k: float(v) for k, v in parameters.items()})
         self.form = form
         self.name = "clyde_aware" if form == "deployed" else f"clyde_aware:{form}"
         self._threatened: NDArray[np.bool_] | None = None

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config import make_config
 from pacman_env.policies.base import BasePolicy
 from pacman_env.sim.observation.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
 from pacman_env.sim.observation.situation import PELLET, Situation
@@ -23,7 +24,7 @@ class Parameters(NamedTuple):
     The cost of being caught with the experiment's house in view, the others on generated levels.
     """
 
-    robot_speed_mps: float = 0.256  # measured driving speed
+    robot_speed_mps: float = make_config().robot.speed_mps
     caught_soon_s: float = 300.0  # what it costs to be caught within 5 s ...
     caught_s: float = 200.0  # ... and within 10 s
     approached_s: float = 4.0  # Clyde comes within 0.8 m

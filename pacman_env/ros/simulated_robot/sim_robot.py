@@ -20,8 +20,7 @@ from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from ...config import PRESETS, make_config
-from ...settings import parse_settings
+from ...config import PRESETS, make_config, parse_settings
 from ...sim.core.navigate_to_pose import Navigation
 from ...sim.core.poses import Pose
 from ...sim.core.robot import SimulatedRobot

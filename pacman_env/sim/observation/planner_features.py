@@ -12,7 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...game.goal_cost import TOTAL, Parameters, is_threatening, score_situation
+from ...config import make_config
+from ...game.goal_cost import TOTAL, is_threatening, score_situation, scorer_parameters
 from ...jit import kernel
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction as futures
@@ -21,7 +22,7 @@ from .situation import HOLD, PELLET, REFUGE, Situation
 VERSION = 3
 FAR_M = 20.0
 _AROUND_M = 2.5  # pellets within this way are around a place
-_SCORER = Parameters()  # the handcrafted one, as deployed
+_SCORER = scorer_parameters(make_config())  # the handcrafted one, as deployed
 
 CANDIDATE_FEATURES = (
     "is_pellet",

@@ -11,7 +11,8 @@ import typing
 from collections.abc import Iterable
 from typing import Any
 
-from pacman_env.config import Config, ConfigError
+from .composition import Config
+from .validation import ConfigError
 
 _BOOLEANS = {"true": True, "false": False}
 

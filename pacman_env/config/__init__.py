@@ -1,0 +1,50 @@
+"""The configuration of a game: every number of the rules, the robot and the simulator, once, with unit and source.
+
+Frozen dataclasses compose into :class:`Config`; ``make_config`` builds one from a preset, an execution and fields by
+dotted name, ``parse_settings`` reads such fields from text.
+"""
+
+from .composition import Config, differences
+from .presets import EXECUTIONS, PRESETS, make_config
+from .sections import (
+    MAX_SPEED_MPS,
+    Behaviour,
+    ClydeConfig,
+    ExecutionConfig,
+    LocalizationConfig,
+    Nav2Config,
+    ObservationConfig,
+    PelletConfig,
+    RandomizeConfig,
+    RefugeConfig,
+    RewardConfig,
+    RobotConfig,
+    ScorerConfig,
+    ShowConfig,
+)
+from .settings import parse_settings
+from .validation import ConfigError
+
+__all__ = [
+    "EXECUTIONS",
+    "MAX_SPEED_MPS",
+    "PRESETS",
+    "Behaviour",
+    "ClydeConfig",
+    "Config",
+    "ConfigError",
+    "ExecutionConfig",
+    "LocalizationConfig",
+    "Nav2Config",
+    "ObservationConfig",
+    "PelletConfig",
+    "RandomizeConfig",
+    "RefugeConfig",
+    "RewardConfig",
+    "RobotConfig",
+    "ScorerConfig",
+    "ShowConfig",
+    "differences",
+    "make_config",
+    "parse_settings",
+]

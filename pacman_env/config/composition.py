@@ -1,0 +1,170 @@
+"""One complete configuration: the groups together, the checks between them, and changes by dotted name."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from .sections import (
+    ClydeConfig,
+    ExecutionConfig,
+    LocalizationConfig,
+    Nav2Config,
+    ObservationConfig,
+    PelletConfig,
+    RandomizeConfig,
+    RefugeConfig,
+    RewardConfig,
+    RobotConfig,
+    ScorerConfig,
+    ShowConfig,
+)
+from .validation import ConfigError, Section, positive, require
+
+MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
+
+
+def _meant(name: str, known: dict[str, Any]) -> str:
+    """What a mistyped field may have been."""
+    fields = []
+    for group, value in known.items():
+        inner = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
+        fields += [f"{group}.{f.name}" for f in inner] or [group]
+    close = difflib.get_close_matches(name, fields, n=2, cutoff=0.7)
+    close = close or [field for field in fields if field.rpartition(".")[2] == name]
+    return f": did you mean {' or '.join(close)}?" if close else ""
+
+
+def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields}
+
+
+@dataclass(frozen=True)
+class Config(Section):
+    """One complete configuration of a game."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    localization: LocalizationConfig = field(default_factory=LocalizationConfig)
+    nav2: Nav2Config = field(default_factory=Nav2Config)
+    pellets: PelletConfig = field(default_factory=PelletConfig)
+    clyde: ClydeConfig = field(default_factory=ClydeConfig)
+    execution: ExecutionConfig = field(default_factory=ExecutionConfig)
+    scorer: ScorerConfig = field(default_factory=ScorerConfig)
+    show: ShowConfig = field(default_factory=ShowConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    #: Of each ghost that is an agent, where rewards are not zero-sum.
+    ghost_reward: RewardConfig = field(
+        default_factory=lambda: RewardConfig(pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0)
+    )
+    refuges: RefugeConfig = field(default_factory=RefugeConfig)
+    randomize: RandomizeConfig = field(default_factory=RandomizeConfig)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    action: Literal["goal", "velocity"] = "goal"  # a candidate goal, or v and omega of the base
+    endless: bool = False  # round follows round, Clyde faster each time, until the robot is caught
+    physics_step_s: float = 0.05  # Nav2's controller rate, 20 Hz
+    time_limit_s: float = 600.0  # of a round: truncation
+    max_pellets: int | None = None  # slots for pellets in the observation; None: as many as the map has
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self, "physics_step_s", "time_limit_s")
+        for name, period in (
+            ("execution.tick_s", self.execution.tick_s),
+            ("execution.check_period_s", self.execution.check_period_s),
+            ("clyde.update_period_s", self.clyde.update_period_s),
+            ("localization.scan_period_s", self.localization.scan_period_s),
+            ("nav2.planner_period_s", self.nav2.planner_period_s),
+        ):
+            steps = period / self.physics_step_s
+            require(
+                steps > 0.5 and abs(steps - round(steps)) < 1e-6,
+                name,
+                period,
+                f"must be a whole number of physics steps of {self.physics_step_s} s",
+            )
+        fastest = self.fastest_mps
+        require(
+            fastest <= self.robot.wheel_speed_mps,
+            "randomize.speed_mps",
+            self.randomize.speed_mps,
+            f"must be at most robot.wheel_speed_mps = {self.robot.wheel_speed_mps}",
+        )
+        require(
+            fastest * self.nav2.planner_period_s <= MAX_BLIND_M,
+            "nav2.planner_period_s",
+            self.nav2.planner_period_s,
+            f"the robot would drive more than {MAX_BLIND_M} m on one plan, which is written out for a little more",
+        )
+        checks = self.execution.tick_s / self.execution.check_period_s
+        require(
+            checks > 0.5 and abs(checks - round(checks)) < 1e-6,
+            "execution.check_period_s",
+            self.execution.check_period_s,
+            f"must divide execution.tick_s = {self.execution.tick_s} s",
+        )
+        if self.max_pellets is not None:
+            require(self.max_pellets >= 1, "max_pellets", self.max_pellets, "must be at least 1")
+
+    @property
+    def fastest_mps(self) -> float:
+        """The highest speed that the robot can have in an episode."""
+        return (
+            self.robot.speed_mps
+            if self.randomize.speed_mps is None
+            else max(self.robot.speed_mps, self.randomize.speed_mps[1])
+        )
+
+    def with_fields(self, **changes: Any) -> Config:
+        """A copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
+
+        Raises:
+            ConfigError: an unknown name, or a value out of range.
+        """
+        known = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        groups: dict[str, dict[str, Any]] = {}
+        top: dict[str, Any] = {}
+        for name, value in changes.items():
+            group, _, leaf = name.partition(".")
+            owner = known.get(group)
+            leaves = [f.name for f in dataclasses.fields(owner)] if dataclasses.is_dataclass(owner) else []
+            if leaf in leaves:
+                groups.setdefault(group, {})[leaf] = value
+            elif name in known:
+                top[group] = value
+            else:
+                raise ConfigError(f"unknown configuration field {name!r}{_meant(name, known)}")
+        for group, fields in groups.items():
+            owner = top.get(group, known[group])
+            if dataclasses.is_dataclass(owner) and not isinstance(owner, type):  # else Config says what is wrong
+                top[group] = dataclasses.replace(owner, **fields)
+        return dataclasses.replace(self, **top)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All fields as nested plain data, as JSON has it, for results and logs."""
+        return dataclasses.asdict(self, dict_factory=_as_json)
+
+    @property
+    def hash(self) -> str:
+        """12 hexadecimal digits by which two configurations are told apart: equal fields, equal hash."""
+        text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """Both values of every field that differs between two results of ``as_dict``, by dotted name.
+
+    A field that only one of them has is None in the other.
+    """
+    found: dict[str, tuple[Any, Any]] = {}
+    for name in sorted({*a, *b}):
+        one, other = a.get(name), b.get(name)
+        if isinstance(one, Mapping) and isinstance(other, Mapping):
+            found |= {f"{name}.{inner}": pair for inner, pair in differences(one, other).items()}
+        elif one != other:
+            found[name] = (one, other)
+    return found

@@ -1,0 +1,46 @@
+"""Named sets of fields: two presets of the robot and its surroundings, two executions of Algorithm 4."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .composition import Config
+from .validation import ConfigError
+
+AS_BUILT: dict[str, Any] = {
+    "execution.pose_source": "amcl",
+    "execution.on_abort": "lose_pellet",
+    "execution.switch": "cancel_then_send",
+    "execution.min_dwell_s": 0.0,
+}
+ROBUST: dict[str, Any] = {
+    "execution.pose_source": "tf",
+    "execution.on_abort": "back_off",
+    "execution.switch": "preempt",
+    "execution.min_dwell_s": 1.0,
+}
+EXECUTIONS = {"as_built": AS_BUILT, "robust": ROBUST}
+
+#: What the ten real trials had: measured speed, AMCL's cadence and error, Nav2's delays.
+_ROBOT: dict[str, Any] = {"robot.speed_mps": 0.256}  # driving speed in the logs [M]
+#: Perfect localization, the base's full speed, goals and rules that act at once.
+_IDEAL: dict[str, Any] = {
+    "localization.perfect": True,
+    "nav2.accept_delay_s": 0.0,
+    "nav2.planner_period_s": 0.5,
+    "execution.check_period_s": 0.05,
+}
+PRESETS = {"robot": _ROBOT, "ideal": _IDEAL}
+
+
+def make_config(preset: str = "robot", execution: str = "robust", **changes: Any) -> Config:
+    """Compose a preset, an execution and single fields given by dotted name.
+
+    Raises:
+        ConfigError: an unknown preset, execution or field, or a value out of range.
+    """
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise ConfigError(f"unknown preset {preset!r}: choose one of {sorted(PRESETS)}")
+    if not isinstance(execution, str) or execution not in EXECUTIONS:
+        raise ConfigError(f"unknown execution {execution!r}: choose one of {sorted(EXECUTIONS)}")
+    return Config().with_fields(**{**PRESETS[preset], **EXECUTIONS[execution], **changes})
