@@ -1,4 +1,4 @@
-"""Randomised games of the robot's nodes with everything going wrong: ``python -m eval.campaign --games 200``.
+"""Randomised games of the robot's nodes with everything going wrong: ``pacman-env campaign --games 200``.
 
 The nodes that ``pacman-env ros up --sim`` starts run as processes; a witness beside them makes the simulated robot's
 faults begin and end, interferes from outside, and judges each game (``robot_witness.py``). What happens in a game is
