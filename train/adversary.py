@@ -32,7 +32,7 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOB
 
 from .arguments import FOLDER, load_hyperparameters
 from .arguments import Arguments as GameArguments
-from .checkpoint import facts_path, read_facts
+from .checkpoint import facts_path, load_network, read_facts
 from .export import export_planner, model_bytes
 from .games import TrainingGames, make_games
 from .ghost_games import make_ghost_games
@@ -41,7 +41,7 @@ from .network import EntityNetwork
 from .opponents import BUILT_IN, RULES, Table, make_pool, robustness
 from .options import parse_options
 from .policy import new_model
-from .run import LearningRate, Watch, facts_of, read_tensors, restore
+from .run import LearningRate, Watch, facts_of, restore
 
 _PROG = "pacman-env adversary"
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
@@ -277,7 +277,7 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Maskable
         model = new_model(hyper, games, seeds[0], **sizes)
         model.policy.network.load_state_dict(network.state_dict())
         return model, read_planner(path)[0].training.decisions
-    model = new_model(hyper, games, seeds[0], width=_width(path))
+    model = new_model(hyper, games, seeds[0], width=load_network(path).width)
     restore(model, path)
     facts = facts_path(path)
     return model, read_facts(facts).training.decisions if facts.exists() else 0
@@ -313,14 +313,6 @@ def network_of(path: Path) -> EntityNetwork:
     if onnx.load_model_from_string(model_bytes(network)).graph != graph:
         raise ValueError(f"{path}: no graph that train.export writes")
     return network
-
-
-def _width(path: Path) -> int:
-    """Of the hidden layers of a checkpoint's network."""
-    try:
-        return len(read_tensors(path, "policy")["network.encode.bias"])
-    except Exception as error:  # whatever a file may hold that is no checkpoint
-        raise ValueError(f"{path}: no checkpoint that can be read: {error}") from None
 
 
 def _games(arguments: Arguments, side: int) -> GameArguments:

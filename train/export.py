@@ -191,12 +191,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="as Stable-Baselines3 saved it")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its sidecar goes beside it")
     parser.add_argument("--facts", type=Path, metavar="FILE.json", help="default: CHECKPOINT.facts.json")
-    parser.add_argument("--trust", action="store_true", help="execute the code that such a zip holds")
     return run_command(parser, argv, _export, "train")
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    network = load_network(arguments.checkpoint, arguments.trust)
+    network = load_network(arguments.checkpoint)
     facts = read_facts(arguments.facts or facts_path(arguments.checkpoint))
     export_planner(network, arguments.out, facts)
     print(f"written: {arguments.out}, {sidecar_path(arguments.out)}, {os.path.getsize(arguments.out) / 1e3:.0f} kB")

@@ -8,14 +8,11 @@ is nothing but tensors and a JSON file: what is read again is never unpickled.
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -24,7 +21,7 @@ from pacman_env.files import replaced, write_json
 from pacman_env.policies.metadata import Training
 
 from .arguments import Arguments, Hyperparameters
-from .checkpoint import Facts, facts_path, write_facts
+from .checkpoint import Facts, facts_path, read_tensors, write_facts
 from .games import VALIDATION_LEVEL, game_config
 
 
@@ -120,15 +117,6 @@ def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) ->
         seed=arguments.seed,
     )
     return Facts(game_config(arguments).robot.speed_mps, training, metrics)
-
-
-def read_tensors(path: Path, name: str) -> dict[str, Any]:
-    """One part of a checkpoint, ``policy`` or ``policy.optimizer``; nothing but tensors and numbers is read."""
-    with zipfile.ZipFile(path) as archive:
-        content: dict[str, Any] = torch.load(
-            io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu"
-        )
-    return content
 
 
 def restore(model: MaskablePPO, path: Path) -> None:

@@ -65,12 +65,12 @@ def _compare(arguments: argparse.Namespace) -> None:
     from .plot import save_plot
 
     configs = game_configs(arguments)
-    policies = named_policies(arguments.policies, arguments.trust)
+    policies = named_policies(arguments.policies)
     maps = named_scenarios(scenarios(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     blocks = [
-        Block(scenario, config, policy, seeds, arguments.trust)
+        Block(scenario, config, policy, seeds)
         for scenario, config, policy in itertools.product(maps.values(), configs, policies)
     ]
     unit = "game" if configs[0].endless else "episode"
@@ -85,7 +85,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     rounds = "endless games" if configs[0].endless else "rounds"
     save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:
-        _film(video_path, next(iter(maps.values())), configs[0], policies, seeds[0], arguments.trust)
+        _film(video_path, next(iter(maps.values())), configs[0], policies, seeds[0])
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
 
@@ -170,14 +170,12 @@ def _lists_in_lines(text: str) -> str:
     return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", joined, text)
 
 
-def _film(
-    path: Path, scenario: Scenario, config: Config, policies: dict[str, str], seed: np.uint64, trust: bool
-) -> None:
+def _film(path: Path, scenario: Scenario, config: Config, policies: dict[str, str], seed: np.uint64) -> None:
     from ..replay.recording import RecordedGame, film, save_video
 
     height = 720 if len(policies) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
     source = open_scenario(scenario, config)
-    games = [RecordedGame(source, config, spec, seed, name, trust) for spec, name in policies.items()]
+    games = [RecordedGame(source, config, spec, seed, name) for spec, name in policies.items()]
     save_video(film(games, height), path, config.execution.tick_s)
 
 

@@ -14,32 +14,20 @@ _FILES = (".onnx", ".zip")
 
 
 def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str], order: str) -> None:
-    """``--policies`` and ``--trust``; ``order`` says what the order means."""
-    parser.add_argument(
-        "--policies",
-        nargs="+",
-        default=list(default),
-        metavar="POLICY",
-        help=f"{order}; names ({', '.join(policy_names())}), .onnx files, with --trust checkpoints (.zip);"
-        f" without: {' '.join(default)}",
-    )
-    parser.add_argument("--trust", action="store_true", help="load checkpoints, which can run any code they hold")
+    """``--policies``; ``order`` says what the order means."""
+    names = f"names ({', '.join(policy_names())}), .onnx files, checkpoints of a training (.zip)"
+    words = f"{order}; {names}; without: {' '.join(default)}"
+    parser.add_argument("--policies", nargs="+", default=list(default), metavar="POLICY", help=words)
 
 
-def load_policy(spec: str, trust: bool = False) -> Policy:
-    """A new policy.
-
-    Args:
-        spec: what the registry makes one from, or a checkpoint of Stable-Baselines3 (``.zip``).
-        trust: checkpoints may be loaded, although they are pickled.
+def load_policy(spec: str) -> Policy:
+    """A new policy, of what the registry makes one from, or of a checkpoint (``.zip``).
 
     Raises:
         ValueError: there is no such policy, or it cannot be loaded.
     """
-    if Path(spec).suffix != ".zip":
+    if not is_checkpoint(spec):
         return make_policy(spec)
-    if not trust:
-        raise ValueError(f"{spec}: loading executes code from the file; give --trust if you know where it is from")
     try:
         import torch
 
@@ -48,18 +36,23 @@ def load_policy(spec: str, trust: bool = False) -> Policy:
     except ModuleNotFoundError as error:
         raise ValueError(f"{spec}: needs {error.name}: pip install 'pacman_env[train]'") from None
     torch.set_num_threads(1)  # cores are for processes: threads of each would wait for one another at every decision
-    policy: Policy = checkpoint.load_planner(Path(spec), trust=True)
+    policy: Policy = checkpoint.load_planner(Path(spec))
     return policy
 
 
-def named_policies(specs: Sequence[str], trust: bool) -> dict[str, str]:
+def is_checkpoint(spec: str) -> bool:
+    """Whether a policy is a file that only torch reads."""
+    return spec.endswith(".zip")
+
+
+def named_policies(specs: Sequence[str]) -> dict[str, str]:
     """Names in results by spec, each spec once.
 
     Raises:
         ValueError: a policy cannot be made; all are tried.
     """
     for spec in specs:
-        load_policy(spec, trust)
+        load_policy(spec)
     return result_names(specs)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.episodes.play import EPISODE, play
 
-from .policies import load_policy
+from .policies import is_checkpoint, load_policy
 from .scenarios import Levels, Scenario, open_scenario, parts_of_play
 
 _LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
@@ -30,7 +30,6 @@ class Block:
     config: Config
     policy: str
     seeds: NDArray[np.uint64]
-    trust: bool = False  # the policy may be a checkpoint
 
 
 Played = tuple[NDArray, NDArray[np.float64]]
@@ -47,7 +46,7 @@ class _Piece(NamedTuple):
 def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> Played:
     """Records and decision times of one block, as :func:`pacman_env.episodes.play.play` gives them."""
     source = open_scenario(block.scenario, block.config)
-    policy = load_policy(block.policy, block.trust) if block.trust else block.policy
+    policy = load_policy(block.policy) if is_checkpoint(block.policy) else block.policy
     return play(source, block.config, policy, block.seeds, on_end=on_end)
 
 

@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _replay(arguments: argparse.Namespace) -> None:
     config = game_configs(arguments)[0]
-    policies = named_policies(arguments.policies, arguments.trust)
+    policies = named_policies(arguments.policies)
     wanted = scenarios(arguments)
     if len(wanted) > 1:
         raise ValueError("--levels: not beside --map, a round is played on one of them")
@@ -78,10 +78,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     if out.suffix not in _SUFFIXES:
         raise ValueError(f"--out {out}: must end in one of {', '.join(_SUFFIXES)}")
     prepare(out)
-    games = [
-        RecordedGame(source, config, spec, np.uint64(arguments.seed), name, arguments.trust)
-        for spec, name in policies.items()
-    ]
+    games = [RecordedGame(source, config, spec, np.uint64(arguments.seed), name) for spec, name in policies.items()]
     level = f", level {games[0].level}" if arguments.levels else ""
     speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
     title = f"Round {arguments.seed} on {scenario_name(wanted[0], config)}{level}, {speed}"

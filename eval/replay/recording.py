@@ -48,14 +48,12 @@ class RecordedGame:
         changes: of its goal, so far.
     """
 
-    def __init__(
-        self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str, trust: bool = False
-    ) -> None:
-        """Begin the game; ``spec`` and ``trust`` are those of :func:`~eval.compare.policies.load_policy`."""
+    def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
+        """Begin the game; ``spec`` is that of :func:`~eval.compare.policies.load_policy`."""
         self.name = name
         self.changes: list[Change] = []
         self._batch = GameBatch(source, config, 1)
-        self._policy = load_policy(spec, trust)
+        self._policy = load_policy(spec)
         self._chosen = -1  # none yet
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))

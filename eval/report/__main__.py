@@ -133,12 +133,11 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         check_single_rounds(variant.config, f"--variant {variant.name}: ")
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
-    policies = named_policies([*arguments.policies, arguments.baseline], arguments.trust)
+    policies = named_policies([*arguments.policies, arguments.baseline])
     return Plan(
         maps=named_scenarios(scenarios(arguments), [config, *(variant.config for variant in variants)]),
         policies={name: spec for spec, name in policies.items()},
         baseline=policies[arguments.baseline],
-        trust=arguments.trust,
         preset=arguments.preset,
         execution=arguments.execution,
         settings=tuple(arguments.set),
@@ -201,7 +200,7 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
         path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
         source, seed = open_scenario(plan.maps[row["map"]], plan.config), np.uint64(int(row["seed"]))
         games = [
-            RecordedGame(source, plan.config, plan.policies[name], seed, name, plan.trust)
+            RecordedGame(source, plan.config, plan.policies[name], seed, name)
             for name in (pair["policy"], pair["baseline"])
         ]
         save_video(film(games, _FILM_HEIGHT), path, plan.config.execution.tick_s)

@@ -52,7 +52,6 @@ class Plan:
     maps: dict[str, Scenario]  # by name
     policies: dict[str, str]  # by name, what each is made from
     baseline: str  # its name
-    trust: bool  # checkpoints may be loaded
     preset: str
     execution: str
     settings: tuple[str, ...]
@@ -129,7 +128,7 @@ def blocks(plan: Plan) -> dict[Cell, Block]:
         parts += [(variant.name, variant.config, plan.seeds) for variant in plan.variants]
         for (part, config, seeds), (policy, spec) in itertools.product(parts, plan.policies.items()):
             cell = Cell(part, name, policy, config.clyde.speed_mps)
-            result[cell] = Block(scenario, config, spec, seeds, plan.trust)
+            result[cell] = Block(scenario, config, spec, seeds)
     return result
 
 
@@ -144,7 +143,6 @@ def replay_command(plan: Plan, map_name: str, seed: int) -> str:
     else:
         words += ["--map", scenario]
     words += ["--policies", *pair]
-    words += ["--trust"] if plan.trust and any(spec.endswith(".zip") for spec in pair) else []
     words += ["--clyde-speed", repr(plan.speed)]
     words += [] if plan.preset == "robot" else ["--preset", plan.preset]
     words += [] if plan.execution == "robust" else ["--execution", plan.execution]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,24 +28,21 @@ def test_a_registered_policy_is_made_anew_each_time() -> None:
     assert load_policy("nearest") is not load_policy("nearest")
 
 
-def test_a_checkpoint_is_refused_by_name_before_the_file_is_opened(tmp_path: Path) -> None:
+@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="nothing here loads checkpoints")
+@pytest.mark.parametrize("content", [None, b"anything"])
+def test_a_file_that_is_no_checkpoint_is_refused_by_name(content: bytes | None, tmp_path: Path) -> None:
     path = tmp_path / "run.zip"
-    with pytest.raises(ValueError, match=r"run\.zip: loading executes code from the file; give --trust"):
-        load_policy(str(path))
-    path.write_bytes(b"anything")
-    with pytest.raises(ValueError, match="loading executes code"):
-        named_policies(["nearest", str(path)], trust=False)
+    if content is not None:
+        path.write_bytes(content)
+    for load in (load_policy, lambda spec: named_policies(["nearest", spec])):
+        with pytest.raises(ValueError, match=r"run\.zip: no "):
+            load(str(path))
 
 
-@pytest.mark.skipif(
-    any(importlib.util.find_spec(name) is None for name in ("train.checkpoint", "sb3_contrib")),
-    reason="nothing here loads checkpoints",
-)
-def test_a_trusted_file_that_is_no_checkpoint_is_refused_as_such(tmp_path: Path) -> None:
-    path = tmp_path / "run.zip"
-    path.write_bytes(b"anything")
-    with pytest.raises(ValueError, match=r"run\.zip"):
-        load_policy(str(path), trust=True)
+def test_a_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(ValueError, match=r"run\.zip: needs torch: pip install 'pacman_env\[train\]'"):
+        load_policy("run.zip")
 
 
 def test_the_packages_planner_is_made_by_its_name() -> None:
@@ -54,4 +52,4 @@ def test_the_packages_planner_is_made_by_its_name() -> None:
 @pytest.mark.parametrize("spec", ["nobody", "nowhere.onnx"])
 def test_a_policy_that_there_is_not_is_refused_early(spec: str) -> None:
     with pytest.raises(ValueError, match=spec):
-        named_policies(["nearest", spec], trust=False)
+        named_policies(["nearest", spec])

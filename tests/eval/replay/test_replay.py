@@ -90,7 +90,7 @@ def test_what_is_not_installed_is_named(
         (["first"], "'first' is no whole number"),
         ([], "SEED"),
         (["1", "--policies", "nobody"], "unknown policy 'nobody'"),
-        (["1", "--policies", "run.zip"], "give --trust"),
+        (["1", "--policies", "run.zip"], "run.zip: "),
         (["1", "--out", "film.avi"], "must end in one of .mp4, .gif, .html"),
         (["1", "--map", "house", "--levels", "test"], "not beside --map"),
         (["1", "--map", "nowhere"], "nowhere"),
