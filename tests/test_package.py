@@ -93,7 +93,7 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_and_nothin
     package |= {
         f"pacman_env/{path.relative_to(ROOT)}" for room in ("eval", "train") for path in (ROOT / room).rglob("*.py")
     }
-    package |= {"pacman_env/eval/report/templates/report.html.j2"}
+    package |= {f"pacman_env/eval/templates/{page}.html.j2" for page in ("report", "replay")}
     package |= {"pacman_env/train/hyperparameters/PacManBot-v0.yaml"}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}

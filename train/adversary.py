@@ -1,7 +1,7 @@
 """Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
 
 Arguments, the rounds in order, the table of who completes against whom, and what is written down. Clyde's games are in
-:mod:`train.ghost_games`, those who play against the planner in :mod:`train.opponents`.
+``ghost_games``, those who play against the planner in ``opponents``.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from .network import EntityNetwork
 from .opponents import BUILT_IN, RULES, Table, make_pool, robustness
 from .options import parse_options
 from .policy import new_model
-from .run import LearningRate, Watch, facts_of, restore
+from .run import LearningRate, TrainingCallback, facts_of, restore
 
 _PROG = "pacman-env adversary"
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
@@ -231,7 +231,7 @@ class Alternation:
         set_random_seed(seeds[0])
         games.seed(seeds[1])
         began = time.perf_counter()
-        model.learn(hyper.decisions, Watch(hyper, rate, bar))
+        model.learn(hyper.decisions, TrainingCallback(hyper, rate, bar))
         games.close()
         self._decisions[side] += int(model.num_timesteps)
         return time.perf_counter() - began
@@ -316,7 +316,7 @@ def network_of(path: Path) -> EntityNetwork:
 
 
 def _games(arguments: Arguments, side: int) -> GameArguments:
-    """What the games and the learning of a side are made from."""
+    """The arguments of the games and the learning of a side."""
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     own = side == _CLYDE
     count = arguments.clyde_games if own else arguments.games

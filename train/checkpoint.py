@@ -29,7 +29,7 @@ from .network import FORBIDDEN, EntityNetwork
 
 @dataclass(frozen=True)
 class Facts:
-    """What only the training knows about its planner."""
+    """Facts about a planner that only its training knows."""
 
     robot_speed_mps: float  # with which its features were built
     training: Training
@@ -53,7 +53,7 @@ def write_facts(path: Path, facts: Facts) -> None:
 
 
 def read_facts(path: Path) -> Facts:
-    """What ``write_facts`` wrote.
+    """Read what ``write_facts`` wrote.
 
     Raises:
         ValueError: there is no such file, or something else in it.

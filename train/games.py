@@ -38,7 +38,7 @@ _PATHS = (
     "mean_pellet",
     "pellets_around",
 )
-_FUTURES = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
+_PREDICTION = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
 
 
 def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Config:
@@ -47,7 +47,7 @@ def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Confi
 
 
 def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dict[str, Any]:
-    """What of that game's configuration differs from its preset's."""
+    """The fields of that game's configuration that differ from its preset's."""
     hyper = arguments.hyper
     low, high = hyper.clyde_speed
     high = high if fastest_mps is None else max(low, min(high, fastest_mps))
@@ -71,7 +71,7 @@ def clyde_limit(arguments: Arguments, segment: int) -> float | None:
 
 def dropped(arguments: Arguments) -> dict[str, tuple[int, ...]]:
     """Columns that the network of an ablation is not shown, and of the kinds it may not choose."""
-    names = (_PATHS if "paths" in arguments.without else ()) + (_FUTURES if "futures" in arguments.without else ())
+    names = (_PATHS if "paths" in arguments.without else ()) + (_PREDICTION if "futures" in arguments.without else ())
     kinds = [kind for kind, part in (("is_refuge", "refuges"), ("is_hold", "hold")) if part in arguments.without]
     return {
         "dropped_features": tuple(CANDIDATE_FEATURES.index(name) for name in names),

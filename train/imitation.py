@@ -22,7 +22,7 @@ _ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has somet
 
 
 class _Lesson(NamedTuple):
-    """What is learned from, row by row."""
+    """Rows that are learned from."""
 
     observations: dict[str, torch.Tensor]
     choices: torch.Tensor  # (B,) the teacher's

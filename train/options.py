@@ -63,7 +63,7 @@ def _values(default: Any) -> dict[str, Any]:
 
 
 def _kind(hint: Any) -> dict[str, Any]:
-    """How argparse takes a value of this type."""
+    """The arguments of ``add_argument`` for a value of this type."""
     if hint is bool:
         return {"action": argparse.BooleanOptionalAction}
     if typing.get_origin(hint) is types.UnionType:

@@ -35,7 +35,7 @@ from .games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_c
 from .imitation import imitate
 from .options import parse_options
 from .policy import new_model
-from .run import LearningRate, Run, Watch, restore
+from .run import LearningRate, Run, TrainingCallback, restore
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
@@ -149,9 +149,9 @@ def _segment(
         bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
         games.seed(int(seeds[1]))
     model.num_timesteps = segment * hyper.segment
-    watch = Watch(hyper, rate, bar)
+    callback = TrainingCallback(hyper, rate, bar)
     learning = time.perf_counter()
-    model.learn(hyper.segment, watch, reset_num_timesteps=False)
+    model.learn(hyper.segment, callback, reset_num_timesteps=False)
     ended = time.perf_counter()
     share = _validate(arguments, model)
     speed = hyper.segment / (ended - learning)
@@ -189,7 +189,7 @@ def _validate(arguments: Arguments, model: MaskablePPO) -> float:
 def _completed(
     policy: str | Policy, source: GeneratedMaps, config: Config, seeds: NDArray[np.uint64]
 ) -> NDArray[np.bool_]:
-    """Which of the rounds ended with all pellets collected and the robot at home."""
+    """(E,) the rounds that ended with all pellets collected and the robot at home."""
     records, _ = play(source, config, policy, seeds, batch_size=_BATCH)
     return np.asarray(records["end"] == COMPLETE)
 

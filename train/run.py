@@ -84,7 +84,7 @@ class Run:
 
 
 def _plain(arguments: Arguments) -> dict[str, Any]:
-    """What decides the curve, as JSON has it."""
+    """The arguments that decide the curve, as JSON has them."""
     plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
     for name in ("out", "resume", "progress"):
         del plain[name]
@@ -106,7 +106,7 @@ def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
 
 
 def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
-    """What is said of a network after so many decisions of a training."""
+    """The facts about a network after so many decisions of a training."""
     training = Training(
         clyde_speeds_mps=arguments.hyper.clyde_speed,
         robot_speeds_mps=arguments.hyper.robot_speed,
@@ -144,7 +144,7 @@ class LearningRate:
         return _between(self.pair, self.progress)
 
 
-class Watch(BaseCallback):
+class TrainingCallback(BaseCallback):
     """Schedules over the whole run, shares of endings for the log, the progress bar."""
 
     def __init__(self, hyper: Hyperparameters, rate: LearningRate, bar: Any) -> None:

@@ -139,15 +139,15 @@ def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number
         folder, _ = train(chosen, lambda result: _judge(trial, result))
     except optuna.TrialPruned as pruned:
         study.tell(trial, state=TrialState.PRUNED)
-        told = f"given up: {pruned}"
+        result = f"given up: {pruned}"
     except FloatingPointError as error:
         study.tell(trial, state=TrialState.FAIL)
-        told = f"failed: {error}"
+        result = f"failed: {error}"
     else:
         share = folder.segments[-1]["completed"]
         study.tell(trial, share)
-        told = f"{share:.1%} of validation rounds completed"
-    print(f"trial {number}: {told}")
+        result = f"{share:.1%} of validation rounds completed"
+    print(f"trial {number}: {result}")
 
 
 def _judge(trial: Trial, result: dict[str, Any]) -> None:
@@ -175,7 +175,7 @@ def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Argu
 
 
 def _plain(settings: Study, section: Hyperparameters) -> dict[str, Any]:
-    """What decides the trials, as JSON has it."""
+    """The settings that decide the trials, as JSON has them."""
     names = ("decisions", "segments", "evaluation", "seed")
     kept = {name: getattr(settings, name) for name in names}
     return dict(json.loads(json.dumps({**kept, "hyper": dataclasses.asdict(section)})))

@@ -9,9 +9,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from pacman_env.cli.command import Parser, run_command, whole_number
@@ -23,24 +21,11 @@ from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.prediction import encounters
 from pacman_env.sim.observation.situation import Situation
 
+from .throughput import make_vector
+
 KINDS = (("features",), ("planner",), ("features", "planner"))
 HELD = 6  # decisions that a choice is held for
 _SCORER = scorer_parameters(make_config())
-
-
-def _make(games: int, map_source: str, observation: Sequence[str]) -> PacManBotVectorEnv:
-    arguments: dict[str, Any] = {"num_levels": games} if map_source.startswith("generated") else {}
-    env = gym.make_vec(
-        "pacman_env/PacManBot-v0",
-        num_envs=games,
-        vectorization_mode="vector_entry_point",
-        map=map_source,
-        observation=observation,
-        **arguments,
-    ).unwrapped
-    assert isinstance(env, PacManBotVectorEnv)
-    env.reset(seed=0)
-    return env
 
 
 def _rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> float:
@@ -96,7 +81,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> None:
-    envs = [_make(arguments.games, arguments.map, kinds) for kinds in KINDS]
+    levels = {"num_levels": arguments.games} if arguments.map.startswith("generated") else {}
+    envs = [make_vector(arguments.games, arguments.map, observation=kinds, **levels) for kinds in KINDS]
     rng = np.random.default_rng(0)
     for env in envs:
         _rate(env, rng, arguments.steps)  # compilation, caches, houses

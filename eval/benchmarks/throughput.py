@@ -61,11 +61,10 @@ def bare_rate(world: PhysicsWorld, env: PacManBotVectorEnv, steps: int) -> float
     return steps * world.n / (time.perf_counter() - began)
 
 
-def make_vector(n: int, map_source: str) -> PacManBotVectorEnv:
+def make_vector(n: int, map_source: str, **arguments: Any) -> PacManBotVectorEnv:
     """The native vector environment, warmed up."""
-    env = gym.make_vec(
-        "pacman_env/PacManBot-v0", num_envs=n, vectorization_mode="vector_entry_point", map=map_source
-    ).unwrapped
+    kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
+    env = gym.make_vec("pacman_env/PacManBot-v0", num_envs=n, **kind).unwrapped
     assert isinstance(env, PacManBotVectorEnv)
     env.reset(seed=0)
     vector_rate(env, np.random.default_rng(0), 2 * HELD)

@@ -1,8 +1,8 @@
 """Randomised games of the robot's nodes with everything going wrong: ``pacman-env campaign --games 200``.
 
-The nodes that ``pacman-env ros up --sim`` starts run as processes; a witness beside them makes the simulated robot's
-faults begin and end, interferes from outside, and judges each game (``robot_witness.py``). What happens in a game is
-drawn from its seed (``robot_schedule.py``); when exactly the processes hear of it is the machine's business, so a game
+The nodes that ``pacman-env ros up --sim`` starts run as processes; a recorder beside them makes the simulated robot's
+faults begin and end, interferes from outside, and judges each game (``verdict``). What happens in a game is
+drawn from its seed (``schedule``); when exactly the processes hear of it is the machine's business, so a game
 that is repeated with ``--only`` need not go the same way. Needs ROS.
 
 A game hangs when nothing has been wrong for two minutes, no fault and no show, and there is no progress: neither
@@ -50,7 +50,7 @@ OUTCOMES = ("complete", "lost", "reset", "home failed", "never")
 
 @dataclass
 class Verdict:
-    """What came of one game."""
+    """The result of one game."""
 
     seed: int
     ground: str
@@ -171,7 +171,7 @@ class Played:
         return found
 
     def _mark(self) -> tuple[Any, ...]:
-        """What changes where there is progress."""
+        """The things that change where there is progress."""
         place = self._recorder.track[-1] if self._recorder.track else None
         pellets = sum(r.topic == "game/pellets_collected" for r in self._recorder.records)
         return self._recorder.state, pellets, (place.x, place.y) if place else (0.0, 0.0)

@@ -36,7 +36,7 @@ _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate c
 
 
 class Lateness:
-    """How long one of some processes, or this one, waited for a core, wall s, and when, ns.
+    """The waiting of processes, this one included, for a core: how long, wall s, and when, ns.
 
     Args:
         processes: their ids.
@@ -70,12 +70,12 @@ class Lateness:
 
 
 def bad_lines(text: str) -> list[str]:
-    """What no node may log: errors, exceptions that nobody caught, and the middleware's last words."""
+    """Lines that no node may log: errors, exceptions that nobody caught, and the middleware's last words."""
     return [line.strip()[:300] for line in text.splitlines() if _BAD_WORDS.search(line)]
 
 
 class System:
-    """All processes of a game on one ground, and the witness; ``with`` starts and stops them."""
+    """All processes of a game on one ground, and the recorder; ``with`` starts and stops them."""
 
     def __init__(self, seed: int, speed: float, folder: Path) -> None:
         name, within_m = ground_of(seed)
@@ -114,7 +114,7 @@ class System:
         self.recorder.close()
 
     def troubles(self) -> list[str]:
-        """Processes that have ended, and bad words in the logs, since the last call."""
+        """Processes that have ended, and bad lines in the logs, since the last call."""
         try:
             found = [f"{name} ended" for name in self._crew.tend()]
         except Lost as lost:

@@ -54,7 +54,7 @@ class Fault(Exception):
 
 @dataclass
 class Tally:
-    """What came of the episodes on one map."""
+    """Counts of the episodes on one map."""
 
     episodes: int = 0
     decisions: int = 0

@@ -61,7 +61,7 @@ def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> Non
 
 
 def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What ``--set`` changes.
+    """The fields that ``--set`` changes.
 
     Raises:
         ConfigError: not a field and a value of it, or Clyde's speed.

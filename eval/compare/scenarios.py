@@ -95,7 +95,7 @@ def parts_of_play(scenario: Scenario, config: Config, seeds: NDArray[np.uint64],
 
 
 def scenarios(arguments: argparse.Namespace) -> list[Scenario]:
-    """What the arguments of ``add_scenario_arguments`` name, each once: maps first, then levels.
+    """The scenarios that the arguments of ``add_scenario_arguments`` name, each once: maps first, then levels.
 
     Raises:
         ValueError: generated levels are asked for as a map, or numbers of levels without levels.

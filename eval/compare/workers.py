@@ -93,7 +93,7 @@ def _cut(number: int, block: Block, workers: int) -> list[_Piece]:
 
 
 def _joined(blocks: Sequence[Block], pieces: Sequence[_Piece], played: Sequence[Played]) -> list[Played]:
-    """What was played of each block, its rounds in their order again."""
+    """The results of each block, its rounds in their order again."""
     results = []
     for number, block in enumerate(blocks):
         mine = [(piece.rounds, played[k]) for k, piece in enumerate(pieces) if piece.number == number]

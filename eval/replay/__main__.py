@@ -10,7 +10,6 @@ import base64
 import sys
 import tempfile
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -21,25 +20,11 @@ from pacman_env.files import prepare, replaced
 from ..compare.arguments import add_game_arguments, game_configs
 from ..compare.policies import add_policy_arguments, named_policies
 from ..compare.scenarios import open_scenario, scenario_name, scenarios
+from ..templates import render
 from .recording import RecordedGame, film, save_video
 
 _SUFFIXES = (".mp4", ".gif", ".html")
 _HEIGHT = 480  # px
-_STYLE = """
-:root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif }
-body { margin: 2rem auto; max-width: 80rem; padding: 0 1rem }
-video { width: 100%; background: #1b1f2b }
-h1 { font-size: 1.3rem } h2 { font-size: 1.1rem; margin-top: 2rem }
-.scroll { overflow-x: auto }
-table { border-collapse: collapse; font-size: .9rem }
-th, td { border-bottom: 1px solid #8886; padding: .2rem .8rem .2rem 0; text-align: left; vertical-align: top }
-td:first-child { white-space: nowrap; text-align: right; font-variant-numeric: tabular-nums }
-td:nth-child(2) { white-space: nowrap }
-"""
-_EXPLANATION = (
-    "Each line below is a decision to go somewhere else, with the policy's own explanation: a higher score is better;"
-    " what follows it are the terms that it is made of. Pellets and refuges are counted from 0."
-)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -100,30 +85,10 @@ def _write(out: Path, games: Sequence[RecordedGame], title: str, tick_s: float) 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         save_video(frames, path, tick_s)
-        text = page(title, path.read_bytes(), games)
+        video = base64.b64encode(path.read_bytes()).decode()
+    text = render("replay.html.j2", title=title, video=video, games=games)
     with replaced(out) as temporary:
         temporary.write_text(text)
-
-
-def page(title: str, video: bytes, games: Sequence[RecordedGame]) -> str:
-    """The film, an MP4, and the decisions of the games in it, played to their end; it needs nothing beside it."""
-    data = base64.b64encode(video).decode()
-    parts = [
-        '<!doctype html>\n<html lang="en">\n<meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n<h1>{escape(title)}</h1>",
-        f'<video controls autoplay muted loop src="data:video/mp4;base64,{data}"></video>',
-        f"<p>{_EXPLANATION}</p>",
-    ]
-    for game in games:
-        rows = "\n".join(
-            f"<tr><td>{change.when}<td>{escape(change.goal)}<td>{escape(change.why)}" for change in game.changes
-        )
-        parts.append(
-            f"<h2>{escape(game.name)}: {escape(game.outcome())}</h2>\n"
-            f'<div class="scroll"><table>\n<tr><th>time<th>goal<th>why\n{rows}\n</table></div>'
-        )
-    return "\n".join(parts) + "\n</html>\n"
 
 
 if __name__ == "__main__":

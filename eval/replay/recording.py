@@ -95,7 +95,7 @@ class RecordedGame:
         return render_frame(self._batch, 0, height=height, title=self.name)
 
     def outcome(self) -> str:
-        """What came of the game, in words."""
+        """The result of the game, in words."""
         batch, game = self._batch, self._batch.games[0]
         seconds = self._before_s + game["step"] * batch.config.physics_step_s
         if batch.config.endless:

@@ -161,7 +161,7 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
 
 
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
-    """What was played, with all that is needed to play it again."""
+    """All that is needed to play the rounds again."""
     return {
         "schema": SCHEMA,
         "version": __version__,

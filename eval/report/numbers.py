@@ -192,6 +192,6 @@ def _outcome(record: Any) -> Numbers:
 
 
 def _raw(cell: Cell, records: NDArray) -> Numbers:
-    """What happened in each round, in the order of the seeds."""
+    """The records of the rounds, in the order of the seeds."""
     shown: Sequence[str] = [name for name in records.dtype.names or () if name != "seed"]
     return {**cell._asdict(), **{name: records[name].tolist() for name in shown}}

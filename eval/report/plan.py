@@ -104,7 +104,7 @@ def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str
 
 
 def check_single_rounds(config: Config, where: str = "") -> None:
-    """What the report adds by itself, or cannot measure, must not be set.
+    """Refuse what the report adds by itself, or cannot measure.
 
     Raises:
         ConfigError: endless games, velocities, or ghosts that wait to be told.

@@ -129,7 +129,7 @@ def play(
 
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """What the policy picks for each game; towards the end, when few still play, it is not asked about the others."""
+    """(N,) the policy's choice for each game; when few still play, it is not asked about the others."""
     nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
     if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
         return allowed(situation, policy.select(situation), hold)
@@ -140,7 +140,7 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
 
 
 def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:
-    """What came of the games ``index``."""
+    """The records of the games ``index``."""
     games = batch.games[index]
     result = np.zeros(len(index), dtype=EPISODE)
     result["seed"] = games["episode_seed"]

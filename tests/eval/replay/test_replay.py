@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from eval.replay.__main__ import main, page
+from eval.replay.__main__ import main
 from eval.replay.recording import Change, RecordedGame
+from eval.templates import render
 from pacman_env.episodes.play import episode_seeds
 from tests.eval.helpers import CONFIG, played, played_on_levels, refused_in_one_line
 from tests.eval.replay.test_video import film
@@ -67,7 +68,7 @@ def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
 
     game = RecordedGame(open_scenario("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
     game.changes.append(Change("1.0 s", "pellet & more", "<script>"))
-    text = page("a < b", b"film", [game])
+    text = render("replay.html.j2", title="a < b", video="", games=[game])
     for escaped in ("&lt;b&gt;policy", "pellet &amp; more", "&lt;script&gt;", "<h1>a &lt; b</h1>"):
         assert escaped in text
     assert "<script" not in text
