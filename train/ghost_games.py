@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
 from pacman_env.envs.spaces import planner_spaces
-from pacman_env.episodes.play import allowed
+from pacman_env.episodes.rollout import allowed
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
 from pacman_env.sim.observation.planner_features import planner_features

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import ClydeConfig
-from pacman_env.episodes.play import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.episodes.statistics import wilson
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.config import Config
-from pacman_env.episodes.play import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.records import COMPLETE

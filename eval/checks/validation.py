@@ -15,7 +15,7 @@ from typing import Any
 
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, replaced
 from pacman_env.sim.maps.assets import map_assets

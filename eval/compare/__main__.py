@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.files import prepare, replaced
 
 from .arguments import add_game_arguments, game_configs

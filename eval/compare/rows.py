@@ -56,7 +56,7 @@ def make_row(
         map_name: the map.
         policy: the policy as named in results.
         clyde_speed: m/s.
-        records: (E,) of type ``pacman_env.episodes.play.EPISODE``.
+        records: (E,) of type ``pacman_env.episodes.rollout.EPISODE``.
         decision_ms: (T,) times of single decisions.
         first: (E,) records of the policy to compare with, in the same seeds; None: this is that policy.
         endless: the records are of endless games.

@@ -1,6 +1,6 @@
 """One game played by one policy, tick by tick: its film, and when and why the policy changed its goal.
 
-The game is bit for bit that of :func:`pacman_env.episodes.play.play` with the same seed.
+The game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the same seed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.episodes.play import MOST_ROUNDS, allowed
+from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
 from pacman_env.files import replaced
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame

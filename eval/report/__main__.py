@@ -22,7 +22,7 @@ import numpy as np
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import PRESETS, ConfigError, make_config
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.metadata import read_planner

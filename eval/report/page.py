@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from pacman_env.episodes.play import MOST_ROUNDS
+from pacman_env.episodes.rollout import MOST_ROUNDS
 
 from ..templates import render
 from .charts import COLOURS, Line, curve_chart, interval_bar

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.episodes.play import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.heuristics.lookahead import Lookahead
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch

@@ -16,7 +16,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 pytest.importorskip("tyro")
 
-from pacman_env.episodes.play import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.assets import map_assets

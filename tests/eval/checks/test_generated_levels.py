@@ -18,23 +18,23 @@ def saved(rows: list[str], folder: Path) -> Path:
     return drawn(rows, square_m=0.4).save(folder / "rooms.yaml")
 
 
-def scenario(column: int, row: int) -> tuple[float, float]:
+def place(column: int, row: int) -> tuple[float, float]:
     return (column + 0.5) * 0.4, (5 - row - 0.5) * 0.4
 
 
 def test_a_disc_goes_through_a_door_that_is_wide_enough_only(tmp_path: Path) -> None:
-    path, scenarios = saved(ROOMS, tmp_path), np.array([scenario(2, 2), scenario(10, 2)])
-    assert objection(path, scenarios, 0.15) == ""
-    assert objection(path, scenarios, 0.25).startswith("no way from")
+    path, places = saved(ROOMS, tmp_path), np.array([place(2, 2), place(10, 2)])
+    assert objection(path, places, 0.15) == ""
+    assert objection(path, places, 0.25).startswith("no way from")
 
 
 def test_a_sealed_room_a_wall_and_the_outside_are_named(tmp_path: Path) -> None:
     path = saved(SHUT, tmp_path)
-    inside, sealed, wall = scenario(2, 2), scenario(10, 2), scenario(6, 2)
-    assert objection(path, np.array([inside, scenario(4, 1)]), 0.15) == ""
+    inside, sealed, wall = place(2, 2), place(10, 2), place(6, 2)
+    assert objection(path, np.array([inside, place(4, 1)]), 0.15) == ""
     assert objection(path, np.array([inside, sealed]), 0.15) == f"no way from {list(inside)} to {[list(sealed)]}"
     assert objection(path, np.array([wall, inside]), 0.15) == f"the disc does not fit at {list(wall)}"
-    assert objection(path, np.array([inside, (-1.0, 0.0)]), 0.15) == "scenarios [[-1.0, 0.0]] are off the map"
+    assert objection(path, np.array([inside, (-1.0, 0.0)]), 0.15) == "places [[-1.0, 0.0]] are off the map"
 
 
 def test_pictures_are_read_as_they_were_saved(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_a_map_that_is_turned_is_refused(tmp_path: Path) -> None:
     path = saved(ROOMS, tmp_path)
     path.write_text(path.read_text().replace("negate: 0", "negate: 1"))
     with pytest.raises(ValueError, match="negate"):
-        objection(path, np.array([scenario(2, 2)]), 0.1)
+        objection(path, np.array([place(2, 2)]), 0.1)
 
 
 def test_the_command_judges_levels_of_both_splits(capsys: pytest.CaptureFixture[str]) -> None:

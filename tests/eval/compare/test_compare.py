@@ -12,7 +12,7 @@ import pytest
 
 from eval.compare.__main__ import SCHEMA, main
 from pacman_env import __version__
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.world.maps.occupancy import load_map
 from tests.eval.compare.test_rows import PROMISED
 from tests.eval.helpers import refused_in_one_line

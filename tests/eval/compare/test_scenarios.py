@@ -11,7 +11,7 @@ from eval.compare import scenarios as sources
 from eval.compare.arguments import LEVELS_PLAYED, add_game_arguments
 from eval.compare.scenarios import Levels, describe_scenario, named_scenarios, open_scenario, parts_of_play, scenarios
 from pacman_env.config import ConfigError
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.sim.maps.generated import TEST_LEVEL, GeneratedMaps
 from pacman_env.world.maps.occupancy import MapError, load_map
 from tests.eval.helpers import CONFIG, LEVELS, LEVELS_CONFIG

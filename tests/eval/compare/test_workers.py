@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eval.compare.workers import Block, play_all
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from tests.eval.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
 
 

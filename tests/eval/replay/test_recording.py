@@ -10,7 +10,7 @@ from eval.compare.scenarios import Scenario, open_scenario
 from eval.replay.recording import RecordedGame, film
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.game.ghosts import BEHAVIOURS
 from tests.eval.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 

@@ -10,7 +10,7 @@ import pytest
 from eval.replay.__main__ import main
 from eval.replay.recording import Change, RecordedGame
 from eval.templates import render
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 from tests.eval.helpers import CONFIG, played, played_on_levels, refused_in_one_line
 from tests.eval.replay.test_video import film
 

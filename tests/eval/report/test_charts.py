@@ -49,10 +49,10 @@ def test_one_speed_makes_a_chart_too() -> None:
     assert [e.get("class") for e in root if e.tag == "circle"] == ["dot c0"]
 
 
-@pytest.mark.parametrize(("value", "scenario"), [(0.0, 6), (0.5, 52), (1.0, 98)])
-def test_a_bar_has_its_dot_in_its_place(value: float, scenario: float) -> None:
+@pytest.mark.parametrize(("value", "place"), [(0.0, 6), (0.5, 52), (1.0, 98)])
+def test_a_bar_has_its_dot_in_its_place(value: float, place: float) -> None:
     dot = re.search(r'cx="([\d.]+)"', interval_bar(value, (value, value), 8))
     assert dot is not None
-    assert float(dot[1]) == scenario
+    assert float(dot[1]) == place
     assert "zero" not in interval_bar(value, (0, 1), 0)
     assert "zero" in interval_bar(value, (0, 1), 0, -1, 1)

@@ -16,7 +16,7 @@ from eval.report.plan import (
     replay_command,
 )
 from pacman_env.config import ConfigError, make_config
-from pacman_env.episodes.play import episode_seeds
+from pacman_env.episodes.rollout import episode_seeds
 
 HOUSE, LEVELS = "some folder/house.yaml", Levels("test", None, 7)
 

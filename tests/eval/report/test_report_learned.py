@@ -20,7 +20,7 @@ from eval.replay.__main__ import main as replay
 from eval.report.__main__ import main
 from pacman_env.config import make_config
 from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
-from pacman_env.episodes.play import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.maps.assets import map_assets
 from tests.train.planners import FACTS, random_planner

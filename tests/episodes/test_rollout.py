@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eval.compare.scenarios import open_scenario
-from pacman_env.episodes.play import MOST_ROUNDS, allowed, episode_seeds, play
+from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies import registry
 from pacman_env.sim.core.batch import GameBatch
