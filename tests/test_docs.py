@@ -76,7 +76,8 @@ def test_the_pages_show_every_command() -> None:
 
 def test_modules_of_the_checkout_are_commands_too() -> None:
     modules = sorted(name.removesuffix(".__main__") for name, _ in MODULES.values())
-    named = {module for page in PAGES for module in re.findall(r"python -m ((?:eval|train)\.[\w.]+)", page.read_text())}
+    pages = [page for page in PAGES if page.name != "CHANGELOG.md"]  # which tells of former names too
+    named = {module for page in pages for module in re.findall(r"python -m ((?:eval|train)\.[\w.]+)", page.read_text())}
     assert named <= {*modules}
     code = f"""
 import runpy, sys
