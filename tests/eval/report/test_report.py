@@ -72,7 +72,7 @@ def test_the_json_says_what_was_played(made: tuple[dict[str, Any], Path]) -> Non
     assert (report["version"], report["seed"], report["execution"]) == (__version__, 5, "as_built")
     occupancy = load_map("house")
     assert [(m["name"], m["hash"]) for m in report["maps"]] == [("house", occupancy.hash)]
-    assert report["command"].startswith("python -m eval.report --set pellets.spacing_m=3")
+    assert report["command"].startswith("pacman-env report --set pellets.spacing_m=3")
     assert f"--out {page}" in report["command"]
     assert report["config"] == json.loads(json.dumps(CONFIG.as_dict()))
     assert [(p["name"], p["baseline"]) for p in report["policies"]] == [("clyde_aware", False), ("random", True)]
@@ -123,7 +123,7 @@ def test_the_pair_holds_exactly_the_rounds_that_part_them(made: tuple[dict[str, 
     assert len(report["pair"]["wins"]) > 0
     row = report["pair"]["wins"][0]
     assert (row["ours"]["end"], row["theirs"]["end"] != "complete") == ("complete", True)
-    assert row["command"].startswith(f"python -m eval.replay {row['seed']} --map house")
+    assert row["command"].startswith(f"pacman-env replay {row['seed']} --map house")
     assert row["command"] in " ".join("".join(Tags(page.read_text()).text).split())
 
 
@@ -140,7 +140,7 @@ def test_the_command_beside_a_round_plays_it_again(
     words = shlex.split(row["command"])
     assert words[:2] == ["pacman-env", "replay"]
     monkeypatch.chdir(tmp_path)
-    assert replay(words[3:]) == 0
+    assert replay(words[2:]) == 0
     assert (tmp_path / "results" / f"replay-{row['seed']}.mp4").stat().st_size > 1000
     text = capsys.readouterr().out
     for policy, outcome in ((pair["policy"], row["ours"]), (pair["baseline"], row["theirs"])):
