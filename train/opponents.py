@@ -1,8 +1,7 @@
-"""Who plays Clyde against a planner: rules for his seat, a pool that gives each game one of many, a table of results.
+"""The Clydes that a planner is trained against: a pool that gives each game one of many, a table of results.
 
-A policy in a ghost's seat sees himself as Clyde; the candidates are the places he can be sent to and the last one is to
-wander on (``situation.py``). The environment's own behaviours are in ``game/ghosts.py``; the rules here are their like
-for a seat in which every game may have another player.
+The rules are the environment's own behaviours (``game/ghosts.py``), here for a ghost whom another policy may move in
+every game.
 """
 
 from __future__ import annotations
@@ -13,15 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import ClydeConfig
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.episodes.statistics import wilson
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
+from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.core.parameters import draw_below
 from pacman_env.sim.maps.generated import GeneratedMaps
-from pacman_env.sim.observation.situation import HOLD, Situation
+from pacman_env.sim.observation.situation import Situation
 
 from .arguments import Arguments
 from .games import VALIDATION_LEVEL, game_config
@@ -30,65 +29,32 @@ BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
 RULES = ("lookahead", "clyde_aware")
 _OPPONENT = 32  # purpose of the draw, beside those of pacman_env/rng.py
 _PARTS = 1 << 20  # a share is drawn so finely
-_NEARER = 0.05  # of two places behind the robot the one nearer to it
 _HELD_OUT = 128  # validation levels that rounds are drawn from
 _GAMES = 128  # at once
 
 
-class Wander(BasePolicy):
-    """The original Clyde: draws his own targets."""
-
-    name = "wander"
-
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) 0 for wandering on, -inf for all places."""
-        return np.where(situation.kind == HOLD, 0.0, -np.inf)
-
-
-class Chase(BasePolicy):
-    """Goes for the robot: to a place that he gets to by way of it.
-
-    The way to any place is at most the way to the robot and on from there, and just as long where the robot stands on
-    the way: that is where his way is longer than the robot's by the most.
-    """
-
-    name = "chase"
-
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) m, -inf where he or the robot has no way."""
-        mine, robots = situation.path_clyde, situation.path_robot
-        known = situation.mask & np.isfinite(mine) & np.isfinite(robots) & (situation.kind != HOLD)
-        with np.errstate(invalid="ignore"):
-            return np.where(known, mine - (1 + _NEARER) * robots, -np.inf)
-
-
-class Arcade(BasePolicy):
-    """The arcade's Clyde: chases as long as he is far away, then turns to the lower left of the map.
+class BehaviourOpponent(BasePolicy):
+    """A behaviour of the environment's in Clyde's place.
 
     Args:
-        distance_m: from the robot, straight, below which he turns away.
+        name: one of :data:`pacman_env.sim.core.ghosts.BEHAVIOUR_NAMES`.
     """
 
-    name = "arcade"
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._number = BEHAVIOUR_NAMES.index(name)
 
-    def __init__(self, distance_m: float = ClydeConfig().arcade_distance_m) -> None:
-        self.distance_m = distance_m
-        self._chase = Chase()
-
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) those of the chase, or minus the squared distance to the corner, m2."""
-        places = situation.mask & (situation.kind != HOLD)
-        low = np.where(places[:, :, None], situation.position, np.inf).min(axis=1, keepdims=True)
-        away = np.where(places, -((situation.position - low) ** 2).sum(axis=2), -np.inf)
-        distance = np.linalg.norm(situation.robot[:, :2] - situation.clyde, axis=1)
-        return np.where((distance > self.distance_m)[:, None], self._chase.scores(situation), away)
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        """(N,) the choice beyond the candidates that stands for the behaviour."""
+        n, candidates = situation.mask.shape
+        return np.full(n, behaviour_choice(candidates - 1, self._number), dtype=np.int64)
 
 
 class Opponents(BasePolicy):
     """A pool: each round is played by one of several, drawn from the round's seed.
 
     Args:
-        members: their ``scores`` are asked, so none may need to remember anything.
+        members: none may need to remember anything.
         shares: of the rounds, in proportion.
 
     Raises:
@@ -111,14 +77,14 @@ class Opponents(BasePolicy):
         share = (draw_below(seeds, _OPPONENT, _PARTS) + 0.5) / _PARTS
         return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
 
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) by the member whose round it is."""
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        """(N,) what the member says whose round it is."""
         numbers = self.drawn(situation.seed)
-        result = np.full(situation.mask.shape, -np.inf)
+        chosen = np.empty(len(numbers), dtype=np.int64)
         for number in np.unique(numbers).tolist():
             rows = np.flatnonzero(numbers == number)
-            result[rows] = self.members[number].scores(situation.rows(rows))
-        return result
+            chosen[rows] = self.members[number].select(situation.rows(rows))
+        return chosen
 
 
 def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
@@ -127,8 +93,8 @@ def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
     Raises:
         ValueError: a share that is none.
     """
-    others: list[Policy] = [Chase(), Arcade(), *learned]
-    return Opponents([Wander(), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
+    others: list[Policy] = [BehaviourOpponent("chase"), BehaviourOpponent("arcade"), *learned]
+    return Opponents([BehaviourOpponent("wander"), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
 
 
 def completed_against(policy: Policy, clyde: str | Policy, arguments: Arguments, rounds: int) -> NDArray[np.bool_]:

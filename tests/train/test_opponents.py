@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from pacman_env.config import ConfigError
 from pacman_env.envs.arguments import EnvArguments, Ghosts
 from pacman_env.envs.core import EnvCore
-from pacman_env.game.execution import DEAD, RUNNING
+from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.situation import HOLD, Situation
+from pacman_env.sim.observation.situation import Situation
 from tests.train.planners import random_planner
 from train.arguments import FOLDER, Arguments, load_hyperparameters
-from train.opponents import Arcade, Chase, Opponents, Table, Wander, completed_against, make_pool, robustness
+from train.opponents import BehaviourOpponent, Opponents, Table, completed_against, make_pool, robustness
 
 GAMES = 16
 ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline"))
@@ -42,109 +42,67 @@ def hold(played: EnvCore, ticks: int) -> None:
         played.step(np.full(played.batch.n, played.batch.hold))
 
 
-def from_clydes_seat(ticks: int) -> Situation:
-    """What Clyde sees after wandering for a while."""
-    played = game(Wander())
-    hold(played, ticks)
-    return played.batch.situation(0)
-
-
-def test_wandering_in_the_seat_is_the_original_clyde() -> None:
-    original, seat = game("wander"), game(make_pool([], wander=1.0))
+@pytest.mark.parametrize("name", ["wander", "chase", "arcade"])
+def test_a_behaviour_among_the_opponents_is_the_environments(name: str) -> None:
+    original, opponent = game(name), game(BehaviourOpponent(name))
     for _ in range(100):
         hold(original, 1)
-        hold(seat, 1)
-        for name in ("x", "y", "vx", "vy"):
-            np.testing.assert_array_equal(original.batch.ghosts[name], seat.batch.ghosts[name])
+        hold(opponent, 1)
+        for field in ("x", "y", "vx", "vy"):
+            np.testing.assert_array_equal(original.batch.ghosts[field], opponent.batch.ghosts[field])
 
 
-def test_the_chaser_comes_to_a_robot_that_stands_still() -> None:
-    caught = {}
-    for clyde in (Chase(), Wander()):
-        played = game(clyde)
-        played.batch.ghosts["speed"] = 0.5
-        hold(played, 90)
-        caught[clyde.name] = int((played.batch.games["end"] == DEAD).sum())
-    assert caught["chase"] == GAMES
-    assert caught["wander"] < GAMES // 2
-
-
-def test_the_arcades_clyde_chases_from_afar_and_turns_to_his_corner_when_near() -> None:
-    played = game(Wander(), 64)
-    near = far = 0
-    for _ in range(8):
-        hold(played, 10)
-        seen = played.batch.situation(0)
-        distance = np.linalg.norm(seen.robot[:, :2] - seen.clyde, axis=1)
-        chosen, chased = Arcade(2.0).select(seen), Chase().select(seen)
-        np.testing.assert_array_equal(chosen[distance > 2.0], chased[distance > 2.0])
-        far += int((distance > 2.0).sum())
-        for i in np.flatnonzero(distance <= 2.0).tolist():
-            places = seen.position[i, seen.mask[i] & (seen.kind[i] != HOLD)]
-            corner = places.min(axis=0)
-            there = seen.position[i, chosen[i]]
-            assert np.linalg.norm(there - corner) == np.linalg.norm(places - corner, axis=1).min()
-            near += 1
-    assert min(near, far) > 20
-
-
-def test_rules_choose_what_is_allowed_wherever_clyde_is() -> None:
-    seen = from_clydes_seat(30)
-    for clyde in (Chase(), Arcade(), Wander()):
-        chosen = clyde.select(seen)
-        assert seen.mask[np.arange(GAMES), chosen].all()
-        assert clyde.select(seen.rows(np.array([3])))[0] == chosen[3]
-
-
-def test_a_clyde_with_no_place_to_go_wanders_on() -> None:
-    seen = from_clydes_seat(5)
-    seen.mask[:] = seen.kind == HOLD
-    for clyde in (Chase(), Arcade(100.0), Arcade(0.01)):
-        assert (seen.kind[np.arange(GAMES), clyde.select(seen)] == HOLD).all()
+def test_a_pool_of_wanderers_is_the_original_clyde() -> None:
+    original, pool = game("wander"), game(make_pool([], wander=1.0))
+    hold(original, 100)
+    hold(pool, 100)
+    np.testing.assert_array_equal(original.batch.ghosts["x"], pool.batch.ghosts["x"])
 
 
 @given(st.lists(st.floats(0.0, 1e6), min_size=1, max_size=6).filter(lambda shares: sum(shares) > 1.0))
 def test_who_has_no_share_never_plays(shares: list[float]) -> None:
-    numbers = Opponents([Wander()] * len(shares), shares).drawn(SEEDS[:500])
+    numbers = Opponents([BehaviourOpponent("wander")] * len(shares), shares).drawn(SEEDS[:500])
     assert (np.array(shares)[numbers] > 0).all()
 
 
 def test_everyone_plays_his_share() -> None:
-    pool = make_pool([Wander(), Wander()], wander=0.4)
+    pool = make_pool([BehaviourOpponent("wander")] * 2, wander=0.4)
     counts = np.bincount(pool.drawn(SEEDS), minlength=5) / len(SEEDS)
     np.testing.assert_allclose(counts, [0.4, 0.15, 0.15, 0.15, 0.15], atol=0.015)
 
 
 class Named(BasePolicy):
-    """Scores everything with its own number."""
+    """Chooses its own number."""
 
     def __init__(self, number: int) -> None:
         self.name, self.number = str(number), number
 
-    def scores(self, situation: Situation) -> np.ndarray:
-        return np.full(situation.mask.shape, float(self.number))
+    def select(self, situation: Situation) -> np.ndarray:
+        return np.full(len(situation.mask), self.number)
 
 
 def test_each_game_has_one_player_by_its_seed_alone() -> None:
     pool = Opponents([Named(k) for k in range(4)], [1, 2, 3, 4])
-    played = game(Wander())
-    before = pool.scores(played.batch.situation(0))
-    np.testing.assert_array_equal(before[:, 0], pool.drawn(played.batch.games["seed"]))
-    assert len(set(before[:, 0])) == 4
+    played = game(BehaviourOpponent("wander"))
+    before = pool.select(played.batch.situation(0))
+    np.testing.assert_array_equal(before, pool.drawn(played.batch.games["seed"]))
+    assert len(set(before.tolist())) == 4
     hold(played, 20)
     seen = played.batch.situation(0)
-    np.testing.assert_array_equal(pool.scores(seen), before)
+    np.testing.assert_array_equal(pool.select(seen), before)
     order = np.random.default_rng(1).permutation(GAMES)
-    np.testing.assert_array_equal(pool.scores(seen.rows(order)), before[order])
+    np.testing.assert_array_equal(pool.select(seen.rows(order)), before[order])
 
 
 def test_a_learned_clyde_plays_in_a_pool_as_he_plays_alone(tmp_path: Path) -> None:
     learned = make_policy(str(random_planner(tmp_path)))
-    pool = Opponents([Wander(), learned], [1, 1])
-    seen = from_clydes_seat(10)
+    pool = Opponents([BehaviourOpponent("wander"), learned], [1, 1])
+    played = game(BehaviourOpponent("wander"))
+    hold(played, 10)
+    seen = played.batch.situation(0)
     his = pool.drawn(seen.seed) == 1
     assert 0 < his.sum() < GAMES
-    np.testing.assert_array_equal(pool.scores(seen)[his], learned.scores(seen)[his])
+    np.testing.assert_array_equal(pool.select(seen)[his], learned.select(seen)[his])
 
 
 def test_a_learned_clyde_from_a_file_is_obeyed_in_a_ghosts_seat(tmp_path: Path) -> None:
@@ -163,10 +121,10 @@ def test_a_learned_clyde_from_a_file_is_obeyed_in_a_ghosts_seat(tmp_path: Path) 
     ("members", "shares", "words"),
     [
         ([], [], "0 members and 0 shares"),
-        ([Wander()], [0.5, 0.5], "1 members and 2 shares"),
-        ([Wander(), Chase()], [1.0, -0.1], "must be at least 0"),
-        ([Wander()], [0.0], "one of them above"),
-        ([Wander()], [float("nan")], "must be at least 0"),
+        ([BehaviourOpponent("wander")], [0.5, 0.5], "1 members and 2 shares"),
+        ([BehaviourOpponent("wander"), BehaviourOpponent("chase")], [1.0, -0.1], "must be at least 0"),
+        ([BehaviourOpponent("wander")], [0.0], "one of them above"),
+        ([BehaviourOpponent("wander")], [float("nan")], "must be at least 0"),
     ],
 )
 def test_a_pool_that_cannot_be_drawn_from_is_refused(members: list[Policy], shares: list[float], words: str) -> None:
@@ -176,13 +134,16 @@ def test_a_pool_that_cannot_be_drawn_from_is_refused(members: list[Policy], shar
 
 def test_the_same_rounds_whoever_plays_and_however_many() -> None:
     many = completed_against(make_policy("nearest"), "wander", ARGUMENTS, 12)
-    few = completed_against(make_policy("nearest"), Wander(), ARGUMENTS, 6)
+    few = completed_against(make_policy("nearest"), BehaviourOpponent("wander"), ARGUMENTS, 6)
     np.testing.assert_array_equal(many[:6], few)
     assert 0 < many.sum() < 12
 
 
 def test_a_chaser_is_harder_than_a_wanderer() -> None:
-    chased, wandered = (completed_against(make_policy("nearest"), c, ARGUMENTS, 12).sum() for c in (Chase(), "wander"))
+    chased, wandered = (
+        completed_against(make_policy("nearest"), c, ARGUMENTS, 12).sum()
+        for c in (BehaviourOpponent("chase"), "wander")
+    )
     assert chased < wandered
 
 

@@ -23,7 +23,7 @@ from ..maps.level_stack import LevelStack
 from ..observation.situation import Situation
 from ..observation.situation_kernel import fill_situation
 from . import kernels, records
-from .ghosts import Ghosts
+from .ghosts import BEHAVIOUR_NAMES, Ghosts, behaviour_choice
 from .history import History, RoundSoFar
 from .parameters import batch_parameters, draw_episodes, next_seeds
 
@@ -300,7 +300,8 @@ class GameBatch:
     def _check_ghost_choices(self, choices: NDArray[np.int64]) -> None:
         if choices.shape != self.ghosts.shape:
             raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.ghosts.shape}")
-        bad = np.flatnonzero(((choices < 0) | (choices > self.hold)).any(axis=1))
+        most = behaviour_choice(self.hold, len(BEHAVIOUR_NAMES) - 1)
+        bad = np.flatnonzero(((choices < 0) | (choices > most)).any(axis=1))
         if len(bad) > 0:
             raise ValueError(
                 f"ghost choices {choices[bad[0]].tolist()} of game {bad[0]}: candidates are 0 to {self.hold}"

@@ -70,8 +70,8 @@ def _go(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
 def send_ghosts(games, ghosts, ghost_paths, choices, remembered, number, parameters, places, ways, search):  # type: ignore[no-untyped-def]
     """Send ghost ``number`` of each game where somebody outside wants him.
 
-    ``choices`` (N, G) are candidates of the robot's, whose places he goes to, or the last one: wander on;
-    ``remembered`` (N, T, G) keeps them by the tick.
+    ``choices`` (N, G) are candidates of the robot's, whose places he goes to, or the last one: wander on; what is beyond
+    that is left to a behaviour. ``remembered`` (N, T, G) keeps them by the tick.
     """
     place = places[2]
     p = parameters[0]
@@ -82,6 +82,9 @@ def send_ghosts(games, ghosts, ghost_paths, choices, remembered, number, paramet
             continue
         ghost, chosen = ghosts[i, number], choices[i, number]
         remembered[i, g.tick, number] = chosen
+        if chosen > hold:
+            ghost.place = -1
+            continue
         goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
         target = -1
         if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
@@ -94,13 +97,13 @@ def _target(view, constants):  # type: ignore[no-untyped-def]
     """Stands for a behaviour's function in :func:`_follow_behaviour`."""
 
 
-def _follow_behaviour(games, ghosts, ghost_paths, number, constants, parameters, places, ways, search):  # type: ignore[no-untyped-def]
-    """Let ghost ``number`` of each game decide where he goes now."""
+def _follow_behaviour(games, ghosts, ghost_paths, number, who, constants, parameters, places, ways, search):  # type: ignore[no-untyped-def]
+    """Let ghost ``number`` of the games ``who`` (N,) decide where he goes now."""
     affine, snap, _, corner, position = places
     p = parameters[0]
     for i in range(len(games)):
         g = games[i]
-        if g.end != RUNNING:
+        if g.end != RUNNING or not who[i]:
             continue
         m, ghost = g.level, ghosts[i, number]
         bx, by, heading = believed(g, p.use_tf)

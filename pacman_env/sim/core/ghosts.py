@@ -8,10 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...game.ghosts import GHOST_NAMES, POLICY, WANDER, find_behaviour
+from ...game.ghosts import BEHAVIOURS, GHOST_NAMES, POLICY, WANDER, find_behaviour
 from ..maps.ghost_cells import search_memory
 from ..maps.level_stack import LevelStack
 from . import ghost_kernels, records
+
+_TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
+BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
+
+
+def behaviour_choice(hold: int, number: int) -> int:
+    """The choice that lets a ghost sent from outside do in this tick as ``BEHAVIOUR_NAMES[number]`` does."""
+    return hold + 1 + number
 
 
 class Ghosts:
@@ -41,6 +49,8 @@ class Ghosts:
             if one.name not in (WANDER, POLICY)
         ]
         self._sent = np.flatnonzero(self.sent_from_outside).tolist()
+        self._all = np.ones(n, dtype=np.bool_)
+        self._config = config
 
     def bind(self, levels: LevelStack) -> None:
         """Take over the arrays of the maps, after they have been made anew."""
@@ -62,12 +72,24 @@ class Ghosts:
         remembered: NDArray[np.int16],
         parameters: NDArray[Any],
     ) -> None:
-        """Where those who do not just wander go now; ``choices`` (N, G) are for those sent from outside."""
+        """Where those who do not just wander go now.
+
+        ``choices`` (N, G) are for those sent from outside: a candidate, the last one to wander on, or beyond it the
+        number of a behaviour of the table (:func:`behaviour_choice`).
+        """
         around = (parameters, self._places, self._ways, self._search)
         for k, follow, constants in self._deciding:
-            follow(games, self.state, self.paths, k, constants, *around)
+            follow(games, self.state, self.paths, k, self._all, constants, *around)
         for k in self._sent:
+            assert choices is not None
             ghost_kernels.send_ghosts(games, self.state, self.paths, choices, remembered, k, *around)
+            numbers = choices[:, k] - behaviour_choice(
+                int(parameters[0]["pellet_slots"] + parameters[0]["refuge_slots"]), 0
+            )
+            for number in np.unique(numbers[numbers >= 0]).tolist():
+                one = _TABLE[number]
+                follow = ghost_kernels.behaviour_kernel(one)
+                follow(games, self.state, self.paths, k, numbers == number, one.constants(self._config), *around)
 
     def move(self, games: NDArray[Any], parameters: NDArray[Any]) -> None:
         """One update in the games where it is due."""
