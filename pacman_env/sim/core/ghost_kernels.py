@@ -70,8 +70,8 @@ def _go(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
 def send_ghosts(games, ghosts, ghost_paths, choices, remembered, number, parameters, places, ways, search):  # type: ignore[no-untyped-def]
     """Send ghost ``number`` of each game where somebody outside wants him.
 
-    ``choices`` (N, G) are candidates of the robot's, whose places he goes to, or the last one: wander on; what is beyond
-    that is left to a behaviour. ``remembered`` (N, T, G) keeps them by the tick.
+    ``choices`` (N, G) are candidates of the robot's, whose places he goes to, or the last one: wander on; what is
+    beyond that is left to a behaviour. ``remembered`` (N, T, G) keeps them by the tick.
     """
     place = places[2]
     p = parameters[0]
