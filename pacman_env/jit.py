@@ -51,8 +51,8 @@ def source_hash() -> str:
 def kernel(function: F, cached: bool = True) -> F:
     """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), kept on disk.
 
-    Rules are plain functions; those that ``function`` calls are compiled with it. ``cached=False`` is for functions from
-    outside the package, whose changes :func:`source_hash` does not see.
+    Rules are plain functions; those that ``function`` calls are compiled with it. ``cached=False`` is for functions
+    from outside the package, whose changes :func:`source_hash` does not see.
     """
     folder = _kernel_folder() if cached else None
     before = numba_config.CACHE_DIR

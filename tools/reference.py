@@ -15,6 +15,7 @@ import io
 import re
 import sys
 import tokenize
+import typing
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from pacman_env import config
 from pacman_env.cli import main as cli
 from pacman_env.cli.main import ERROR_STATUS, Parser
 from pacman_env.config import Config, composition, make_config, sections
+from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.game.ghosts import BEHAVIOURS
@@ -39,11 +41,8 @@ _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTAL
 _UNITS = (
     ("_mps2", "m/s²"), ("_mps", "m/s"), ("_radps", "rad/s"), ("_rad", "rad"), ("_kg", "kg"), ("_m", "m"), ("_s", "s")
 )  # fmt: skip
-_KINDS = {
-    "bool": "`True` or `False`",
-    "int": "whole number",
-    "int | None": "whole number or `None`",
-}
+_KINDS = {bool: "`True` or `False`", int: "whole number"}
+OWN_KINDS = ("features", "planner", "scan", "grid")  # of observation
 #: What rewards are given for: their names alone are all that the source says.
 EVENTS = {
     "pellet": "each pellet collected",
@@ -102,16 +101,24 @@ def _code(value: object) -> str:
     return f"`{value!r}`".replace("'", '"')
 
 
-def _values(field: Field) -> str:
+def _values(unit: str, kind: Any) -> str:
     """The unit, and what may be given where the default does not show it."""
-    if field.kind.startswith("Literal"):
-        choices = field.kind[len("Literal[") : -1].replace("'", '"').split(", ")
-        return " or ".join(f"`{choice}`" for choice in choices)
-    if field.kind == "Range":
-        return f"{field.unit} (low, high) or `None`".strip()
-    if field.name == "ghosts":
-        return "each one of " + ", ".join(map(_code, BEHAVIOURS)) + ", or a plug-in's"
-    return field.unit or _KINDS.get(field.kind, "")
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Annotated:
+        return _values(unit, inner[0])
+    if type(None) in inner:
+        return f"{_values(unit, inner[0])} or `None`"
+    if origin is typing.Literal:
+        return " or ".join(map(_code, inner))
+    if origin is tuple:
+        return f"{unit} (low, high)".strip() if inner[-1] is not ... else f"each {_values(unit, inner[0])}"
+    return unit or _KINDS.get(kind, "")
+
+
+def _named(field: str) -> str:
+    """The names that a field takes, of things that packages can add."""
+    names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(field, ())
+    return "each " + ", ".join(map(_code, names)) + ", or a plug-in's" if names else ""
 
 
 def configuration() -> str:
@@ -121,9 +128,15 @@ def configuration() -> str:
 
     def rows(owner: Any, prefix: str) -> list[list[str]]:
         return [
-            [f"`{prefix}{f.name}`", _code(getattr(owner, f.name)), _values(f), f.comment or EVENTS.get(f.name, "")]
+            [
+                f"`{prefix}{f.name}`",
+                _code(value),
+                _named(f"{prefix}{f.name}") or _values(f.unit, kind),
+                f.comment or EVENTS.get(f.name, ""),
+            ]
             for f in sources[type(owner).__name__]
-            if not dataclasses.is_dataclass(getattr(owner, f.name))
+            for value, kind in [(getattr(owner, f.name), kinds(type(owner))[f.name])]
+            if not dataclasses.is_dataclass(value)
         ]
 
     head = ("Field", "Default", "Unit or values", "Meaning, source")
@@ -164,7 +177,7 @@ def keys() -> str:
     """Keys of the observation on the map ``house`` with two ghosts."""
     batch = PacManBotEnv("house").batch
     entries = [(MASK, mask_part(batch), '`action="goal"`')]
-    for kind in ("features", "planner", "scan", "grid"):
+    for kind in OWN_KINDS:
         when = "features, the default" if kind == Features.name else f'`observation="{kind}"`'
         entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
     rows = []

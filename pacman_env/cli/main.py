@@ -77,17 +77,16 @@ def _add_map_group(commands: Any) -> None:
 
 
 def _map_check(arguments: argparse.Namespace) -> int:
-    from pacman_env.config import PelletConfig
+    from pacman_env.config import make_config
     from pacman_env.game.pellets import generate_pellets
     from pacman_env.world.maps.map_check import check_map
     from pacman_env.world.maps.occupancy import load_map
 
-    config = PelletConfig(spacing_m=arguments.spacing)
+    config = make_config().with_fields(**{"pellets.spacing_m": arguments.spacing})
     occupancy = load_map(arguments.map)
-    pellets = generate_pellets(occupancy, config)
-    x, y = arguments.home
-    report = check_map(occupancy, pellets.position, pellets.ids, home=(x, y), free_grey=config.free_grey)
-    refusal = _refusal(occupancy, arguments.spacing)
+    pellets = generate_pellets(occupancy, config.pellets)
+    report = check_map(occupancy, pellets.position, pellets.ids, config, home=tuple(arguments.home))
+    refusal = _refusal(occupancy, config)
     if arguments.json:
         print(json.dumps({**report.as_dict(), "refusal": refusal}, indent=2))
     else:
@@ -95,13 +94,12 @@ def _map_check(arguments: argparse.Namespace) -> int:
     return 1 if refusal else 0
 
 
-def _refusal(occupancy: Any, spacing_m: float) -> str | None:
+def _refusal(occupancy: Any, config: Any) -> str | None:
     """Why an environment would refuse the map, None if it would not."""
-    from pacman_env.config import make_config
     from pacman_env.sim.maps.assets import map_assets
 
     try:
-        map_assets(occupancy, make_config().with_fields(**{"pellets.spacing_m": spacing_m}))
+        map_assets(occupancy, config)
     except ValueError as error:
         return str(error)
     return None
@@ -116,7 +114,7 @@ def _map_list(arguments: argparse.Namespace) -> int:
 
 def _map_generate(arguments: argparse.Namespace) -> int:
     from pacman_env.config import make_config
-    from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS, level_map
+    from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS, prepare_level
 
     config = make_config()
     last = arguments.level + arguments.count - 1
@@ -127,7 +125,7 @@ def _map_generate(arguments: argparse.Namespace) -> int:
         )
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for level in range(arguments.level, arguments.level + arguments.count):
-        print(level_map(level, config).save(arguments.folder / f"generated-{level}.yaml"))
+        print(prepare_level(level, config).occupancy.save(arguments.folder / f"generated-{level}.yaml"))
     return 0
 
 
@@ -197,6 +195,11 @@ def _add_ros_group(commands: Any) -> None:
         "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
     )
     up.add_argument("--speed", type=_finite, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
+    up.add_argument("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
+    up.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
+    up.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
+    )
     up.add_argument("--start", action="store_true", help="begin the first round as soon as the robot is localized")
     up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
     up.set_defaults(run=_ros_up)
@@ -217,12 +220,15 @@ def _add_ros_group(commands: Any) -> None:
 
 
 def _ros_up(arguments: argparse.Namespace) -> int:
-    from pacman_env.ros.supervisor.game_nodes import Game
+    from pacman_env.ros.supervisor.game_nodes import GameSetup
 
-    game = Game(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed)
+    setup = GameSetup(
+        *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
+        *(arguments.preset, arguments.execution, tuple(arguments.set)),
+    )
     with _what_ros_needs():
         from pacman_env.ros.supervisor.up import up
-    return up(game, arguments.domain_id, arguments.logs, arguments.start)
+    return up(setup, arguments.domain_id, arguments.logs, arguments.start)
 
 
 def _ros_record(arguments: argparse.Namespace) -> int:
@@ -233,8 +239,8 @@ def _ros_record(arguments: argparse.Namespace) -> int:
 
 def _ros_replay(arguments: argparse.Namespace) -> int:
     with _what_ros_needs():
-        from pacman_env.ros.bags.bag_replay import replay
-    report = replay(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
+        from pacman_env.ros.bags.bag_replay import replay_bag
+    report = replay_bag(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
     print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
     return 0
 

@@ -136,7 +136,7 @@ def _conclude(s, status, x, y, now, goal_xy, left, waits, aborts, p):  # type: i
     if slot < 0:
         return KEEP
     is_pellet = slot < p.pellet_slots
-    failed = status == ABORTED or status == REJECTED
+    failed = status in (ABORTED, REJECTED)
     s.aborts += status == ABORTED
     if is_pellet and status == SUCCEEDED:
         dx, dy = x - goal_xy[slot, 0], y - goal_xy[slot, 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -51,3 +51,13 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     if missing:
         raise ValueError(f"policy {spec!r}: {policy!r} is none, it has no {', '.join(missing)}")
     return policy
+
+
+def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
+    """Behaviours by ghost, ``policy`` where an .onnx file moves him, and those policies by his number.
+
+    Raises:
+        ValueError: a file is no planner for this version.
+    """
+    policies = {number: make_policy(name) for number, name in enumerate(ghosts) if name.endswith(".onnx")}
+    return tuple("policy" if number in policies else name for number, name in enumerate(ghosts)), policies

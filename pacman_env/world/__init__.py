@@ -1,1 +1,1 @@
-"""What is there before any game: occupancy maps, path lengths, physics, navigator, localization and lidar."""
+"""The world without a game: occupancy maps, path lengths, physics, navigator, localization and lidar."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pacman_env.config import PelletConfig
+from pacman_env.config import make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.world.maps.map_check import MapReport, check_map
 from pacman_env.world.maps.occupancy import load_map
@@ -46,8 +46,9 @@ def test_nav2s_own_test_map_gives_its_grid(tmp_path: Path, suffix: str) -> None:
 
 def report_on(name: str) -> MapReport:
     m = load_map(shared_path(f"maps/{name}"))
-    pellets = generate_pellets(m, PelletConfig())
-    return check_map(m, pellets.position, pellets.ids)
+    config = make_config()
+    pellets = generate_pellets(m, config.pellets)
+    return check_map(m, pellets.position, pellets.ids, config)
 
 
 @pytest.mark.parametrize("entry", published() or [{"name": "pacmanbot_house"}], ids=lambda e: e["name"])

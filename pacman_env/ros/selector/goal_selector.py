@@ -29,7 +29,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES, as_json, score_markers
-from pacman_env.ros.selector.message_queue import Waiting
+from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.selector.selection import Selection
 from pacman_env.world.maps.occupancy import MapError
@@ -48,15 +48,13 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     """
 
     def __init__(self) -> None:
-        GameNode.__init__(self, NAME)
+        GameNode.__init__(self, NAME, with_map=True)
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        self._map = parameter(self, "map_yaml", "house", "the map: a YAML file, or the name of a shipped map")
         text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
-        self._rate = parameter(self, "decision_rate", 2.0, "decisions per second", 0.5, 10.0)
         self._tell_rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"
         self._pose_timeout_s = parameter(self, "pose_timeout_s", 1.0, text, 0.1, 10.0)
@@ -86,7 +84,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
                 raise ValueError(f"parameter home: {len(self._home)} numbers, must be x, y, heading")
             self._selection = Selection(
                 self.config,
-                self._map,
+                self.map,
                 self.get_parameter("policy").value,
                 None if self._home is None else tuple(self._home),
                 self._pose_timeout_s,
@@ -106,7 +104,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._out = {topic.name: topic.publisher(self) for topic in _PUBLISHED}
         self._nav2 = NavigationClient(self, self._on_accepted, self._on_rejected, self._on_finished)
         ghosts = topics.GHOST_POSES[: len(self.config.clyde.ghosts)]
-        heard = (
+        heard: tuple[tuple[topics.Topic, Callable[[Any, float], list[ExecutorAction]]], ...] = (
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
@@ -119,7 +117,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         subscriptions = [
             self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
         ]
-        self._transforms = Waiting(self, topics.TF, self._take_transforms)
+        self._transforms = MessageQueue(self, topics.TF, self._take_transforms)
         timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
         reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._destroy = [
@@ -143,7 +141,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         """Begin to decide."""
         assert self._selection is not None
         self._fresh = True
-        self._timer = self.create_timer(1.0 / self._rate, self._tick)
+        self._timer = self.create_timer(self.config.execution.tick_s, self._tick)
         what = f"policy {self._selection.spec} on map {self._selection.view.assets.occupancy.name}"
         self.get_logger().info(f"{what}{', a shadow: nothing is sent' if self._shadow else ''}")
         return super().on_activate(state)
@@ -175,7 +173,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             destroy()
         self._destroy, self._selection = [], None
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """Cancel what runs and stop the wheels."""
         if self._selection is None or self._shadow:
             return ()

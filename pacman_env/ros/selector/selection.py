@@ -27,6 +27,7 @@ from pacman_env.ros.selector.goal_scores import DecisionTimes
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.world.maps.occupancy import OccupancyMap
 
 _ONE = np.ones(1, np.bool_)
 
@@ -38,7 +39,7 @@ class Selection:
 
     Args:
         config: what is played by.
-        map_name: a YAML file, or the name of a shipped map.
+        map: a YAML file, the name of a shipped map, or a loaded map.
         policy: a name of the registry, or an .onnx file.
         home: the home pose; None: the first one in menu, or the map's.
         pose_timeout_s: a transform older than this gives way to the latched pose.
@@ -52,14 +53,14 @@ class Selection:
     def __init__(
         self,
         config: Config,
-        map_name: str,
+        map: str | OccupancyMap,
         policy: str,
         home: Pose | None,
         pose_timeout_s: float,
         warn: Callable[[str, str], None],
     ) -> None:
         self._warn = warn
-        self.view = RobotView(map_assets(map_name, config, home), config)
+        self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else Home(*home))
         self.spec, self.policy = policy, self.load(policy)
         self.seen: tuple[Situation, int] | None = None  # at the last choice, and the candidate chosen
@@ -207,10 +208,10 @@ class Selection:
     def condition(self, now: float) -> dict[str, Any]:
         """Everything that an operator may want to know, plain values."""
         belief, executor = self._belief, self.executor
-        sidecar = getattr(self.policy, "sidecar", None)
+        metadata = getattr(self.policy, "metadata", None)
         return {
             "policy": self.spec,
-            "policy_version": __version__ if sidecar is None else f"{sidecar.package_version} {sidecar.commit}",
+            "policy_version": __version__ if metadata is None else f"{metadata.package_version} {metadata.commit}",
             "package_version": __version__,
             "map": self.view.assets.occupancy.name,
             "state": executor.game_state,

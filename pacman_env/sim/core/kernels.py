@@ -161,7 +161,8 @@ def decide(games, choices, decisions, goal_xy, alive, waits, aborts, obstacles, 
             chosen = NO_CHOICE
         bx, by, _ = believed(g, p.use_tf)
         m = g.level
-        if _follow(g, i, CHOICE, chosen, bx, by, g.step, goal_xy[m], obstacles[i], alive, waits, aborts, p) == SEND:
+        action = _follow(g, i, CHOICE, chosen, bx, by, g.step, goal_xy[m], obstacles[i], alive, waits, aborts, p)
+        if action == SEND:
             navigator.send_goal(g, goal_of(g, chosen, p), g.step)
         if navigator.plan_due(g, g.step):
             due |= PLAN_DUE
@@ -197,6 +198,13 @@ def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
         localization.update(g, g.step)
     elif g.step % p.scan_steps == 0:
         localization.scan(g, g.step)
+
+
+@kernel
+def sense(games, row, state, parameters):  # type: ignore[no-untyped-def]
+    """Take the true poses over and localize, where a step has no :func:`finish`."""
+    for i in range(len(games)):
+        _sense(games[i], state, row[i], parameters[0])
 
 
 @kernel

@@ -1,1 +1,1 @@
-"""What is computed once per map, and which maps the games of a batch are played on."""
+"""The arrays computed once per map, and the maps that the games of a batch are played on."""

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Config, ConfigError
+from ...config import Config
 from ...game.pellets import generate_pellets
 from ...jit import source_hash
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
@@ -25,7 +25,7 @@ from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells, clyde_cells
-from .ghost_targets import Haunts, find_haunts
+from .ghost_targets import GhostTargets, find_ghost_targets
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
@@ -63,9 +63,9 @@ class MapAssets:
         return len(self.goal_xy) - len(self.pellet_ids)
 
     @functools.cached_property
-    def haunts(self) -> Haunts:
-        """Where the ghosts can be sent."""
-        return find_haunts(self.grid, self.clyde, self.clyde_part, self.goal_xy)
+    def ghost_targets(self) -> GhostTargets:
+        """The cells that ghosts can be sent to."""
+        return find_ghost_targets(self.grid, self.clyde, self.clyde_part, self.goal_xy)
 
 
 _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()
@@ -92,7 +92,7 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
     Raises:
         MapError: the map cannot be read, or has no place for the robot or no pellet to play for.
-        ConfigError: Clyde's spawn rule leaves him no cell.
+        ConfigError: Clyde finds no room on the map.
     """
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     if home is not None:
@@ -118,7 +118,7 @@ def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, floa
 
     Raises:
         MapError: the map has no place for the robot or no pellet to play for.
-        ConfigError: Clyde's spawn rule leaves him no cell.
+        ConfigError: Clyde finds no room on the map.
     """
     return _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
 
@@ -139,15 +139,7 @@ def _build(
     """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
-    tolerance = config.nav2.unreachable_tolerance_m
-    cells = np.array([grid.nearest_cell(x, y, tolerance) for x, y in pellets.position], dtype=np.int32)
-    near = np.zeros(len(pellets), dtype=np.bool_)
-    for i, cell in enumerate(cells):
-        if cell >= 0:
-            x, y = grid.to_world(*grid.cell[cell])
-            offset = np.hypot(x - pellets.position[i, 0], y - pellets.position[i, 1])
-            # Pellets lie on the corners of cells: on a coarse map no centre is nearer than half a diagonal.
-            near[i] = offset <= max(config.execution.pickup_radius_m, occupancy.resolution * math.sqrt(0.5) + 1e-9)
+    cells, near = grid.pellet_cells(pellets.position, config.nav2, config.execution)
     keep = near if config.pellets.reachable_only else np.ones(len(pellets), dtype=np.bool_)
     if not near.any():
         raise MapError(
@@ -158,6 +150,7 @@ def _build(
     part = _connected_part(clyde, clyde_drive, occupancy.name)
     known = grid.path_fields()
     refuge_xy = choose_refuges(grid, clyde, part, config.refuges, known)
+    tolerance = config.nav2.unreachable_tolerance_m
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
     cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
@@ -169,7 +162,7 @@ def _build(
         grid=grid,
         clyde=clyde,
         clyde_part=part,
-        spawn_cells=_spawn_cells(grid, clyde, part, config),
+        spawn_cells=clyde.start_cells(config.clyde, part, [tuple(grid.home[:2])]),
         clyde_drive=clyde_drive,
         pellet_ids=pellets.ids[keep],
         dropped_ids=pellets.ids[~keep],
@@ -210,19 +203,3 @@ def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str
     if shared.max() == 0:
         raise MapError(f"{name}: no place of the robot's area is wide enough for Clyde")
     return int(shared.argmax())
-
-
-def _spawn_cells(grid: DriveGrid, clyde: ClydeCells, part: int, config: Config) -> NDArray[np.int32]:
-    """Cells that Clyde may start from: the rule's parts, far enough from the robot's home pose."""
-    cells = clyde.cells_in(part) if config.clyde.spawn == "connected" else clyde.part_cells
-    offset = clyde.position[cells] - grid.home[:2]
-    distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
-    close = np.abs(distance - config.clyde.spawn_distance_m) < 1e-9
-    distance[close] = np.hypot(offset[close, 0], offset[close, 1])  # slower, to the last bit where that decides
-    allowed = cells[distance >= config.clyde.spawn_distance_m]
-    if len(allowed) == 0:
-        raise ConfigError(
-            f"clyde.spawn_distance_m = {config.clyde.spawn_distance_m}: Clyde's farthest cell is"
-            f" {distance.max():.2f} m from the robot's home pose"
-        )
-    return np.sort(allowed)

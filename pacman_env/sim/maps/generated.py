@@ -154,13 +154,8 @@ def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
     )
 
 
-def level_map(level: int, config: Config) -> OccupancyMap:
-    """The map of a level as it is played."""
-    return prepare_level(level, config).occupancy
-
-
 def _objection(assets: MapAssets, config: Config, scale: int) -> str:
-    """Why a house is no level, "" if it is one."""
+    """The reason why a house is no level, "" if it is one."""
     fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1
     if not fewest <= assets.pellets <= most_pellets(config, scale):
         return f"{assets.pellets} pellets"
@@ -174,7 +169,7 @@ def _objection(assets: MapAssets, config: Config, scale: int) -> str:
 
 @kernel
 def _come_near(goals, position, cells, near):  # type: ignore[no-untyped-def]
-    """How many goals (P, 2) have one of the cells within ``near`` m."""
+    """Number of goals (P, 2) that have one of the cells within ``near`` m."""
     count = 0
     for i in range(len(goals)):
         for cell in cells:

@@ -31,7 +31,7 @@ _STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1),
 
 @dataclass(frozen=True, eq=False)
 class ClydeCells:
-    """Where Clyde can be, and what his search needs."""
+    """The cells where Clyde can be, with what his search needs."""
 
     resolution: float
     position: NDArray[np.float64]  # (K, 2) m
@@ -66,14 +66,14 @@ class ClydeCells:
         cell = int(distance.argmin())
         return cell, float(distance[cell])
 
-    def away_from(self, part: int, places: Iterable[tuple[float, float]], distance_m: float) -> NDArray[np.int32]:
-        """Cells of a part that are at least so far from all the places; where there are none, the farthest one."""
-        cells = self.cells_in(part)
+    def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
+        """Cells where a ghost may start: ``spawn_distance_m`` from all the places, m; if none are, the farthest one."""
+        cells = self.cells_in(part) if config.spawn == "connected" else self.part_cells
         nearest = np.full(len(cells), np.inf)
         for place in places:
             nearest = np.minimum(nearest, np.hypot(*(self.position[cells] - place).T))
-        far = cells[nearest >= distance_m]
-        return far if len(far) else cells[[nearest.argmax()]]
+        far = cells[nearest >= config.spawn_distance_m]
+        return np.sort(far) if len(far) else cells[[nearest.argmax()]]
 
 
 def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:
@@ -132,78 +132,50 @@ def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
 def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
     """Fill the landmarks' columns of ``graph``; return an upper bound of the cells of a path.
 
-    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than the way from
-    anywhere over one fixed cell of the part to anywhere.
+    Landmarks are cells of one part, each the farthest from all before. A path has no more cells than its part, and than
+    the way from anywhere over one fixed cell of the part to anywhere.
     """
     count = len(graph)
     cost = np.empty(count, np.int32)
     came = np.empty(count, np.uint8)
     queue = np.empty(16 * count + 2, np.int32)
     nearest = np.empty(count, np.int32)
-    going_on = _going_on()
     open_floor = np.empty(count, np.bool_)
     for k in range(count):
-        open_floor[k] = True
-        for d in range(8):
-            open_floor[k] &= graph[k, d] >= 0
+        open_floor[k] = graph[k, :_AT_LANDMARKS].min() >= 0
     bound = 0
     for p in range(len(part_start) - 1):
         cells = part_cells[part_start[p] : part_start[p + 1]]
-        guided = p == 0 or len(cells) >= _WORTH_LANDMARKS  # small parts do with the octile distance
-        # A path never has more cells than its part.
-        unbound = p > 0 and len(cells) > bound
-        if not guided and not unbound:
-            break  # the parts to come are smaller
-        _costs_from(graph, open_floor, going_on, cells[0], cost, came, queue)
+        if p > 0 and len(cells) < _WORTH_LANDMARKS:  # it does with the octile distance, as do the smaller ones to come
+            bound = max(bound, len(cells))
+            break
+        _costs_from(graph, open_floor, cells[0], cost, came, queue)
         source = cells[0]
         for k in cells:
             nearest[k] = _FAR
             if cost[k] > cost[source]:
                 source = k
-        if unbound:
-            bound = max(bound, cost[source] * 2 // STRAIGHT)
-        if not guided:
-            continue
         for column in range(_AT_LANDMARKS, _AT_PIXEL):
-            _costs_from(graph, open_floor, going_on, source, cost, came, queue)
+            _costs_from(graph, open_floor, source, cost, came, queue)
             source = cells[0]
             for k in cells:
                 graph[k, column] = cost[k]
                 nearest[k] = min(nearest[k], cost[k])
                 if nearest[k] > nearest[source]:
                     source = k
-            if p == 0 and column == _AT_LANDMARKS:
-                bound = nearest[source] * 2 // STRAIGHT
+        bound = max(bound, graph[cells, _AT_LANDMARKS].max() * 2 // STRAIGHT)
     return bound + 2
 
 
 @kernel
-def _going_on():  # type: ignore[no-untyped-def]
-    """By the directions (bits) of the last steps to a cell: how many steps are worth trying, then which; (256, 9).
-
-    Where all 8 neighbours can be gone to, among the cheapest ways there is one that takes its diagonal steps first:
-    after a straight step it goes straight on, after a diagonal one on or half a right angle to either side.
-    """
-    table = np.zeros((256, 9), np.uint8)
-    for came in range(256):
-        for d in range(8):
-            beside = (1 << (d + 1) % 8 | 1 << (d + 7) % 8) if d % 2 == 0 else 0
-            if came & (1 << d | beside):
-                table[came, 0] += 1
-                table[came, table[came, 0]] = d
-    return table
-
-
-@kernel
-def _costs_from(graph, open_floor, going_on, source, cost, came, queue):  # type: ignore[no-untyped-def]
+def _costs_from(graph, open_floor, source, cost, came, queue):  # type: ignore[no-untyped-def]
     """Fill ``cost`` (K,) int32 with the exact cost from ``source``; _FAR where there is no way.
 
     Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``came``
-    (K,) uint8 and ``queue`` (16 K + 2,) int32 are scratch memory.
+    (K,) uint8 and ``queue`` (16 K + 2,) int32 are scratch memory; ``open_floor`` (K,) marks cells with 8 neighbours.
     """
     cost[:] = _FAR
     cost[source] = 0
-    came[source] = 255
     heads = np.full(4, -1, np.int64)  # a step leads into the second bucket ahead at most
     queue[0], queue[1] = source, -1
     heads[0] = 0
@@ -218,9 +190,11 @@ def _costs_from(graph, open_floor, going_on, source, cost, came, queue):  # type
             here = cost[u]
             if here >> 6 != bucket:
                 continue  # it was reached at less
-            steps = np.uintp(came[u] if open_floor[u] else 255)
-            for i in range(np.uintp(going_on[steps, 0])):
-                d = going_on[steps, i + np.uintp(1)]
+            # On open floor a way that turns by a right angle or more is a detour.
+            straight_on = open_floor[u] and u != source
+            first = came[u] + 7 if straight_on else 0
+            for i in range(first, first + (3 if straight_on else 8)):
+                d = i & 7
                 v = graph[u, np.uintp(d)]
                 if v < 0:
                     continue
@@ -229,14 +203,12 @@ def _costs_from(graph, open_floor, going_on, source, cost, came, queue):  # type
                 old = cost[v]
                 if new < old:
                     cost[v] = new
-                    came[v] = 1 << d
+                    came[v] = d
                     if new >> 6 != old >> 6:  # else it waits there
                         queue[np.uintp(used)] = v
                         queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
                         heads[new >> 6 & 3] = used
                         used += 2
-                elif new == old:
-                    came[v] |= 1 << d
         bucket += 1
 
 

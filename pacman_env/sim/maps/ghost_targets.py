@@ -1,14 +1,13 @@
-"""Where ghosts can be sent: the cell of theirs nearest to each place of the robot's, and their corners."""
+"""The cells that ghosts can be sent to: of theirs, the one nearest to each place of the robot's, and their corners."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...world.navigation.grid import DriveGrid
+from ...world.navigation.grid import DriveGrid, nearest_numbers
 from .ghost_cells import ClydeCells
 
 _NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to
@@ -16,7 +15,7 @@ _NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place 
 _CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))
 
 
-class Haunts(NamedTuple):
+class GhostTargets(NamedTuple):
     """Cells of the ghosts' part that connects to the robot's area."""
 
     snap: NDArray[np.int32]  # (H, W) of the drive grid: the nearest cell
@@ -24,16 +23,13 @@ class Haunts(NamedTuple):
     corner: NDArray[np.int32]  # (4,) the corner of each ghost
 
 
-def find_haunts(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[np.float64]) -> Haunts:
+def find_ghost_targets(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[np.float64]) -> GhostTargets:
     """Look them up; ``part`` is the ghosts' part, ``goal_xy`` (G, 2) in m."""
     cells = clyde.cells_in(part)
     position = clyde.position[cells]
     column, row, inside = grid.locate(position)
-    away = np.ones(grid.shape, dtype=np.uint8)
-    away[row[inside], column[inside]] = 0
-    _, labels = cv2.distanceTransformWithLabels(away, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL)
-    by_label = np.zeros(int(labels.max()) + 1, dtype=np.int32)
-    by_label[labels[row[inside], column[inside]]] = cells[inside]
+    number = np.full(grid.shape, -1, dtype=np.int32)
+    number[row[inside], column[inside]] = cells[inside]
     offset = position[None, :, :] - goal_xy[:, None, :]
     distance = (offset**2).sum(axis=2)
     nearest = distance.argmin(axis=1)
@@ -41,6 +37,5 @@ def find_haunts(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[
     low, high = position.min(axis=0), position.max(axis=0)
     corners = (low + high) / 2 + np.array(_CORNERS) * (high - low) / 2
     reach = ((position[None, :, :] - corners[:, None, :]) ** 2).sum(axis=2)
-    return Haunts(
-        snap=by_label[labels], place=place.astype(np.int32), corner=cells[reach.argmin(axis=1)].astype(np.int32)
-    )
+    corner = cells[reach.argmin(axis=1)].astype(np.int32)
+    return GhostTargets(nearest_numbers(number)[0], place.astype(np.int32), corner)

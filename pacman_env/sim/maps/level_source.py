@@ -1,4 +1,4 @@
-"""Where the maps of a batch come from: one map for all games, or a level of many for each episode."""
+"""The maps of a batch by level: one map for all games, or a level of many for each episode."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class LevelSource(Protocol):
         """One of the maps, to size things by."""
 
     def slots(self, games: int) -> int:
-        """How many maps so many games need at once."""
+        """Number of maps that so many games need at once."""
 
     def pellet_slots(self, config: Config) -> int:
         """Most pellets on any of the maps."""
@@ -49,7 +49,7 @@ class FixedMap:
         return self
 
     def __getstate__(self) -> tuple[Any, ...]:
-        """What the map is made from; all else is computed again or lies in the cache."""
+        """The parts that the map is made from; all else is computed again or lies in the cache."""
         return self.first.occupancy, self._config, tuple(self.first.grid.home.tolist())
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:

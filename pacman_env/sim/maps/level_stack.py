@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...world.navigation.coarse_steps import TILE, strides
+from ...world.navigation.coarse_steps import TILE, coarse_steps
 from ...world.navigation.paths import UNREACHABLE_CM
 from .assets import MapAssets
 
@@ -59,8 +59,8 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "ghost_corner": np.zeros(4, dtype=np.int32),
     }
     if any(behaviour != "wander" for behaviour in config.clyde.ghosts):
-        haunts = assets.haunts
-        kinds |= {"ghost_place": haunts.place, "ghost_snap": haunts.snap, "ghost_corner": haunts.corner}
+        targets = assets.ghost_targets
+        kinds |= {"ghost_place": targets.place, "ghost_snap": targets.snap, "ghost_corner": targets.corner}
     return kinds
 
 
@@ -89,8 +89,8 @@ class LevelStack:
         self._users = np.zeros(slots, dtype=np.int64)
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
-        self._strides = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
-        self._strided = np.zeros(slots, dtype=np.bool_)  # they are those of the slot's map
+        self._coarse_steps = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
+        self._has_coarse_steps = np.zeros(slots, dtype=np.bool_)  # of the map that lies in the slot now
         kinds = _kinds(first, config)
         if slots == 1:
             self.arrays = {name: np.asarray(array, order="C")[None] for name, array in kinds.items()}
@@ -112,7 +112,7 @@ class LevelStack:
         return assets
 
     def has(self, level: int) -> bool:
-        """Whether the level lies in a slot."""
+        """True if the level lies in a slot."""
         return bool((self.numbers == level).any())
 
     def take(self, level: int, prepare: Callable[[int], MapAssets]) -> int:
@@ -149,27 +149,27 @@ class LevelStack:
                 place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
                 stacked[place] = array
         self._assets[slot] = assets
-        self._strided[slot] = False
+        self._has_coarse_steps[slot] = False
         self._measure(assets)
 
-    def strides(self, slots: NDArray[np.int32]) -> tuple[NDArray[np.uint8], int]:
-        """(S, R C 64, G) ways in strides (``coarse_steps.py``), computed for maps when they are first asked for.
+    def coarse_steps(self, slots: NDArray[np.int32]) -> tuple[NDArray[np.uint8], int]:
+        """(S, R C 64, G) ways in coarse steps (``coarse_steps.py``), computed for maps when they are first asked for.
 
         Only the rows of ``slots`` are those of the maps that lie there now.
         """
         height, width = self.arrays["snap"].shape[1:]
         goals = self.arrays["next_step"].shape[1]
         shape = self.slots, -(-height // TILE), -(-width // TILE), TILE, TILE, goals
-        if self._strides.shape != shape:
-            self._strides = np.zeros(shape, dtype=np.uint8)
-            self._strided[:] = False
-        for slot in np.unique(slots[~self._strided[slots]]).tolist():
+        if self._coarse_steps.shape != shape:
+            self._coarse_steps = np.zeros(shape, dtype=np.uint8)
+            self._has_coarse_steps[:] = False
+        for slot in np.unique(slots[~self._has_coarse_steps[slots]]).tolist():
             assets = self.assets(slot)
-            found = strides(assets.next_step, assets.grid.cell, assets.grid.shape)
+            found = coarse_steps(assets.next_step, assets.grid.cell, assets.grid.shape)
             rows, columns, *_, goals = found.shape
-            self._strides[slot, :rows, :columns, :, :, :goals] = found
-            self._strided[slot] = True
-        return self._strides.reshape(self.slots, -1, self._strides.shape[-1]), self._strides.shape[2]
+            self._coarse_steps[slot, :rows, :columns, :, :, :goals] = found
+            self._has_coarse_steps[slot] = True
+        return self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1]), self._coarse_steps.shape[2]
 
     def _measure(self, assets: MapAssets) -> None:
         lengths = assets.length_cm

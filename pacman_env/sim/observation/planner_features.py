@@ -16,7 +16,7 @@ from ...config import make_config
 from ...game.goal_cost import TOTAL, is_threatening, score_situation, scorer_parameters
 from ...jit import kernel
 from ...world.navigation.paths import UNREACHABLE_CM
-from .prediction import encounters
+from . import prediction
 from .situation import HOLD, PELLET, REFUGE, Situation
 
 VERSION = 3
@@ -71,7 +71,7 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     Raises:
         ValueError: the situation has no maps.
     """
-    meetings = encounters(situation, robot_speed_mps)
+    meetings = prediction.encounters(situation, robot_speed_mps)
     assert situation.maps is not None
     arrays = situation.maps.arrays
     n, c = situation.mask.shape

@@ -1,9 +1,9 @@
-"""What may happen in the next seconds: ways that Clyde may take, and how near he comes to the robot's own ways.
+"""Prediction of the next seconds: the ways that Clyde may take, and how near they come to the robot's own.
 
-Clyde's futures are ways over the game's own map: from where he is along the shortest ways to the places of the map's
-goals, which are spread over it as his targets are, each as likely as his last motion makes it; where a place is
-reached, on to another. The robot's future is the way to a candidate at its speed, the first turn included, and waiting
-there. Nothing here knows where Clyde really goes.
+Clyde's possible ways lead over the game's own map: from his position along the shortest ways to the map's goals, which
+are spread over it as his targets are, each as likely as his last motion makes it; when he reaches a goal he goes on to
+another. The robot's way leads to a candidate at its speed, the first turn included, and ends there. No function here
+knows where Clyde really goes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import kernel, prefetch
-from ...world.navigation.coarse_steps import ARRIVED, NO_WAY, stride_of, tile_index
+from ...world.navigation.coarse_steps import ARRIVED, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
 from .situation import Situation
 
@@ -28,7 +28,7 @@ _SHARPNESS = 4.0  # how fast the weight of a way falls with the angle to Clyde's
 _FREE_TURN = 0.7  # rad off the way that are turned while driving (world/navigation/controller.py)
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
 _FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
-_AHEAD = 3  # instants written per stride, most of the time enough
+_AHEAD = 3  # instants written per coarse step, most of the time enough
 _LANES = 24  # candidates are compared so many at a time; a fixed number makes loops without overhead
 _BLOCK = (STEPS + _AHEAD) * _LANES  # numbers of a block: instant by instant, lane by lane
 
@@ -37,10 +37,10 @@ CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLY
 
 
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
-    """How near Clyde may come on the way to each candidate within 10 s, (N, C, 8) float32.
+    """Distances that Clyde may come to on the way to each candidate within 10 s, (N, C, 8) float32.
 
     Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over his
-    futures of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
+    ways of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
     heading, and with the direction to Clyde; smallest distance if he stood still, m. Rows of masked candidates are 0.
 
     Raises:
@@ -54,7 +54,7 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     result = np.zeros((*s.mask.shape, 8), dtype=np.float32)
     _encounters(
         (s.robot, s.clyde, s.clyde_velocity, s.clyde_speed, s.mask, s.goal, s.level),
-        (a["affine"], a["snap"], a["cell_xy"], *situation.maps.strides(s.level), a["goal_count"]),
+        (a["affine"], a["snap"], a["cell_xy"], *situation.maps.coarse_steps(s.level), a["goal_count"]),
         robot_speed_mps,
         (_instants(goals), _instants(goals), np.empty(goals, np.float32)),
         (_instants(candidates), _instants(candidates), np.empty(candidates, np.int64)),
@@ -89,19 +89,19 @@ def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _walk(strides, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
+def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
     """Positions of ``count`` walkers at every instant, each along the static way to its goal.
 
-    All of them take a stride in turn: their ways lie apart in memory, so that waiting for one hides behind the others.
-    Instants that lie beyond a stride are written all the same, and again by the strides to come: no branch to guess.
+    All of them take a coarse step in turn: their ways lie apart in memory, so that the wait for one hides behind the
+    others. Instants beyond a coarse step are written all the same, and again by those to come: no branch to guess.
 
     Args:
-        strides: of the map.
+        steps: coarse ones, of the map.
         count: of walkers; walker ``w`` has lane ``w % _LANES`` of block ``w // _LANES``.
         goals: above 1, whoever has arrived goes on to another of so many; else he stays.
         stretch: cells from one instant to the next, of all.
-        walkers: (W, 3) position and the cells that others walk before the first stride; (W, 2) column and row of the
-            drivable cell there; (W,) goals; and for use here cells walked and instants written.
+        walkers: (W, 3) position and the cells that others walk before the first coarse step; (W, 2) column and row of
+            the drivable cell there; (W,) goals; and for use here cells walked and instants written.
         out_x: (B, STEPS + _AHEAD, _LANES) columns.
         out_y: likewise, rows.
     """
@@ -125,12 +125,12 @@ def _walk(strides, across, count, goals, stretch, walkers, out_x, out_y):  # typ
             x, y = starts[w, 0], starts[w, 1]
             column, row, goal = cells[w, 0], cells[w, 1], targets[w]
             here = tile_index(column, row, across)
-            code = strides[here, goal]
+            code = steps[here, goal]
             if code == ARRIVED and goals > 1:
                 goal = (7 * goal + 5) % goals  # any that is not here will do, the same each time
-                if strides[here, goal] == ARRIVED:
+                if steps[here, goal] == ARRIVED:
                     goal = (goal + 1) % goals
-                code = strides[here, goal]
+                code = steps[here, goal]
                 targets[w] = goal
             if code in (ARRIVED, NO_WAY):
                 for j in range(STEPS - first):
@@ -138,15 +138,15 @@ def _walk(strides, across, count, goals, stretch, walkers, out_x, out_y):  # typ
                 written[w] = STEPS
                 walking -= 1
                 continue
-            columns, rows = stride_of(code)
+            columns, rows = coarse_step(code)
             column, row = column + columns, row + rows
-            prefetch(strides, tile_index(column, row, across))
+            prefetch(steps, tile_index(column, row, across))
             ahead_x, ahead_y = column + 0.5, row + 0.5
             dx, dy = ahead_x - x, ahead_y - y
             length = math.sqrt(dx * dx + dy * dy)
             before = walked[w]
             after = before + length
-            last = min(int(after * per_cell), STEPS)  # instants that lie within the stride
+            last = min(int(after * per_cell), STEPS)  # instants that lie within the coarse step
             slope = 1.0 / max(length, 1e-9)
             share, more = ((first + 1) * stretch - before) * slope, stretch * slope
             for u in range(_AHEAD):
@@ -161,10 +161,10 @@ def _walk(strides, across, count, goals, stretch, walkers, out_x, out_y):  # typ
 
 
 @kernel
-def _clyde_ways(strides, across, clyde, cell, velocity, stretch, first, goals, walkers, his):  # type: ignore[no-untyped-def]
-    """Fill in Clyde's futures and their weights, which sum to 1; returns how many there are.
+def _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, goals, walkers, his):  # type: ignore[no-untyped-def]
+    """Fill in Clyde's possible ways and their weights, which sum to 1; returns their number.
 
-    After them comes one in which he stands still, without a weight.
+    After them comes one on which he stands still, without a weight.
     """
     starts, cells, targets = walkers[:3]
     his_x, his_y, weights = his
@@ -173,12 +173,12 @@ def _clyde_ways(strides, across, clyde, cell, velocity, stretch, first, goals, w
     cells[: goals + 1, 0], cells[: goals + 1, 1] = cell
     used = 0
     for k in range(goals):
-        if strides[here, k] != NO_WAY:
+        if steps[here, k] != NO_WAY:
             starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, 0.0
             targets[used] = k
             used += 1
     starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, np.inf
-    _walk(strides, across, used + 1, goals, stretch, walkers, his_x, his_y)
+    _walk(steps, across, used + 1, goals, stretch, walkers, his_x, his_y)
     vx, vy = velocity
     v = math.sqrt(vx * vx + vy * vy)
     early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
@@ -198,14 +198,14 @@ def _clyde_ways(strides, across, clyde, cell, velocity, stretch, first, goals, w
 
 
 @kernel
-def _first_stretch(strides, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
-    """What the first stretch of the robot's way to a goal tells; returns how long it turns before, s."""
+def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
+    """Fill in the directions of the first stretch of the robot's way to a goal; returns how long it turns before, s."""
     column, row = cell
     for _ in range(2):
-        code = strides[tile_index(column, row, across), goal]
+        code = steps[tile_index(column, row, across), goal]
         if code == NO_WAY:
             return 0.0
-        columns, rows = stride_of(code)
+        columns, rows = coarse_step(code)
         column, row = column + columns, row + rows
     dx, dy = column + 0.5 - start[0], row + 0.5 - start[1]
     d = math.sqrt(dx * dx + dy * dy)
@@ -276,19 +276,19 @@ def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
 @kernel
 def _encounters(situation, maps, speed, his, mine, walkers, scratch, result):  # type: ignore[no-untyped-def]
     robots, clydes, velocities, speeds, mask, goals, level = situation
-    affines, snaps, cell_xys, all_strides, across, counts = maps
+    affines, snaps, cell_xys, all_steps, across, counts = maps
     mine_x, mine_y, chosen = mine
     starts, cells, targets = walkers[:3]
     best, sums = scratch
     for i in range(len(robots)):
         m = level[i]
-        affine, strides = affines[m], all_strides[m]
+        affine, steps = affines[m], all_steps[m]
         per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
         clyde = _in_cells(affine, clydes[i, 0], clydes[i, 1])
         cell = _drivable_cell(affine, snaps[m], cell_xys[m], clydes[i, 0], clydes[i, 1])
         velocity = _turned(affine, velocities[i, 0], velocities[i, 1])
         used = _clyde_ways(
-            strides,
+            steps,
             across,
             clyde,
             cell,
@@ -310,13 +310,13 @@ def _encounters(situation, maps, speed, his, mine, walkers, scratch, result):  #
             goal = goals[i, c]
             starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
             if goal >= 0:
-                turning = _first_stretch(strides, across, robot, cell, heading, clyde, goal, result[i, c])
+                turning = _first_stretch(steps, across, robot, cell, heading, clyde, goal, result[i, c])
                 starts[count, 2] = turning * speed * per_m
             cells[count, 0], cells[count, 1] = cell
             targets[count] = goal
             chosen[count] = c
             count += 1
-        _walk(strides, across, count, 0, speed * STEP_S * per_m, walkers, mine_x, mine_y)
+        _walk(steps, across, count, 0, speed * STEP_S * per_m, walkers, mine_x, mine_y)
         for block in range(-(-count // _LANES)):
             part = slice(block * _BLOCK, (block + 1) * _BLOCK)
             block_x, block_y = mine_x[part].reshape(-1, _LANES), mine_y[part].reshape(-1, _LANES)

@@ -182,8 +182,8 @@ class RobotView:
         is_pellet = candidate < self.assets.pellets
         return Goal(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
 
-    def situation(self, seen: Seen) -> Situation:
-        """The situation (N = 1, with maps) at a decision, which is counted.
+    def situation(self, seen: Seen, player: int = -1) -> Situation:
+        """What the robot's policy, or that of ghost ``player``, sees at a decision, which is counted (N = 1).
 
         Raises:
             ValueError: a ghost has not been seen yet.
@@ -200,7 +200,7 @@ class RobotView:
         self._waits[:] = 0
         self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
-        situation = Situation.empty(1, self.hold + 1, maps=self._levels)
+        situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
         fill_situation(
             self._games,
             self._ghosts,
@@ -208,7 +208,7 @@ class RobotView:
             self._obstacles,
             self._alive,
             self._waits,
-            -1,
+            player,
             self._parameters,
             self._maps,
             situation.arrays(),
@@ -219,14 +219,14 @@ class RobotView:
         g["tick"] += 1
         return situation
 
-    def rehearsal(self) -> Situation:
+    def rehearsal(self, player: int = -1) -> Situation:
         """A situation at the home pose with every pellet, for a policy to warm up on; nothing is remembered of it."""
         other = RobotView(self.assets, self._config, levels=self._levels)
         x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()
         for number in range(len(self._stamp_ns)):
             other.see_ghost(number, x, y, 0)
         hx, hy, heading = self.assets.grid.home.tolist()
-        return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()))
+        return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()), player)
 
     def _watch_distance(self, seen: Seen) -> None:
         """The closing speed since the last look; a second look within half a tick keeps the one before."""

@@ -1,4 +1,4 @@
-"""What stands in a generated room: which pieces, and where, so that every doorway and a way around stay clear.
+"""The furniture of a generated room: pieces and their places, so that every doorway and a way around stay clear.
 
 The pieces become shapes for :mod:`pacman_env.world.maps.house_survey`; rooms and doors come from the caller.
 """

@@ -1,4 +1,4 @@
-"""How a robot maps a building: shapes to raster, a tour with a lidar, the grey image that SLAM would save.
+"""The survey of a building: shapes to raster, a tour with a lidar, the grey image that SLAM would save.
 
 What stands where is decided by the caller (:mod:`pacman_env.world.maps.houses`); map files are
 :mod:`pacman_env.world.maps.occupancy`'s business.

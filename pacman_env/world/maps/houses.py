@@ -8,7 +8,6 @@ configuration is for the caller to judge, who draws another attempt if not.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from .house_furniture import Room
 from .house_rooms import Dice, Rect, Wall, area, lay_out
@@ -28,29 +27,6 @@ _GLASS_M = (0.5, 2.0)
 _PANE_M, _POST_M = 0.22, 0.08  # nobody leaves between two posts
 
 
-@dataclass(frozen=True)
-class HouseFacts:
-    """What was built.
-
-    Attributes:
-        rooms: rooms, halls included.
-        doors: doors and openings between two rooms.
-        loops: independent loops of rooms, doors - rooms + 1.
-        dead_ends: rooms with one door.
-        glass: windows through which the lidar sees.
-        furniture: pieces; a table and its chairs are one.
-        area: floor of all rooms, furnished or not, m2.
-    """
-
-    rooms: int
-    doors: int
-    loops: int
-    dead_ends: int
-    glass: int
-    furniture: int
-    area: float
-
-
 def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
     """The map "generated-<level>" of a house with 4 to 10 rooms, home at (0, 0).
 
@@ -64,21 +40,15 @@ def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
     Raises:
         ValueError: level or attempt is negative.
     """
-    plan = _Plan(level, attempt)
-    return survey(f"generated-{level}", plan.shapes, plan.turn, plan.dice.draw)
+    house = House(level, attempt)
+    return survey(f"generated-{level}", house.shapes, house.turn, house.dice.draw)
 
 
-def describe_house(level: int, attempt: int = 0) -> HouseFacts:
-    """What stands in the house that :func:`draw_house` draws.
+class House:
+    """A house before it is surveyed: floor, ``rooms``, ``doors`` between them, ``windows``, pieces of ``furniture``.
 
-    Raises:
-        ValueError: level or attempt is negative.
+    ``shapes`` are in m around the middle of the building, ``turn`` in rad; ``dice`` are left for the survey.
     """
-    return _Plan(level, attempt).facts
-
-
-class _Plan:
-    """A house: shapes around the middle of the building, its turn (rad), the facts, the dice as they were left."""
 
     def __init__(self, level: int, attempt: int) -> None:
         if level < 0 or attempt < 0:
@@ -89,7 +59,7 @@ class _Plan:
         self.wall = self.dice.between(*_WALL_M)
         # The free square of 0.55 m around a ghost's cell, turned, and what noise takes.
         self.way = 0.55 * (abs(math.cos(self.turn)) + abs(math.sin(self.turn))) + 0.2
-        self.floor, doors = lay_out(self.dice, self.turn, loops, self.wall, self.way)
+        self.floor, self.doors = lay_out(self.dice, self.turn, loops, self.wall, self.way)
         half, rooms = self.wall / 2, self.floor.rooms
         self.rooms = [Room((x0 + half, y0 + half, x1 - half, y1 - half), "", self.way) for x0, y0, x1, y1 in rooms]
         max(self.rooms, key=lambda r: area(r.inner)).role = "living"
@@ -100,22 +70,17 @@ class _Plan:
             self.rooms[living].role, self.rooms[kitchen].role = "living", "kitchen"
         self.shapes: list[Shape] = []
         self._build_walls()
-        leaves = [self._build_door(door) for door in doors]
+        leaves = [self._build_door(door) for door in self.doors]
         for k, leaf, side in leaves:  # once all that must stay clear is known
             if self.dice.chance(_LEAF_SHARE) and self.rooms[k].place(leaf, side):
                 self._add(SOLID, leaf)
-        glass, furniture = self._build_windows(), 0
+        self.windows = self._build_windows()
+        self.furniture = 0
         for room in self.rooms:
             shapes, pieces = room.furnish(self.dice)
-            furniture += pieces
+            self.furniture += pieces
             x, y = self.floor.size[0] / 2, self.floor.size[1] / 2
             self.shapes += [(s[0], s[1] - x, s[2] - y, *s[3:]) for s in shapes]
-        ends = [k for door in doors for k in (door.a, door.b)]
-        dead_ends = sum(ends.count(k) == 1 for k in range(len(rooms)))
-        floor_m2 = sum(area(room.inner) for room in self.rooms)
-        self.facts = HouseFacts(
-            len(rooms), len(doors), len(doors) - len(rooms) + 1, dead_ends, glass, furniture, floor_m2
-        )
 
     def _add(self, kind: int, rect: Rect) -> None:
         (x0, y0, x1, y1), (width, depth) = rect, self.floor.size

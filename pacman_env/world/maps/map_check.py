@@ -5,17 +5,17 @@ The pellets come from outside, for the rules of the game are not known here; nor
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import PelletConfig, RobotConfig
-from pacman_env.world.maps.occupancy import OccupancyMap
+from pacman_env.config import Config
+from pacman_env.world.maps.occupancy import MapError, OccupancyMap
+from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are specks of the mapping and are not counted
 SUSPICIOUS_SHARE = 0.01  # of all pixels
@@ -23,7 +23,10 @@ SUSPICIOUS_SHARE = 0.01  # of all pixels
 
 @dataclass(frozen=True)
 class PelletPlace:
-    """One pellet in the map frame, m."""
+    """One pellet in the map frame, m.
+
+    It is ``reachable`` if a robot that starts from home can collect it.
+    """
 
     id: int
     x: float
@@ -33,7 +36,7 @@ class PelletPlace:
 
 @dataclass(frozen=True)
 class MapReport:
-    """What :func:`check_map` found.
+    """The findings of :func:`check_map`.
 
     Attributes:
         name: name of the map.
@@ -42,9 +45,9 @@ class MapReport:
         resolution: m per pixel.
         nav2_free_m2: area with occupancy 0, free to Nav2's costmap.
         game_free_m2: area free by the game's rule.
-        parts: 8-connected parts of the game's free area of at least 0.1 m2.
+        parts: parts of the game's free area of at least 0.1 m2; no step leads over a corner.
         largest_part_m2: area of the largest of them.
-        home: (x, y) in m from which reachability is judged; None: the robot fits nowhere.
+        home: (x, y) in m where the robot starts; None: it fits nowhere.
         pellets: all pellets in the order of their ids.
         warnings: one sentence each.
     """
@@ -91,50 +94,39 @@ def check_map(
     map: OccupancyMap,
     pellets: NDArray[np.float64],
     ids: NDArray[np.int64],
+    config: Config,
     *,
     home: tuple[float, float] | None = (0.0, 0.0),
-    inscribed_radius_m: float = RobotConfig.inscribed_radius_m,
-    free_grey: int = PelletConfig.free_grey,
 ) -> MapReport:
     """Judge a map and the pellets of Algorithm 1 on it.
 
-    A pellet is reachable if the robot's centre can get there over cells whose centre is farther than the
-    inscribed radius from the centre of any cell that is not free to the game (beyond the image nothing is).
+    Where the robot starts and what it can reach from there is what an environment makes of the map.
 
     Args:
         map: the map.
         pellets: (P, 2) positions in the map frame, m.
         ids: (P,) their ids.
-        home: where the robot starts, m; None: the widest place of the largest part.
-        inscribed_radius_m: of the robot's footprint.
-        free_grey: brighter is free to the game.
+        config: gives the grey of free cells, the robot's size and what counts as reached.
+        home: where the robot starts, m; None or (0, 0): there, or at the widest place of the largest part.
     """
-    free, nav2_free = map.game_free(free_grey), map.occupancy == 0
+    free, nav2_free = map.game_free(config.pellets.free_grey), map.occupancy == 0
     cell_m2 = map.resolution**2
-    _, parts, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8), connectivity=8)
-    areas = stats[1:, cv2.CC_STAT_AREA] * cell_m2  # row 0 is what is not free
-    padded = np.pad(free, 1).astype(np.uint8)
-    clearance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1] * map.resolution
-    fits = clearance > inscribed_radius_m
-    warnings = _image_warnings(map, free, nav2_free, free_grey)
+    areas = connected_parts(free)[1] * cell_m2
+    warnings = _image_warnings(map, free, nav2_free, config.pellets.free_grey)
+    grid = None
+    for wished in (None if home in (None, (0.0, 0.0)) else (*home, 0.0), None):
+        with contextlib.suppress(MapError):
+            grid = grid or build_grid(map, config.robot, config.nav2, config.pellets, wished)
+    start = None if grid is None else (float(grid.home[0]), float(grid.home[1]))
+    if home not in (None, start):
+        used = "the widest place of the largest part is used" if start else "nor is any place of the largest part"
+        warnings.append(f"home ({home[0]:g}, {home[1]:g}) is not free for the robot; {used}")
+    reached = grid.pellet_cells(pellets, config.nav2, config.execution)[1] if grid else np.zeros(len(pellets), np.bool_)
 
-    start = None if home is None else _cell(map, *home)
-    if start is None or not fits[start]:
-        in_largest = parts == 1 + int(areas.argmax()) if len(areas) else free
-        row, column = (int(k) for k in np.unravel_index(np.where(in_largest, clearance, -1).argmax(), free.shape))
-        start = (row, column) if fits[row, column] else None
-        if home is not None:
-            used = "the widest place of the largest part is used" if start else "nor is any place of the largest part"
-            warnings.append(f"home ({home[0]:g}, {home[1]:g}) is not free for the robot; {used}")
-        x, y = map.cell_to_world(column, row)
-        home = None if start is None else (float(x), float(y))
-    _, drivable = cv2.connectedComponents(fits.astype(np.uint8), connectivity=8)
-    reached = np.zeros_like(free) if start is None else drivable == drivable[start]
-
-    places = []
-    for pellet, (x, y) in zip(ids.tolist(), pellets.tolist(), strict=True):
-        cell = _cell(map, x, y)
-        places.append(PelletPlace(pellet, x, y, cell is not None and bool(reached[cell])))
+    places = [
+        PelletPlace(pellet, x, y, reachable)
+        for pellet, (x, y), reachable in zip(ids.tolist(), pellets.tolist(), reached.tolist(), strict=True)
+    ]
     lost = [str(p.id) for p in places if not p.reachable]
     if not places:
         warnings.append("no pellets: no point of the lattice has the wall clearance")
@@ -149,18 +141,10 @@ def check_map(
         game_free_m2=float(free.sum() * cell_m2),
         parts=int((areas >= MIN_PART_M2).sum()),
         largest_part_m2=float(areas.max(initial=0.0)),
-        home=home,
+        home=start,
         pellets=tuple(places),
         warnings=tuple(warnings),
     )
-
-
-def _cell(map: OccupancyMap, x: float, y: float) -> tuple[int, int] | None:
-    """(row, column) at a point of the map frame; None: beyond the image."""
-    column, row = map.world_to_cell(x, y)
-    # Pellets lie on corners of cells: of the four the one whose pixel Algorithm 1 looked at.
-    r, c = math.floor(row + 0.5 + 1e-6), math.floor(column + 0.5 + 1e-6)
-    return (r, c) if 0 <= r < map.height and 0 <= c < map.width else None
 
 
 def _image_warnings(

@@ -13,12 +13,11 @@ import os
 import re
 import reprlib
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
@@ -85,10 +84,7 @@ class OccupancyMap:
         origin: tuple[float, float, float],
         *,
         opaque: NDArray[np.bool_] | None = None,
-        occupied_thresh: float = 0.65,
-        free_thresh: float = 0.196,
-        negate: bool = False,
-        mode: str = "trinary",
+        **settings: Any,
     ) -> OccupancyMap:
         """The map that map_server would make of an image.
 
@@ -98,21 +94,35 @@ class OccupancyMap:
             resolution: m per pixel.
             origin: x, y, yaw of the lower left corner, m and rad.
             opaque: (H, W) False where alpha is below 255; None: everywhere opaque.
-            occupied_thresh: see the class.
-            free_thresh: see the class.
-            negate: see the class.
-            mode: see the class.
+            settings: ``occupied_thresh``, ``free_thresh``, ``negate``, ``mode``: see the class.
 
         Raises:
             MapError: a value is out of range.
         """
-        occupancy = _nav2_table(mode, negate, occupied_thresh, free_thresh)[pixels]
-        grey = 255 - pixels if negate else pixels
+        plain = cls(name, pixels, np.zeros(pixels.shape, np.int8), resolution, origin, **settings)
+        occupancy = plain._nav2_table()[pixels]
+        grey = 255 - pixels if plain.negate else pixels
         if opaque is not None:
             grey = np.where(opaque, grey, 0)
-            if mode != "raw":
+            if plain.mode != "raw":
                 occupancy = np.where(opaque, occupancy, -1)
-        return cls(name, grey, occupancy, resolution, origin, occupied_thresh, free_thresh, negate, mode)
+        return replace(plain, grey=grey, occupancy=occupancy)
+
+    def _nav2_table(self) -> NDArray[np.int8]:
+        """(256,) occupancy of each brightness, in float32 as nav2_map_server's map_io computes it."""
+        levels = np.arange(256)
+        if self.mode == "raw":
+            return np.where(levels <= 100, levels, -1).astype(np.int8)
+        dark = levels.astype(np.float32) / np.float32(255)
+        if not self.negate:
+            dark = np.float32(1) - dark
+        occupied, free = np.float32(self.occupied_thresh), np.float32(self.free_thresh)
+        table = np.where(dark >= occupied, 100, -1)
+        if self.mode == "scale" and occupied > free:
+            share = (dark - free) / np.float32(self.occupied_thresh - self.free_thresh) * np.float32(100)
+            between = (dark > free) & (dark < occupied)
+            table = np.where(between, np.floor(share.astype(np.float64) + 0.5), table)
+        return np.where(dark <= free, 0, table).astype(np.int8)
 
     @property
     def height(self) -> int:
@@ -162,10 +172,11 @@ class OccupancyMap:
             MapError: ``image`` is no such name, or no such image yields this grey and occupancy.
             OSError: a file cannot be written.
         """
+        import cv2  # 16 MB, which who only reads a PGM does without
+
         path = Path(yaml_path)
         pixels = 255 - self.grey if self.negate else self.grey.copy()
-        table = _nav2_table(self.mode, self.negate, self.occupied_thresh, self.free_thresh)
-        hidden = table[pixels] != self.occupancy  # needs alpha
+        hidden = self._nav2_table()[pixels] != self.occupancy  # needs alpha
         if self.mode == "raw":
             pixels[hidden] = self.occupancy[hidden].view(np.uint8)
         read = OccupancyMap.from_pixels(self.name, pixels, opaque=~hidden, **self._settings())
@@ -315,23 +326,6 @@ def _negate(path: Path, keys: dict[Any, Any]) -> bool:
     if re.fullmatch(r"[+-]?\d{1,9}", text):
         return int(text) != 0
     raise MapError(f"{path}: key 'negate': {reprlib.repr(value)} must be 0 or 1")
-
-
-def _nav2_table(mode: str, negate: bool, occupied_thresh: float, free_thresh: float) -> NDArray[np.int8]:
-    """(256,) occupancy of each brightness, in float32 as nav2_map_server's map_io computes it."""
-    levels = np.arange(256)
-    if mode == "raw":
-        return np.where(levels <= 100, levels, -1).astype(np.int8)
-    dark = levels.astype(np.float32) / np.float32(255)
-    if not negate:
-        dark = np.float32(1) - dark
-    occupied, free = np.float32(occupied_thresh), np.float32(free_thresh)
-    table = np.where(dark >= occupied, 100, -1)
-    if mode == "scale" and occupied > free:
-        share = (dark - free) / np.float32(occupied_thresh - free_thresh) * np.float32(100)
-        between = (dark > free) & (dark < occupied)
-        table = np.where(between, np.floor(share.astype(np.float64) + 0.5), table)
-    return np.where(dark <= free, 0, table).astype(np.int8)
 
 
 def _write_atomically(path: Path, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Ways to the goals several cells at a time, for those who look far ahead along many ways at once.
+"""Ways to the goals in coarse steps, three cells at a time, for looking far ahead along many ways at once.
 
 The same ways as those of ``paths.py``, but laid out for walking along many at once: a byte per goal,
 the goals of a cell side by side, the cells of a tile of 8 by 8 together. Ways that run together, and cells that follow
@@ -20,10 +20,10 @@ _REACH = 6  # three steps of at most two cells
 _SIDE = 2 * _REACH + 1
 
 
-def strides(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """(R, C, 8, 8, G) for path fields (G, K): what ``stride_of`` makes the cell three steps on.
+def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """(R, C, 8, 8, G) for path fields (G, K): a code for the cell three steps on, see :func:`coarse_step`.
 
-    ``NO_WAY`` without a way, ``ARRIVED`` at the goal. A stride is 0.15 to 0.35 m on a map of 0.05 m per cell.
+    ``NO_WAY`` without a way, ``ARRIVED`` at the goal. A coarse step is 0.15 to 0.35 m on a map of 0.05 m per cell.
 
     Args:
         next_step: path fields, ``world/navigation/paths.py``.
@@ -32,13 +32,13 @@ def strides(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[
     """
     rows, columns = (-(-n // TILE) for n in shape)
     result = np.zeros((rows, columns, TILE, TILE, len(next_step)), dtype=np.uint8)
-    _strides(next_step, cell, result)
+    _fill(next_step, cell, result)
     return result
 
 
 @kernel
-def stride_of(code):  # type: ignore[no-untyped-def]
-    """Columns and rows that a stride goes on."""
+def coarse_step(code):  # type: ignore[no-untyped-def]
+    """Columns and rows that the coarse step of a code goes on."""
     row = (code - 1) // _SIDE
     return code - 1 - row * _SIDE - _REACH, row - _REACH
 
@@ -50,7 +50,7 @@ def tile_index(column, row, across):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _strides(next_step, cell, result):  # type: ignore[no-untyped-def]
+def _fill(next_step, cell, result):  # type: ignore[no-untyped-def]
     for k in range(next_step.shape[1]):
         column, row = cell[k]
         for goal in range(next_step.shape[0]):

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Nav2Config, PelletConfig, RobotConfig
+from ...config import ExecutionConfig, Nav2Config, PelletConfig, RobotConfig
 from ...jit import kernel
 from ..maps.occupancy import MapError, OccupancyMap
-from .paths import STEPS16, PathFields, navfn_weights, neighbour_table
+from .paths import PathFields, navfn_weights, neighbour_table
 
 LETHAL = 254  # an obstacle's own cell
 INSCRIBED = 253  # the robot's centre cannot be here
@@ -59,9 +59,8 @@ class DriveGrid:
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
         """Column and row of a world position, clipped to the grid."""
-        rows, columns = self.shape
-        column, row = (math.floor(c) for c in _apply(self.affine, x, y))
-        return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
+        column, row = cell_of(self.affine, *self.shape, x, y)
+        return column, row
 
     def to_world(self, column: Any, row: Any) -> tuple[Any, Any]:
         """World position x, y (m) of a cell's centre; numbers or arrays."""
@@ -70,7 +69,7 @@ class DriveGrid:
     @functools.cached_property
     def neighbours(self) -> NDArray[np.int32]:
         """(K, 16) number of the drivable cell that each step leads to, -1: not allowed."""
-        return neighbour_table(self.cell_id, self.cell, STEPS16)
+        return neighbour_table(self.cell_id, self.cell)
 
     def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
         """Column and row of each position (M, 2), and whether that lies on the grid."""
@@ -80,8 +79,7 @@ class DriveGrid:
 
     def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
         """Number of the drivable cell under each position (M, 2); -1: none there."""
-        column, row, _ = self.locate(position)
-        return self._numbers(column, row)
+        return self._numbers(*self.locate(position)[:2])
 
     def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
         """Number of the drivable cell that each pixel (M, 2) u, v of an image of that height is; -1: none."""
@@ -102,9 +100,23 @@ class DriveGrid:
         cx, cy = _apply(self.affine, x, y)
         return int(_nearest(self.cell_id, cx, cy, within_m / self.resolution + 0.5))
 
+    def pellet_cells(
+        self, places: NDArray[np.float64], nav2: Nav2Config, execution: ExecutionConfig
+    ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """(P,) the cell where the robot collects the pellet at each place (P, 2) in m, and whether it can.
+
+        It is the drivable cell nearest to the place, -1: none within the planner's tolerance. The robot collects the
+        pellet there if the cell's centre is within the pick-up radius: what is no further away counts as reachable.
+        """
+        cells = np.array([self.nearest_cell(x, y, nav2.unreachable_tolerance_m) for x, y in places], dtype=np.int32)
+        offset = np.hypot(*(np.stack(self.to_world(*self.cell[cells].T), axis=1) - places).T)
+        # Pellets lie on the corners of cells: on a coarse map no centre is nearer than half a diagonal.
+        enough = max(execution.pickup_radius_m, self.resolution * math.sqrt(0.5) + 1e-9)
+        return cells, (cells >= 0) & (offset <= enough)
+
     def path_fields(self) -> PathFields:
         """A store of path fields over this grid, still empty."""
-        return PathFields(self.cell_id, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
+        return PathFields(self.neighbours, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
 
 
 @kernel
@@ -245,18 +257,13 @@ def build_grid(
     free, main, clearance = free[window], main[window], np.ascontiguousarray(clearance[window])
     r0, c0 = r0 + top, c0 + left
     # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
-    away, nearest = cv2.distanceTransformWithLabels(
-        (~main).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    swept = free & (away * res <= robot.inscribed_radius_m)
-    offset = c0 - _MARGIN, r0 - _MARGIN
-    to_cell, to_world = affine(*offset)
-
     cell_id = np.full(main.shape, -1, dtype=np.int32)
     cell = cv2.findNonZero(main.astype(np.uint8)).reshape(-1, 2)
     cell_id[main] = np.arange(len(cell), dtype=np.int32)
-    by_label = np.zeros(int(nearest.max()) + 1, dtype=np.int32)
-    by_label[nearest[main]] = np.arange(len(cell), dtype=np.int32)
+    snap, away = nearest_numbers(cell_id)
+    swept = free & (away * res <= robot.inscribed_radius_m)
+    offset = c0 - _MARGIN, r0 - _MARGIN
+    to_cell, to_world = affine(*offset)
 
     segments = []
     for polygon in _walls(~swept):
@@ -272,12 +279,23 @@ def build_grid(
         clearance_cm=np.minimum(np.floor(clearance * 100 + 1e-3), 255).astype(np.uint8),
         cost=inflate(clearance, res, robot, nav2),
         cell_id=cell_id,
-        snap=by_label[nearest],
+        snap=snap,
         cell=cell,
         walls=np.concatenate(segments),
         home=np.array([home_xy[0], home_xy[1], heading]),
         offset=offset,
     )
+
+
+def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """(H, W) of each cell the nearest number that is not negative, and how many cells away it is."""
+    given = number >= 0
+    away, label = cv2.distanceTransformWithLabels(
+        (~given).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    by_label = np.zeros(int(label.max()) + 1, dtype=np.int32)
+    by_label[label[given]] = number[given]
+    return by_label[label], away
 
 
 def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:

@@ -32,9 +32,9 @@ NAVIGATOR_FIELDS = [
     ("speed_limit", np.float64),  # m/s, forward speed asked for
     ("nav_state", np.int32),
     ("nav_goal", np.int32),  # goal being driven to, -1: none
-    ("nav_next", np.int32),  # goal accepted, waiting for the planner's next tick; -1: none
+    ("nav_next", np.int32),  # goal accepted, not driven to before the planner's next tick; -1: none
     ("nav_next_step", np.int32),
-    ("nav_doomed", np.int32),  # the waiting goal will be aborted at once
+    ("nav_next_aborts", np.int32),  # the accepted goal will be aborted at once
     ("nav_plan_step", np.int32),  # physics step of the next plan
     ("nav_end_x", np.float64),  # where the plan ends, m
     ("nav_end_y", np.float64),
@@ -69,10 +69,10 @@ def send_goal(g, goal, step):  # type: ignore[no-untyped-def]
     g.nav_next = goal
     g.nav_next_step = step + g.nav_accept_steps
     g.nav_result = NO_RESULT
-    g.nav_doomed = 0
+    g.nav_next_aborts = 0
     if g.nav_abort_rate > 0.0:
         g.nav_stream, u = uniform(g.nav_stream)
-        g.nav_doomed = 1 if u < g.nav_abort_rate else 0
+        g.nav_next_aborts = 1 if u < g.nav_abort_rate else 0
     if g.nav_state == IDLE:
         g.nav_plan_step = g.nav_next_step
 
@@ -90,7 +90,7 @@ def _end(g, result):  # type: ignore[no-untyped-def]
 
 @kernel
 def cancel(g):  # type: ignore[no-untyped-def]
-    """Cancel what runs and what waits."""
+    """Cancel the goal driven to and the accepted one."""
     if g.nav_state == ACTIVE:
         _end(g, CANCELED)
     g.nav_next = -1
@@ -98,7 +98,7 @@ def cancel(g):  # type: ignore[no-untyped-def]
 
 @kernel
 def _take_up(g, bx, by, step):  # type: ignore[no-untyped-def]
-    """The waiting goal becomes the one driven to."""
+    """The accepted goal becomes the one driven to."""
     g.nav_goal = g.nav_next
     g.nav_next = -1
     g.nav_state = ACTIVE
@@ -108,25 +108,25 @@ def _take_up(g, bx, by, step):  # type: ignore[no-untyped-def]
     g.nav_stuck_step = -1
     g.nav_wait_step = step
     g.nav_progress_x, g.nav_progress_y, g.nav_progress_step = bx, by, step
-    if g.nav_doomed:
+    if g.nav_next_aborts:
         _end(g, ABORTED)
 
 
 @kernel
 def _goal_due(g, step):  # type: ignore[no-untyped-def]
-    """A goal waits and is accepted; one that pre-empts another also waits for the planner's tick."""
+    """A goal is accepted; one that pre-empts another is due at the planner's tick only."""
     return g.nav_next >= 0 and step >= g.nav_next_step and (g.nav_state == IDLE or step >= g.nav_plan_step)
 
 
 @kernel
 def plan_due(g, step):  # type: ignore[no-untyped-def]
-    """Whether the planner has something to do for ``g`` before control runs at that step."""
+    """True if the planner has something to do for ``g`` before control runs at that step."""
     return _goal_due(g, step) or (g.nav_state == ACTIVE and step >= g.nav_plan_step)
 
 
 @kernel
 def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Take up a waiting goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
+    """Take up the accepted goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):

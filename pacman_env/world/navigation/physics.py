@@ -113,7 +113,7 @@ class PhysicsWorld:
 
 
 def _batched(function: str, fields: pymunk.batch.BodyFields, buffer: pymunk.batch.Buffer) -> tuple[Any, Any, Any]:
-    """What ``pymunk.batch.get_space_bodies`` or ``set_space_bodies`` makes anew at each call, made once.
+    """The arguments that ``pymunk.batch.get_space_bodies`` or ``set_space_bodies`` makes at each call, made once.
 
     Returns:
         The C function that visits a body, its data, and the array whose counter says where the data begin.

@@ -29,7 +29,7 @@ _GREED = 2  # weight of the estimate in the search for a detour: fewer cells, a 
 
 @kernel
 def _blocked(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
-    """Whether the static path from ``cell`` to the goal passes the obstacle region around (cx, cy)."""
+    """True if the static path from ``cell`` to the goal passes the obstacle region around (cx, cy)."""
     affine, snap, _, cell_xy, length_cm, next_step = nav[:6]
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     away_cm = math.sqrt(dx * dx + dy * dy) * 100.0
@@ -114,7 +114,7 @@ def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArr
 
 @kernel
 def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
-    """Whether a point lies in the region of an obstacle that counts."""
+    """True if a point lies in the region of an obstacle that counts."""
     for k in range(len(obstacles)):
         dx, dy = x - obstacles[k, 0], y - obstacles[k, 1]
         if dx * dx + dy * dy < obstacles[k, 2] * obstacles[k, 2]:

@@ -11,6 +11,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from std_msgs.msg import Header, String  # noqa: E402
 
+from pacman_env.config import make_config  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import markers_of, pose_message, transform_message  # noqa: E402
 from pacman_env.ros.selector.selection import Selection  # noqa: E402
@@ -160,7 +161,7 @@ def test_transforms_are_believed_before_the_latched_pose(game: Game) -> None:
 @pytest.mark.parametrize("policy", ["ppo", "lookahead", "clyde_aware"])
 def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
     troubles: list[str] = []
-    selection = Selection("house", policy, None, 0.0, 1.0, lambda kind, text: troubles.append(text))
+    selection = Selection(make_config(), "house", policy, None, 1.0, lambda kind, text: troubles.append(text))
     executor, took, sent = selection.executor, [], []
     stamp = pose_message(0.0, 0.0, 0.0, rclpy.time.Time().to_msg()).header.stamp
     amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))

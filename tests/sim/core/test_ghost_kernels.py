@@ -54,7 +54,7 @@ def cells_by_the_robots(batch: GameBatch) -> list[int]:
     """The ghosts' cell nearest to where each robot believes to be."""
     assets = batch.assets
     column, row, _ = assets.grid.locate(batch.situation().robot[:, :2])
-    return assets.haunts.snap[row, column].tolist()
+    return assets.ghost_targets.snap[row, column].tolist()
 
 
 # Told by a policy
@@ -84,7 +84,7 @@ def test_told_otherwise_he_turns_at_the_next_cell() -> None:
         place = int(rng.integers(batch.hold))
         beyond = stands_at(batch)[0]
         hold(batch, np.array([[place]]))
-        target = int(batch.assets.haunts.place[place])
+        target = int(batch.assets.ghost_targets.place[place])
         assert heads_for(batch, 0) == target
         moved = np.hypot(*(stands_at(batch)[0] - beyond))
         assert moved <= 0.25 * 0.6 + 1e-9  # three updates at most
@@ -102,7 +102,7 @@ def test_let_go_he_first_goes_where_he_was_going_and_then_wanders() -> None:
         assert batch.ghosts["place"][0, 0] == -1
         if not targets or targets[-1] != heads_for(batch, 0):
             targets.append(heads_for(batch, 0))
-    assert targets[0] == batch.assets.haunts.place[5]
+    assert targets[0] == batch.assets.ghost_targets.place[5]
     assert len(targets) > 3
 
 
@@ -170,7 +170,7 @@ def test_the_arcade_clyde_comes_from_afar_and_turns_to_his_corner_when_near() ->
     batch = games(6, "arcade", **{"clyde.arcade_distance_m": 2.5, "clyde.speed_mps": 0.5})
     robot = batch.situation().robot
     aims = cells_by_the_robots(batch)
-    corner = int(batch.assets.haunts.corner[0])
+    corner = int(batch.assets.ghost_targets.corner[0])
     rules: list[str] = []
     for _ in range(100):
         before = stands_at(batch)

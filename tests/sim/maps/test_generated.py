@@ -20,7 +20,6 @@ from pacman_env.sim.maps.generated import (
     TEST_LEVELS,
     WIDE,
     GeneratedMaps,
-    level_map,
     most_pellets,
     prepare_level,
 )
@@ -128,7 +127,7 @@ def test_levels_are_playable_by_what_their_files_say(first: int, tmp_path: Path)
 
 
 def test_levels_differ() -> None:
-    assert len({level_map(level, CONFIG).hash for level in (0, 1, 2, 3, TEST_LEVEL, TEST_LEVEL + 1)}) == 6
+    assert len({prepare_level(level, CONFIG).occupancy.hash for level in (0, 1, 2, 3, TEST_LEVEL, TEST_LEVEL + 1)}) == 6
 
 
 @pytest.mark.parametrize("spacing", [1.0, 1.5, 3.0])

@@ -47,7 +47,7 @@ def cells_of(assets: MapAssets) -> tuple[np.ndarray, np.ndarray]:
 def test_a_goal_sends_them_to_their_cell_nearest_to_it_or_nowhere_beyond_a_metre(name: str) -> None:
     assets = assets_of(name)
     cells, position = cells_of(assets)
-    for goal, place in zip(assets.goal_xy, assets.haunts.place.tolist(), strict=True):
+    for goal, place in zip(assets.goal_xy, assets.ghost_targets.place.tolist(), strict=True):
         distance = np.hypot(*(position - goal).T)
         assert (place >= 0) == (distance.min() <= 1.0)
         if place >= 0:
@@ -57,15 +57,15 @@ def test_a_goal_sends_them_to_their_cell_nearest_to_it_or_nowhere_beyond_a_metre
 
 def test_a_room_that_they_do_not_fit_into_has_places_that_they_cannot_be_sent_to() -> None:
     assets = assets_of("rooms")
-    assert (assets.haunts.place < 0).any()
-    assert (assets.haunts.place >= 0).any()
+    assert (assets.ghost_targets.place < 0).any()
+    assert (assets.ghost_targets.place >= 0).any()
 
 
 @every_map
 def test_wherever_the_robot_is_a_nearest_cell_of_theirs_is_known(name: str) -> None:
     assets = assets_of(name)
     cells, position = cells_of(assets)
-    snap = assets.haunts.snap
+    snap = assets.ghost_targets.snap
     assert snap.shape == assets.grid.shape
     assert np.isin(snap, cells).all()
     rng = np.random.default_rng(0)
@@ -85,8 +85,8 @@ def test_their_corners_are_the_arcades(name: str) -> None:
     lower_left, upper_right = low, high
     upper_left, lower_right = np.array([low[0], high[1]]), np.array([high[0], low[1]])
     corners = (lower_left, upper_right, upper_left, lower_right)  # Clyde, Blinky, Pinky, Inky
-    for cell, corner in zip(assets.haunts.corner.tolist(), corners, strict=True):
+    for cell, corner in zip(assets.ghost_targets.corner.tolist(), corners, strict=True):
         found = np.hypot(*(assets.clyde.position[cell] - corner))
         assert found == pytest.approx(np.hypot(*(position - corner).T).min(), abs=1e-9)
     if name != "turned":
-        assert len(set(assets.haunts.corner.tolist())) == 4
+        assert len(set(assets.ghost_targets.corner.tolist())) == 4

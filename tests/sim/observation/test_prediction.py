@@ -83,7 +83,7 @@ def test_if_clyde_stands_the_smallest_distance_is_that_of_the_robots_way(source:
                 assert seen[game, candidate, column] == pytest.approx(seen[game, candidate, STANDING], abs=1e-4)
             assert seen[game, candidate, CAUGHT] == pytest.approx(float(seen[game, candidate, STANDING] < 0.45))
             assert seen[game, candidate, APPROACHED] == pytest.approx(float(seen[game, candidate, STANDING] < 0.8))
-    assert np.max(off) < 0.1  # strides cut corners
+    assert np.max(off) < 0.1  # coarse steps cut corners
 
 
 @pytest.mark.parametrize("source", ["house", "maze", "generated"])

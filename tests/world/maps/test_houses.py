@@ -16,9 +16,9 @@ from pacman_env.config import ClydeConfig, Nav2Config, PelletConfig, RobotConfig
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.sim.maps.ghost_cells import clyde_cells
 from pacman_env.world.maps import houses
-from pacman_env.world.maps.house_rooms import Dice
+from pacman_env.world.maps.house_rooms import Dice, area
 from pacman_env.world.maps.house_survey import GLASS, MAX_PIXELS, OPEN, SOLID, Shape, survey
-from pacman_env.world.maps.houses import LOOP_QUOTA, MAX_EXTENT_M, HouseFacts, describe_house, draw_house
+from pacman_env.world.maps.houses import LOOP_QUOTA, MAX_EXTENT_M, House, draw_house
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from pacman_env.world.navigation.grid import DriveGrid, build_grid
 
@@ -37,8 +37,17 @@ def grid(level: int) -> DriveGrid:
 
 
 @cache
-def facts() -> list[HouseFacts]:
-    return [describe_house(level) for level in MANY]
+def plans() -> list[House]:
+    return [House(level, 0) for level in MANY]
+
+
+def loops(plan: House) -> int:
+    return len(plan.doors) - len(plan.rooms) + 1
+
+
+def dead_ends(plan: House) -> int:
+    doors = Counter(room for door in plan.doors for room in (door.a, door.b))
+    return sum(count == 1 for count in doors.values())
 
 
 def holes(solid: NDArray[np.bool_]) -> int:
@@ -54,11 +63,11 @@ def is_playable(level: int) -> bool:
     cells = clyde_cells(plan, ClydeConfig(), PelletConfig().free_grey)
     ghost = cells.position[cells.part == 0]
     reached = [drive.nearest_cell(x, y, 0.25) >= 0 for x, y in pellets]
-    haunted = [np.hypot(*(ghost - p).T).min() <= 0.5 for p in pellets]
+    near_ghosts = [np.hypot(*(ghost - p).T).min() <= 0.5 for p in pellets]
     return (
         4 <= len(pellets) <= 16
         and all(reached)
-        and np.mean(haunted) > 0.9
+        and np.mean(near_ghosts) > 0.9
         and len(ghost) * 4 >= len(drive.cell)
         and len(drive.cell) <= 20_000
     )
@@ -79,25 +88,23 @@ def test_levels_and_attempts_differ_in_the_map_and_levels_in_the_name() -> None:
 def test_negative_numbers_are_refused(numbers: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="must not be negative"):
         draw_house(*numbers)
-    with pytest.raises(ValueError, match="must not be negative"):
-        describe_house(*numbers)
 
 
 def test_loops_come_in_the_declared_proportion_in_any_ten_levels_and_for_every_attempt() -> None:
-    loops = [f.loops for f in facts()]
-    assert all(Counter(loops[k : k + 10]) == Counter(LOOP_QUOTA) for k in range(0, len(loops), 10))
-    share = Counter(min(n, 2) for n in loops)
+    numbers = [loops(plan) for plan in plans()]
+    assert all(Counter(numbers[k : k + 10]) == Counter(LOOP_QUOTA) for k in range(0, len(numbers), 10))
+    share = Counter(min(n, 2) for n in numbers)
     assert (share[0], share[1], share[2]) == (40, 80, 80)
-    assert [describe_house(level, 5).loops for level in range(10)] == loops[:10]
-    assert len({tuple(loops[k : k + 10]) for k in range(0, len(loops), 10)}) > 10  # no fixed order
+    assert [loops(House(level, 5)) for level in range(10)] == numbers[:10]
+    assert len({tuple(numbers[k : k + 10]) for k in range(0, len(numbers), 10)}) > 10  # no fixed order
 
 
 def test_every_house_has_a_dead_end_and_the_size_of_a_home() -> None:
-    assert all(f.loops == f.doors - f.rooms + 1 for f in facts())
-    assert all(f.dead_ends >= 1 and 4 <= f.rooms <= 10 and 30 <= f.area <= 75 for f in facts())
-    assert len({f.rooms for f in facts()}) >= 5
-    assert np.mean([f.glass > 0 for f in facts()]) > 0.9
-    assert np.median([f.furniture for f in facts()]) >= 10
+    assert all(dead_ends(plan) >= 1 and 4 <= len(plan.rooms) <= 10 for plan in plans())
+    assert all(30 <= sum(area(room.inner) for room in plan.rooms) <= 75 for plan in plans())
+    assert len({len(plan.rooms) for plan in plans()}) >= 5
+    assert np.mean([plan.windows > 0 for plan in plans()]) > 0.9
+    assert np.median([plan.furniture for plan in plans()]) >= 10
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -117,7 +124,7 @@ def test_map_is_a_clean_one_with_room_for_the_robot_at_home(level: int) -> None:
 @pytest.mark.parametrize("level", LEVELS)
 def test_loops_of_the_plan_can_be_driven(level: int) -> None:
     """Furniture adds more of them, so a missing one shows a door that nobody passes."""
-    assert holes(grid(level).cell_id < 0) >= describe_house(level).loops
+    assert holes(grid(level).cell_id < 0) >= loops(plans()[level])
 
 
 def test_most_houses_are_playable_at_the_first_attempt() -> None:

@@ -9,11 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pacman_env.config import make_config
 from pacman_env.world.maps.map_check import MapReport, check_map
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 NO_PELLETS = (np.zeros((0, 2)), np.zeros(0, np.int64))
 RADIUS_M = 0.15
+CONFIG = make_config(**{"robot.inscribed_radius_m": RADIUS_M, "robot.radius_m": RADIUS_M})
+PICKUP_M = CONFIG.execution.pickup_radius_m
 
 
 def picture(*lines: str, yaw: float = 0.0, **changes: object) -> OccupancyMap:
@@ -28,7 +31,7 @@ def check(m: OccupancyMap, *cells: tuple[int, int], home: tuple[int, int] | None
     corners = np.array([m.cell_to_world(c - 0.5, r - 0.5) for c, r in cells], dtype=float).reshape(-1, 2)
     start = None if home is None else tuple(float(v) for v in m.cell_to_world(*home))
     ids = np.arange(len(cells))
-    return check_map(m, corners, ids, home=start, inscribed_radius_m=RADIUS_M)  # type: ignore[arg-type]
+    return check_map(m, corners, ids, CONFIG, home=start)  # type: ignore[arg-type]
 
 
 def warnings_with(report: MapReport, words: str) -> list[str]:
@@ -48,7 +51,7 @@ def test_areas_count_cells_by_each_rule() -> None:
     assert (report.width, report.height, report.resolution) == (5, 3, 0.1)
 
 
-def test_parts_are_8_connected_and_specks_are_not_counted() -> None:
+def test_no_step_over_a_corner_joins_parts_and_specks_are_not_counted() -> None:
     rows = [
         "#" * 12,
         "#....#....##",
@@ -60,8 +63,8 @@ def test_parts_are_8_connected_and_specks_are_not_counted() -> None:
         "#" * 12,
     ]
     report = check(picture(*rows), home=None)
-    assert report.parts == 1  # two rooms joined over a corner; 8 cells are below 0.1 m2
-    assert report.largest_part_m2 == pytest.approx(0.25)
+    assert report.parts == 2  # a cell joins the rooms over two corners; 8 cells are below 0.1 m2
+    assert report.largest_part_m2 == pytest.approx(0.12)
 
 
 def test_a_pellet_behind_a_door_is_reachable_if_the_robot_fits_through() -> None:
@@ -73,8 +76,8 @@ def test_a_pellet_behind_a_door_is_reachable_if_the_robot_fits_through() -> None
 
 
 def test_beyond_the_image_nothing_is_free() -> None:
-    report = check(picture("...", "...", "..."), (1, 1), (0, 1), home=(1, 1))
-    assert report.unreachable == (1,)  # the border cell is 0.1 m from the cell outside
+    assert check(picture("...", "...", "..."), (1, 1), home=(1, 1)).home == pytest.approx((0.15, 0.15))
+    assert check(picture("..", ".."), (1, 1), home=(1, 1)).home is None  # all cells are 0.1 m from one outside
 
 
 def test_unreachable_pellets_are_listed_in_a_warning() -> None:
@@ -145,6 +148,21 @@ def test_turning_the_map_frame_changes_no_answer(cells: list[tuple[int, int]], y
     assert check(turned, *cells, home=(3, 3)).unreachable == check(straight, *cells, home=(3, 3)).unreachable
 
 
+def test_a_pellet_is_reachable_if_the_robot_comes_as_near_as_it_collects_from() -> None:
+    m = picture("#" * 11, *["#" + "." * 9 + "#"] * 9, "#" * 11)  # the robot's centre stays two cells off the wall
+    report = check(m, *((c, 5) for c in range(5)), home=(5, 5))
+    assert report.unreachable == (0,)  # its pellet is 0.25 m and more from the nearest centre; the wall's, 0.15 m
+    config = CONFIG.with_fields(**{"execution.pickup_radius_m": 0.1})
+    places, ids = np.array([[p.x, p.y] for p in report.pellets]), np.arange(5)
+    assert check_map(m, places, ids, config, home=(0.55, 0.55)).unreachable == (0, 1)
+
+
+def test_the_robot_does_not_drive_over_a_corner() -> None:
+    rooms = ["#" * 14, *["#......#######"] * 6, *["#######......#"] * 6, "#" * 14]
+    report = check(picture(*rooms), (3, 3), (10, 10), home=(3, 3))
+    assert report.unreachable == (1,)
+
+
 def flood(free: NDArray[np.bool_], start: tuple[int, int]) -> set[tuple[int, int]]:
     """(row, column) reached from start over cells 0.15 m or more from what is not free; the slow way."""
     height, width = free.shape
@@ -159,7 +177,7 @@ def flood(free: NDArray[np.bool_], start: tuple[int, int]) -> set[tuple[int, int
         r, c = edge.pop()
         if (r, c) not in found and fits(r, c):
             found.add((r, c))
-            edge += [(r + dr, c + dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1)]
+            edge += [(r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)]  # a diagonal step cuts a corner
     return found
 
 
@@ -171,9 +189,11 @@ def test_reachable_is_what_a_flood_fill_reaches(seed: int) -> None:
     cells = [(c, r) for r in range(9) for c in range(9)]
     report = check(m, *cells, home=(4, 4))
     reached = {(r, c) for p, (c, r) in zip(report.pellets, cells, strict=True) if p.reachable}
-    expected = flood(free, (4, 4))
-    if expected:
-        assert reached == expected
+    centres = flood(free, (4, 4))
+    if centres:  # pellets lie on the corner of their cell
+        assert reached == {
+            (r, c) for c, r in cells if min(math.hypot(r - 0.5 - i, c - 0.5 - j) for i, j in centres) * 0.1 <= PICKUP_M
+        }
     else:
         assert report.home is None or warnings_with(report, "is not free for the robot")
 
@@ -197,4 +217,4 @@ def test_the_report_is_plain_data_and_plain_text() -> None:
 
 def test_ids_and_places_must_match() -> None:
     with pytest.raises(ValueError, match="shorter"):
-        check_map(two_rooms("#####"), np.zeros((1, 2)), np.arange(2))
+        check_map(two_rooms("#####"), np.zeros((1, 2)), np.arange(2), CONFIG)

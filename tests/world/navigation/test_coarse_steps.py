@@ -1,4 +1,4 @@
-"""Strides against the steps that they are made of."""
+"""Coarse steps against the steps that they are made of."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.world.navigation.coarse_steps import ARRIVED, NO_WAY, TILE, stride_of, strides, tile_index
+from pacman_env.world.navigation.coarse_steps import ARRIVED, NO_WAY, TILE, coarse_step, coarse_steps, tile_index
 from pacman_env.world.navigation.paths import NO_STEP
 
 
 @pytest.mark.parametrize("name", ["house", "maze"])
-def test_a_stride_is_three_steps_of_the_way(name: str) -> None:
+def test_a_coarse_step_is_three_steps_of_the_way(name: str) -> None:
     assets = map_assets(name, make_config())
     cell, steps = assets.grid.cell, assets.next_step
-    found = strides(steps, cell, assets.grid.shape)
+    found = coarse_steps(steps, cell, assets.grid.shape)
     rng = np.random.default_rng(0)
     arrived = 0
     for _ in range(500):
@@ -25,24 +25,24 @@ def test_a_stride_is_three_steps_of_the_way(name: str) -> None:
             there += int(steps[goal, there])
         column, row = cell[k]
         code = found[row // TILE, column // TILE, row % TILE, column % TILE, goal]
-        assert stride_of(code) == tuple(cell[there] - cell[k])
+        assert coarse_step(code) == tuple(cell[there] - cell[k])
         arrived += code == ARRIVED
         assert (code == ARRIVED) == (steps[goal, k] == 0)
     assert arrived < 500
 
 
-def test_every_stride_has_a_code_of_its_own() -> None:
-    assert stride_of(ARRIVED) == (0, 0)
-    all_of_them = {stride_of(code) for code in range(1, 170)}
+def test_every_coarse_step_has_a_code_of_its_own() -> None:
+    assert coarse_step(ARRIVED) == (0, 0)
+    all_of_them = {coarse_step(code) for code in range(1, 170)}
     assert all_of_them == {(columns, rows) for columns in range(-6, 7) for rows in range(-6, 7)}
 
 
 def test_at_the_goal_it_stays_and_without_a_way_there_is_none() -> None:
     steps = np.array([[1, 1, 0], [NO_STEP, NO_STEP, NO_STEP]], dtype=np.int16)
     cell = np.array([[0, 1], [1, 1], [2, 1]], dtype=np.int32)
-    found = strides(steps, cell, (9, 3))
+    found = coarse_steps(steps, cell, (9, 3))
     assert found.shape == (2, 1, TILE, TILE, 2)
-    assert [stride_of(code) for code in found[0, 0, 1, :3, 0]] == [(2, 0), (1, 0), (0, 0)]
+    assert [coarse_step(code) for code in found[0, 0, 1, :3, 0]] == [(2, 0), (1, 0), (0, 0)]
     assert (found[..., 1] == NO_WAY).all()
     assert np.count_nonzero(found) == 3
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from pacman_env.world.navigation.paths import (
     AT_GOAL,
     NO_STEP,
-    STEPS8,
     STEPS16,
     UNREACHABLE_CM,
     PathFields,
@@ -36,8 +35,9 @@ def numbered(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def field(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Lengths (cm), next steps, cells and neighbours for one goal cell."""
     cell_id, cell = numbered(free)
-    length_cm, next_step = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION).to(goal)
-    return length_cm, next_step, cell, neighbour_table(cell_id, cell, STEPS16)
+    neighbours = neighbour_table(cell_id, cell)
+    length_cm, next_step = PathFields(neighbours, cell, navfn_weights(cost, cell), RESOLUTION).to(goal)
+    return length_cm, next_step, cell, neighbours
 
 
 def random_map(seed: int, share_free: float = 0.75) -> tuple[np.ndarray, np.ndarray]:
@@ -123,7 +123,7 @@ def test_a_way_has_the_length_promised_and_cuts_no_corner(seed: int, share_free:
 def in_buckets(free: np.ndarray, cost: np.ndarray, goal: int) -> tuple[np.ndarray, np.ndarray]:
     """Costs and next steps of Dijkstra's algorithm that tries all steps, last in first out in buckets of one cell."""
     cell_id, cell = numbered(free)
-    neighbours, weight = neighbour_table(cell_id, cell, STEPS16), navfn_weights(cost, cell)
+    neighbours, weight = neighbour_table(cell_id, cell), navfn_weights(cost, cell)
     best = np.full(len(cell), np.inf, np.float32)
     next_step = np.full(len(cell), NO_STEP)
     best[goal], next_step[goal] = 0.0, AT_GOAL
@@ -175,7 +175,7 @@ def test_far_from_the_goal_where_costs_are_coarse_all_steps_are_tried() -> None:
 def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
     free, cost = random_map(5, 0.9)
     cell_id, cell = numbered(free)
-    fields = PathFields(cell_id, cell, navfn_weights(cost, cell), RESOLUTION)
+    fields = PathFields(neighbour_table(cell_id, cell), cell, navfn_weights(cost, cell), RESOLUTION)
     goals = [3, len(cell) - 1, 3, 120]
     found = [fields.to(goal) for goal in goals]
     assert found[2][0] is found[0][0]
@@ -190,17 +190,16 @@ def test_a_field_is_computed_once_and_the_next_goal_starts_afresh() -> None:
 def test_the_neighbour_table_holds_exactly_the_allowed_steps(seed: int) -> None:
     free, _ = random_map(seed, 0.7)
     cell_id, cell = numbered(free)
-    for steps in (STEPS8, STEPS16):
-        table = neighbour_table(cell_id, cell, steps)
-        for k, (c, r) in enumerate(cell.tolist()):
-            for d, (dc, dr) in enumerate(steps.tolist()):
-                expected = cell_id[r + dr, c + dc] if may_step(free, c, r, dc, dr) else -1
-                assert table[k, d] == expected
+    table = neighbour_table(cell_id, cell)
+    for k, (c, r) in enumerate(cell.tolist()):
+        for d, (dc, dr) in enumerate(STEPS16.tolist()):
+            expected = cell_id[r + dr, c + dc] if may_step(free, c, r, dc, dr) else -1
+            assert table[k, d] == expected
 
 
 def test_the_opposite_of_a_direction_is_half_a_turn_further() -> None:
     np.testing.assert_array_equal(STEPS16[(np.arange(16) + 8) % 16], -STEPS16)
-    np.testing.assert_array_equal(STEPS8[(np.arange(8) + 4) % 8], -STEPS8)
+    assert (np.abs(STEPS16[::2]).max(axis=1) == 1).all()  # the 8 neighbours
     assert (np.diff(np.arctan2(STEPS16[:8, 1], STEPS16[:8, 0])) > 0).all()
 
 
