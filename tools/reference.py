@@ -42,6 +42,7 @@ _UNITS = (
     ("_mps2", "m/s²"), ("_mps", "m/s"), ("_radps", "rad/s"), ("_rad", "rad"), ("_kg", "kg"), ("_m", "m"), ("_s", "s")
 )  # fmt: skip
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
+OWN_KINDS = ("features", "planner", "scan", "grid")  # of observation
 #: What rewards are given for: their names alone are all that the source says.
 EVENTS = {
     "pellet": "each pellet collected",
@@ -102,8 +103,6 @@ def _code(value: object) -> str:
 
 def _values(unit: str, kind: Any) -> str:
     """The unit, and what may be given where the default does not show it."""
-    if kind == sections.Ghosts:
-        return "each one of " + ", ".join(map(_code, BEHAVIOURS)) + ", or a plug-in's"
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
         return _values(unit, inner[0])
@@ -114,6 +113,12 @@ def _values(unit: str, kind: Any) -> str:
     return f"{unit} (low, high)".strip() if origin is tuple else unit or _KINDS.get(kind, "")
 
 
+def _named(field: str) -> str:
+    """The names that a field takes, of things that packages can add."""
+    names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(field, ())
+    return "each " + ", ".join(map(_code, names)) + ", or a plug-in's" if names else ""
+
+
 def configuration() -> str:
     """Every field of the configuration, by section."""
     sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
@@ -121,7 +126,12 @@ def configuration() -> str:
 
     def rows(owner: Any, prefix: str) -> list[list[str]]:
         return [
-            [f"`{prefix}{f.name}`", _code(value), _values(f.unit, kind), f.comment or EVENTS.get(f.name, "")]
+            [
+                f"`{prefix}{f.name}`",
+                _code(value),
+                _named(f"{prefix}{f.name}") or _values(f.unit, kind),
+                f.comment or EVENTS.get(f.name, ""),
+            ]
             for f in sources[type(owner).__name__]
             for value, kind in [(getattr(owner, f.name), kinds(type(owner))[f.name])]
             if not dataclasses.is_dataclass(value)
@@ -165,7 +175,7 @@ def keys() -> str:
     """Keys of the observation on the map ``house`` with two ghosts."""
     batch = PacManBotEnv("house").batch
     entries = [(MASK, mask_part(batch), '`action="goal"`')]
-    for kind in ("features", "planner", "scan", "grid"):
+    for kind in OWN_KINDS:
         when = "features, the default" if kind == Features.name else f'`observation="{kind}"`'
         entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
     rows = []
