@@ -11,43 +11,48 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from pacman_env.ros.supervisor.game_nodes import GAME, NAMESPACE, SELECTOR, SIMULATOR, WAIT, Game
+from pacman_env.ros.supervisor.game_nodes import NAMESPACE, SELECTOR, GameSetup
 
 ARGUMENTS = (
     ("map", "house", "a map's YAML, or a shipped map's name; the one that localization uses"),
-    ("policy", "ppo", "who picks the goals: a policy's name or an .onnx file"),
+    ("policy", "ppo", "what picks the goals: a policy's name or an .onnx file"),
     ("namespace", NAMESPACE, "of the robot"),
     ("sim", "false", "true: a simulated robot takes the real one's place"),
     ("speed", "1.0", "of the simulated robot's clock, 1 to 10"),
+    ("preset", "robot", "the configuration that every node plays by"),
+    ("execution", "robust", "of Algorithm 4"),
+    ("settings", "", "fields of the configuration, name=value, separated by blanks"),
 )
+RESPAWN = {"respawn": True, "respawn_delay": 2.0}
 
 
 def _nodes(context):
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     if given["sim"].lower() not in ("true", "false"):
         raise ValueError(f"sim:={given['sim']}: must be true or false")
-    sim, speed = given.pop("sim").lower() == "true", float(given.pop("speed"))
-    game = Game(**given, sim=sim, speed=speed)
+    given |= {"sim": given["sim"].lower() == "true", "speed": float(given["speed"])}
+    setup = GameSetup(**given | {"settings": tuple(given["settings"].split())})
 
     def node(name, **options):
         return Node(
             package="pacman_env",
             executable=name,
             name=name,
-            namespace=game.namespace,
-            parameters=[game.parameters(name)],
+            namespace=setup.namespace,
+            parameters=[setup.parameters(name)],
             output="screen",
             **options,
         )
 
     def localized(event, context):
         if event.returncode == 0:
-            return [node(SELECTOR, respawn=True, respawn_delay=2.0)]
+            return [node(SELECTOR, **RESPAWN)]
         return [EmitEvent(event=Shutdown(reason="the robot is not localized"))]
 
-    wait = node(WAIT)
+    *first, last = setup.first_nodes
+    wait = node(last)
     return [
-        *(node(name, respawn=True, respawn_delay=2.0) for name in (*((SIMULATOR,) if sim else ()), *GAME)),
+        *(node(name, **RESPAWN) for name in first),
         RegisterEventHandler(OnProcessExit(target_action=wait, on_exit=localized)),
         wait,
     ]

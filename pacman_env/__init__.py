@@ -1,17 +1,18 @@
 """PacManBot as a learning environment: maps, game rules, simulator, policies.
 
-Importing this package registers the environments with Gymnasium and loads nothing else; each part is imported by its
-own name, and the multi-agent environments ``parallel_env`` and ``env`` when they are first asked for.
+Importing this package registers the environments with Gymnasium, be that imported before or after, and loads nothing
+else; each part is imported by its own name, and the multi-agent environments ``parallel_env`` and ``env`` when they are
+first asked for.
 """
 
 from typing import Any
 
 from pacman_env._version import __version__
-from pacman_env.envs.registration import register_envs
+from pacman_env.envs.registration import register_envs, register_when_imported
 
 __all__ = ["__version__", "env", "parallel_env", "register_envs"]
 
-register_envs()
+register_when_imported()
 
 
 def __getattr__(name: str) -> Any:

@@ -9,6 +9,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
+import types
+import typing
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,11 +19,14 @@ import numba
 import numba.core.config as numba_config
 import platformdirs
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import cgutils
+from numba.core import types as numba_types
 from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+#: Modules of plain functions.
+_RULES = ("pacman_env.game.", "pacman_env.rng")
 _PACKAGE = Path(__file__).resolve().parent
 _KERNEL_ROOMS = ("config", "game", "world", "sim", "heuristics")  # beside the modules of the package itself
 
@@ -42,17 +47,39 @@ def source_hash() -> str:
     return digest.hexdigest()[:12]
 
 
-def kernel(function: F) -> F:
-    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), cached on disk."""
-    folder = _kernel_folder()
+@functools.cache
+def kernel(function: F, cached: bool = True) -> F:
+    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), kept on disk.
+
+    Rules are plain functions; those that ``function`` calls are compiled with it. ``cached=False`` is for functions
+    from outside the package, whose changes :func:`source_hash` does not see.
+    """
+    folder = _kernel_folder() if cached else None
     before = numba_config.CACHE_DIR
     if folder is not None:
         numba_config.CACHE_DIR = str(folder)
     try:
-        compiled: F = numba.njit(cache=folder is not None, error_model="numpy", forceinline=True, nogil=True)(function)
+        compiled: F = numba.njit(cache=folder is not None, error_model="numpy", forceinline=True, nogil=True)(
+            _with_rules_compiled(function)
+        )
     finally:
         numba_config.CACHE_DIR = before
     return compiled
+
+
+def _with_rules_compiled(function: F) -> F:
+    """A copy of ``function`` that calls kernels where it calls rules; itself where it calls none."""
+    used = function.__globals__
+    rules = {
+        name: kernel(used[name])
+        for name in function.__code__.co_names
+        if isinstance(used.get(name), types.FunctionType) and used[name].__module__.startswith(_RULES)
+    }
+    if not rules:
+        return function
+    copy = types.FunctionType(function.__code__, {**used, **rules}, function.__name__, function.__defaults__)
+    copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
+    return typing.cast(F, copy)
 
 
 @functools.cache
@@ -78,11 +105,11 @@ def prefetch(typing_context, array, index):  # type: ignore[no-untyped-def]
         view = context.make_array(signature.args[0])(context, builder, arguments[0])
         strides = cgutils.unpack_tuple(builder, view.strides)
         start = builder.bitcast(view.data, ir.IntType(8).as_pointer())
-        offset = builder.mul(context.cast(builder, arguments[1], signature.args[1], types.intp), strides[0])
+        offset = builder.mul(context.cast(builder, arguments[1], signature.args[1], numba_types.intp), strides[0])
         word = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [start.type, word, word, word])
         call = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
         builder.call(call, [builder.gep(start, [offset]), word(0), word(3), word(1)])
         return context.get_dummy_value()
 
-    return types.void(array, index), generate
+    return numba_types.void(array, index), generate

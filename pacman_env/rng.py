@@ -1,4 +1,4 @@
-"""Random numbers for compiled rules: SplitMix64, one independent stream per game and purpose.
+"""Random numbers for rules: SplitMix64, one independent stream per game and purpose.
 
 A stream is one uint64 of state; every draw returns the next state. Streams of one round come from its seed and a
 purpose number, so that Clyde walks the same way whatever the robot does.
@@ -10,8 +10,6 @@ import math
 
 import numpy as np
 
-from .jit import kernel
-
 CLYDE, LOCALIZATION, NAVIGATION, POLICY, LEVEL, RANDOMIZE, LIDAR, ROUND = 1, 2, 3, 4, 5, 6, 7, 8
 GHOSTS = 16  # and the numbers after it: the ghosts beside Clyde
 
@@ -21,7 +19,6 @@ _M2 = np.uint64(0x94D049BB133111EB)
 _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
 
-@kernel
 def mix(z):  # type: ignore[no-untyped-def]
     """SplitMix64's finalizer, uint64 to uint64."""
     z = (z ^ (z >> _S30)) * _M1
@@ -29,27 +26,23 @@ def mix(z):  # type: ignore[no-untyped-def]
     return z ^ (z >> _S31)
 
 
-@kernel
 def stream(seed, purpose):  # type: ignore[no-untyped-def]
     """First state (uint64) of the stream for one purpose of the round with this seed."""
     return mix(np.uint64(seed) + _GAMMA * np.uint64(purpose)) ^ (np.uint64(purpose) << _S27)
 
 
-@kernel
 def uniform(state):  # type: ignore[no-untyped-def]
     """Next state and a float64 in [0, 1)."""
     state = np.uint64(state) + _GAMMA
     return state, float(mix(state) >> _S11) * (1.0 / 9007199254740992.0)
 
 
-@kernel
 def below(state, bound):  # type: ignore[no-untyped-def]
     """Next state and an integer in [0, bound)."""
     state, u = uniform(state)
     return state, min(int(u * bound), bound - 1)
 
 
-@kernel
 def normal(state):  # type: ignore[no-untyped-def]
     """Next state and a standard normal float64 (Box-Muller, one of the pair)."""
     state, u = uniform(state)

@@ -95,6 +95,14 @@ def test_an_unknown_preset_or_execution_is_named_with_the_choices(arguments: tup
         ("scorer.threat_exit_margin_m", math.nan),
         ("show.start_s", -1.0),
         ("show.home_retries", -1),
+        ("robot.velocity_timeout_s", 0.0),
+        ("nav2.recovery_wait_s", math.nan),
+        ("nav2.clear_distance_m", -0.5),
+        ("clyde.click_distance_m", -0.25),
+        ("clyde.ghosts", ()),
+        ("localization.converges_m", 0.0),
+        ("refuges.clearance_m", -0.3),
+        ("randomize.sigma_xy_m", (0.2, 0.1)),
         ("refuges.nooks", -1),
         ("time_limit_s", 0.0),
         ("max_pellets", 0),
@@ -105,6 +113,19 @@ def test_a_value_out_of_range_is_named_with_its_field(name: str, value: object) 
         make_config(**{name: value})
     assert name.rpartition(".")[2] in str(error.value)
     assert repr(value) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "place"),
+    [
+        ("randomize.speed_mps", (0.0, 0.2), r"randomize\.speed_mps\[0\] = 0\.0"),
+        ("randomize.abort_rate", (0.5, 1.5), r"randomize\.abort_rate\[1\] = 1\.5"),
+        ("clyde.ghosts", ("wander", "haunt"), r"clyde\.ghosts\[1\] = 'haunt'"),
+    ],
+)
+def test_the_value_that_is_wrong_among_several_is_named(name: str, value: object, place: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{place}: must be "):
+        make_config(**{name: value})
 
 
 @pytest.mark.parametrize(

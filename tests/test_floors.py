@@ -112,6 +112,7 @@ def test_the_package_itself_imports_nothing_but_its_version_and_the_registration
         "typing.Any",
         "pacman_env._version.__version__",
         "pacman_env.envs.registration.register_envs",
+        "pacman_env.envs.registration.register_when_imported",
         "pacman_env.envs.pettingzoo_env",  # when it is asked for
     }
 
@@ -140,8 +141,9 @@ def test_onnxruntime_is_imported_by_the_first_planner_and_not_before() -> None:
 
 def test_importing_the_package_is_light_and_registers_the_environment() -> None:
     code = (
-        "import json, sys, pacman_env, gymnasium\n"
-        "heavy = {'torch', 'numba', 'cv2', 'pymunk', 'onnxruntime', 'rclpy', 'matplotlib'} & set(sys.modules)\n"
+        "import json, sys, pacman_env\n"
+        "heavy = {'gymnasium', 'torch', 'numba', 'cv2', 'pymunk', 'onnxruntime', 'rclpy', 'matplotlib'}\n"
+        "heavy &= set(sys.modules)\nimport gymnasium\n"
         "print(json.dumps([sorted(heavy), 'pacman_env/PacManBot-v0' in gymnasium.registry]))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

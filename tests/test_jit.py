@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from pacman_env import jit
 from pacman_env.jit import kernel, prefetch
 
 
@@ -23,3 +26,17 @@ def test_asking_for_memory_changes_nothing_and_never_fails(beyond: int) -> None:
     array = np.arange(12, dtype=np.uint8).reshape(4, 3)
     assert _ask_for_all(array, beyond) == 0 + 3 + 6 + 9
     np.testing.assert_array_equal(array.ravel(), np.arange(12))
+
+
+@pytest.mark.parametrize("file", ["rng.py", "config/sections.py", "game/execution.py", "sim/core/kernels.py"])
+def test_compiled_code_is_kept_apart_from_that_of_other_sources(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jit, "_PACKAGE", tmp_path)
+    path = tmp_path / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    hashes = set()
+    for text in ("A = 1", "A = 2"):
+        path.write_text(text)
+        hashes.add(jit.source_hash.__wrapped__())
+    assert len(hashes) == 2

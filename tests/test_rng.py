@@ -7,7 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.rng import CLYDE, LOCALIZATION, NAVIGATION, POLICY, below, mix, normal, stream, uniform
+from pacman_env import rng
+from pacman_env.jit import kernel
+from pacman_env.rng import CLYDE, LOCALIZATION, NAVIGATION, POLICY
+
+below, mix, normal, stream, uniform = map(kernel, (rng.below, rng.mix, rng.normal, rng.stream, rng.uniform))
 
 PURPOSES = (CLYDE, LOCALIZATION, NAVIGATION, POLICY)
 WORD = 2**64 - 1

@@ -36,10 +36,10 @@ def test_values_get_the_type_of_their_field(text: str, value: object) -> None:
         ("nav2.abort=1", "unknown configuration field 'nav2.abort'"),
         ("physics_step_s.real=1", "unknown configuration field 'physics_step_s.real'"),
         ("refuges=1", r"'refuges' is a group: choose one of refuges\.spread"),
-        ("nav2.abort_rate=often", "'often': must be a number"),
+        ("nav2.abort_rate=often", "'often': must be a finite number"),
         ("refuges.spread=1.5", "'1.5': must be a whole number"),
-        ("localization.perfect=1", "'1': must be true or false"),
-        ("randomize.clyde_speed_mps=0.2,fast", "'fast': must be a number"),
+        ("localization.perfect=1", "'1': must be True or False"),
+        ("randomize.clyde_speed_mps=0.2,fast", "'fast': must be a finite number"),
     ],
 )
 def test_wrong_settings_are_named(text: str, message: str) -> None:

@@ -27,6 +27,7 @@ from pacman_env import config
 from pacman_env.cli import main as cli
 from pacman_env.cli.main import ERROR_STATUS, Parser
 from pacman_env.config import Config, composition, make_config, sections
+from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.sim.maps.assets import map_assets
@@ -38,11 +39,7 @@ _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTAL
 _UNITS = (
     ("_mps2", "m/s²"), ("_mps", "m/s"), ("_radps", "rad/s"), ("_rad", "rad"), ("_kg", "kg"), ("_m", "m"), ("_s", "s")
 )  # fmt: skip
-_KINDS = {
-    "bool": "`True` or `False`",
-    "int": "whole number",
-    "int | None": "whole number or `None`",
-}
+_KINDS = {bool: "`True` or `False`", int: "whole number"}
 #: What rewards are given for: their names alone are all that the source says.
 EVENTS = {
     "pellet": "each pellet collected",
@@ -108,16 +105,18 @@ def _code(value: object) -> str:
     return f"`{value!r}`".replace("'", '"')
 
 
-def _values(field: Field) -> str:
+def _values(unit: str, kind: Any) -> str:
     """The unit, and what may be given where the default does not show it."""
-    if field.kind.startswith("Literal"):
-        choices = field.kind[len("Literal[") : -1].replace("'", '"').split(", ")
-        return " or ".join(f"`{choice}`" for choice in choices)
-    if field.kind == "Range":
-        return f"{field.unit} (low, high) or `None`".strip()
-    if field.kind == "tuple[Behaviour, ...]":
-        return "each one of " + ", ".join(_code(behaviour) for behaviour in typing.get_args(config.Behaviour))
-    return field.unit or _KINDS.get(field.kind, "")
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Annotated:
+        return _values(unit, inner[0])
+    if type(None) in inner:
+        return f"{_values(unit, inner[0])} or `None`"
+    if origin is typing.Literal:
+        return " or ".join(map(_code, inner))
+    if origin is tuple:
+        return f"{unit} (low, high)".strip() if inner[-1] is not ... else f"each {_values(unit, inner[0])}"
+    return unit or _KINDS.get(kind, "")
 
 
 def configuration() -> str:
@@ -127,9 +126,10 @@ def configuration() -> str:
 
     def rows(owner: Any, prefix: str) -> list[list[str]]:
         return [
-            [f"`{prefix}{f.name}`", _code(getattr(owner, f.name)), _values(f), f.comment or EVENTS.get(f.name, "")]
+            [f"`{prefix}{f.name}`", _code(value), _values(f.unit, kind), f.comment or EVENTS.get(f.name, "")]
             for f in sources[type(owner).__name__]
-            if not dataclasses.is_dataclass(getattr(owner, f.name))
+            for value, kind in [(getattr(owner, f.name), kinds(type(owner))[f.name])]
+            if not dataclasses.is_dataclass(value)
         ]
 
     head = ("Field", "Default", "Unit or values", "Meaning, source")

@@ -24,9 +24,9 @@ from rclpy.signals import SignalHandlerOptions
 from eval.files import replaced
 from pacman_env.cli.main import ERROR_STATUS, Parser
 from pacman_env.ros.bags.record import RECORDED
-from pacman_env.ros.node import GameNode
+from pacman_env.ros.node import BaseNode
 from pacman_env.ros.supervisor.game_nodes import NODES, module_of
-from pacman_env.ros.topics import Action
+from pacman_env.ros.topics import RosAction
 from tools.reference import table
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "robot_reference.md"
@@ -38,9 +38,9 @@ are relative, so that the robot's namespace applies (`/robot_15/game_state`); pa
 """
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # of ROS itself
-_ENDS_OF_ACTIONS = {"server": "serves", "client": "calls", "goal_client": "calls"}  # methods of ``Action``
+_ENDS_OF_ACTIONS = {"server": "serves", "client": "calls", "goal_client": "calls"}  # methods of ``RosAction``
 _PART_OF_ACTION = "/_action/"
-_TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array"}
+_TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array", 9: "string array"}
 
 
 @dataclass
@@ -82,10 +82,10 @@ def describe(name: str) -> Described:
 def _noted_actions() -> Iterator[list[tuple[str, str, str, str]]]:
     """The ends of actions that are made meanwhile: rclpy does not tell an action's name afterwards."""
     noted: list[tuple[str, str, str, str]] = []
-    before = {name: getattr(Action, name) for name in _ENDS_OF_ACTIONS}
+    before = {name: getattr(RosAction, name) for name in _ENDS_OF_ACTIONS}
 
     def noting(name: str, kind: str) -> Any:
-        def make(action: Action, *arguments: Any, **options: Any) -> Any:
+        def make(action: RosAction, *arguments: Any, **options: Any) -> Any:
             noted.append((action.name, action.type_name, kind, "action"))
             return before[name](action, *arguments, **options)
 
@@ -93,15 +93,15 @@ def _noted_actions() -> Iterator[list[tuple[str, str, str, str]]]:
 
     try:
         for name, kind in _ENDS_OF_ACTIONS.items():
-            setattr(Action, name, noting(name, kind))
+            setattr(RosAction, name, noting(name, kind))
         yield noted
     finally:
         for name, method in before.items():
-            setattr(Action, name, method)
+            setattr(RosAction, name, method)
 
 
 def _is_node(one: type) -> bool:
-    return issubclass(one, GameNode)
+    return issubclass(one, BaseNode)
 
 
 def _declared(node: Any) -> list[str]:

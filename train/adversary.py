@@ -28,6 +28,7 @@ from tqdm import tqdm
 from eval.files import write_json
 from pacman_env import __version__
 from pacman_env.cli.main import ERROR_STATUS
+from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
@@ -49,58 +50,51 @@ _LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0",
 
 
 @dataclass(frozen=True)
-class Arguments:
+class Arguments(Checked):
     """Train a planner and a Clyde against each other, in turns, or measure what has been trained."""
 
     start: Path | None = None
     """The planner to begin with: an ONNX file, or a checkpoint such as best.zip; without: imitation of lookahead."""
     out: Path = Path("results/adversary")
     """Folder of the run: record.json, planner-K.onnx, clyde-K.onnx."""
-    seed: int = 0
+    seed: Count = 0
     """All that is random comes from it."""
-    rounds: int = 3
+    rounds: AtLeastOne = 3
     """In each a Clyde learns against the planner, then the planner against all Clydes."""
-    clyde_decisions: int = 196608
+    clyde_decisions: AtLeastOne = 196608
     """Of Clyde, per round."""
-    planner_decisions: int = 524288
+    planner_decisions: AtLeastOne = 524288
     """Of the planner, per round."""
-    imitation: int = 131072
+    imitation: Count = 131072
     """Decisions of lookahead that are imitated where there is no planner to begin with."""
-    wander: float = 0.4
+    wander: Share = 0.4
     """Share of the planner's training rounds that the original Clyde plays."""
-    games: int = 128
+    games: AtLeastOne = 128
     """Of the planner at once."""
-    clyde_games: int = 32
+    clyde_games: AtLeastOne = 32
     """Of Clyde at once."""
-    levels: int = 96
+    levels: AtLeastOne = 96
     """Generated houses per round."""
-    clyde_speed: tuple[float, float] | None = None
+    clyde_speed: tuple[NotNegative, NotNegative] | None = None
     """m/s, drawn for each game, in training and in the table; without: as in train.ppo."""
-    learning_rate: tuple[float, float] = (3e-4, 5e-5)
+    learning_rate: tuple[NotNegative, NotNegative] = (3e-4, 5e-5)
     """Of the planner, at the beginning and at the end of each round."""
-    clyde_learning_rate: tuple[float, float] = (1e-3, 1e-4)
+    clyde_learning_rate: tuple[NotNegative, NotNegative] = (1e-3, 1e-4)
     """Of Clyde, likewise."""
-    evaluation: int = 256
+    evaluation: AtLeastOne = 256
     """Games on validation levels for every pair in the table."""
     measure: Path | None = None
     """Do not train: print the table of this planner."""
     clyde: Path | None = None
     """With --measure: a learned Clyde to play against, beside the built-in ones."""
-    threads: int = 2
+    threads: AtLeastOne = 2
     """Of torch."""
     progress: bool = True
     """Show a progress bar."""
 
     def __post_init__(self) -> None:
-        for name in ("rounds", "clyde_decisions", "planner_decisions", "games", "clyde_games", "levels", "evaluation"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be at least 1")
-        if self.imitation < 0 or self.seed < 0:
-            raise ValueError(f"imitation = {self.imitation}, seed = {self.seed}: must be at least 0")
-        if not 0.0 <= self.wander <= 1.0:
-            raise ValueError(f"wander = {self.wander}: must be a share from 0 to 1")
-        if self.clyde is not None and self.measure is None:
-            raise ValueError(f"clyde = {self.clyde}: is for --measure")
+        super().__post_init__()
+        require(self.clyde is None or self.measure is not None, "clyde", self.clyde, "is for --measure")
 
 
 QUICK = Arguments(
@@ -302,13 +296,13 @@ def network_of(path: Path) -> EntityNetwork:
         ValueError: no planner for this version, or a graph that ``train.export`` does not write.
     """
     LearnedPlanner(path)  # refuses weights in other files, and what does not run
-    sidecar, content = read_planner(path)
+    metadata, content = read_planner(path)
     network = EntityNetwork(
         len(CANDIDATE_FEATURES),
         len(GLOBAL_FEATURES),
-        sidecar.width,
-        [CANDIDATE_FEATURES.index(name) for name in sidecar.dropped_features],
-        [CANDIDATE_FEATURES.index(name) for name in sidecar.dropped_kinds],
+        metadata.width,
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_features],
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_kinds],
     )
     graph = onnx.load_model_from_string(content).graph
     arrays = (numpy_helper.to_array(tensor) for tensor in graph.initializer)

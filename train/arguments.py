@@ -2,76 +2,62 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import operator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
+from msgspec import Meta
+
+from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, convert, kinds, require
 
 Part = Literal["refuges", "hold", "paths", "futures"]
 FOLDER = Path(__file__).with_name("hyperparameters")
 
 
 @dataclass(frozen=True)
-class Hyperparameters:
+class Hyperparameters(Checked):
     """What is tuned. Pairs are the values at the beginning and at the end of a cycle, linear in between."""
 
-    decisions: int
+    decisions: AtLeastOne
     """Decisions of PPO in all games together."""
-    cycles: int
+    cycles: AtLeastOne
     """So often the learning rate and the weight of entropy go from their first to their last value."""
-    segment: int
+    segment: AtLeastOne
     """Decisions between two checkpoints; each segment is played on houses of its own."""
-    games: int
+    games: AtLeastOne
     """Games at once."""
-    n_steps: int
+    n_steps: AtLeastOne
     """Decisions per game between two updates."""
-    batch_size: int
-    n_epochs: int
-    learning_rate: tuple[float, float]
-    ent_coef: tuple[float, float]
-    gamma: float
-    gae_lambda: float
-    clip_range: float
-    vf_coef: float
-    max_grad_norm: float
-    width: int
+    batch_size: AtLeastOne
+    n_epochs: AtLeastOne
+    learning_rate: tuple[NotNegative, NotNegative]
+    ent_coef: tuple[NotNegative, NotNegative]
+    gamma: Share
+    gae_lambda: Share
+    clip_range: NotNegative
+    vf_coef: NotNegative
+    max_grad_norm: NotNegative
+    width: AtLeastOne
     """Of every hidden layer."""
-    reward_scale: float
+    reward_scale: NotNegative
     """Rewards are multiplied by it."""
-    levels: int
+    levels: AtLeastOne
     """Generated houses per segment."""
-    clyde_speed: tuple[float, float]
+    clyde_speed: tuple[NotNegative, NotNegative]
     """m/s, drawn for each round."""
-    robot_speed: tuple[float, float]
+    robot_speed: tuple[NotNegative, NotNegative]
     """m/s, drawn for each round."""
-    imitation: int
+    imitation: Count
     """Decisions of the rule ``lookahead`` that are imitated before PPO begins; 0: PPO from random weights."""
 
     def __post_init__(self) -> None:
-        for name in ("decisions", "cycles", "segment", "games", "n_steps", "batch_size", "n_epochs", "width", "levels"):
-            _check_whole(name, getattr(self, name), 1)
-        _check_whole("imitation", self.imitation, 0)
-        for name in ("learning_rate", "ent_coef", "clyde_speed", "robot_speed"):
-            value = getattr(self, name)
-            if len(value) != 2 or not all(0 <= one < math.inf for one in value):
-                raise ValueError(f"{name} = {value!r}: must be two numbers of at least 0")
-        for name in ("clip_range", "vf_coef", "max_grad_norm", "reward_scale"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number of at least 0")
-        for name in ("gamma", "gae_lambda"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number from 0 to 1")
-        if self.segment % self.rollout:
-            raise ValueError(f"segment = {self.segment}: must be a multiple of games * n_steps = {self.rollout}")
-        if self.batch_size == 1 or self.rollout % self.batch_size == 1:
-            # advantages are divided by their deviation within a minibatch
-            raise ValueError(
-                f"batch_size = {self.batch_size}: leaves a minibatch of 1 of games * n_steps = {self.rollout}"
-            )
+        super().__post_init__()
+        rollout, batch = f"games * n_steps = {self.rollout}", self.batch_size
+        require(self.segment % self.rollout == 0, "segment", self.segment, f"must be a multiple of {rollout}")
+        # advantages are divided by their deviation within a minibatch
+        require(batch > 1 != self.rollout % batch, "batch_size", batch, f"leaves a minibatch of 1 of {rollout}")
 
     @property
     def rollout(self) -> int:
@@ -91,13 +77,13 @@ class Hyperparameters:
 
 
 @dataclass(frozen=True)
-class Arguments:
+class Arguments(Checked):
     """Train a planner with MaskablePPO on generated houses."""
 
     hyper: Hyperparameters
     out: Path = Path("results/ppo")
     """Folder of the run: checkpoints, planner.onnx, run.json, TensorBoard's files."""
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0, lt=2**32)] = 0
     """All that is random comes from it."""
     resume: bool = False
     """Go on with the run in ``out``."""
@@ -109,23 +95,12 @@ class Arguments:
     """Begin with slow Clydes: his highest speed grows over the first half of the run."""
     without: tuple[Part, ...] = ()
     """Ablations: candidates or features that the network is not given."""
-    threads: int = 2
+    threads: AtLeastOne = 2
     """Of torch, and processes that step games."""
-    evaluation: int = 256
+    evaluation: Count = 256
     """Rounds on validation levels at the end of each segment, and on test levels at the end; 0: none."""
     progress: bool = True
     """Show a progress bar."""
-
-    def __post_init__(self) -> None:
-        for name, least in (("seed", 0), ("threads", 1), ("evaluation", 0)):
-            _check_whole(name, getattr(self, name), least)
-        if self.seed >= 2**32:
-            raise ValueError(f"seed = {self.seed}: must be below 2^32")
-
-
-def _check_whole(name: str, value: object, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} = {value!r}: must be a whole number of at least {least}")
 
 
 def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
@@ -150,35 +125,12 @@ def from_values(values: dict[str, Any], where: str) -> Hyperparameters:
     Raises:
         ValueError: a name is unknown or missing, or a value is of another kind or out of range.
     """
-    names = {field.name for field in dataclasses.fields(Hyperparameters)}
-    if set(values) != names:
-        unknown, missing = sorted(map(str, set(values) - names)), sorted(names - set(values))
+    known = kinds(Hyperparameters)
+    if set(values) != set(known):
+        unknown, missing = sorted(map(str, set(values) - set(known))), sorted(set(known) - set(values))
         raise ValueError(f"{where}: unknown {unknown}, missing {missing}")
-    kinds = {field.name: str(field.type) for field in dataclasses.fields(Hyperparameters)}
-    try:
-        return Hyperparameters(**{name: _value(name, kinds[name], value) for name, value in values.items()})
+    whole = (AtLeastOne, Count)
+    try:  # YAML 1.1 reads 1e-4 as a string
+        return Hyperparameters(**{n: convert(values[n], kind, n, strict=kind in whole) for n, kind in known.items()})
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-
-
-_WORDS = {"int": "a whole number", "float": "a number", "tuple[float, float]": "two numbers"}
-
-
-def _value(name: str, kind: str, value: Any) -> Any:
-    try:
-        if kind == "tuple[float, float]":
-            first, last = value if isinstance(value, list | tuple) else ()
-            return _number(first), _number(last)
-        return _number(value) if kind == "float" else operator.index(_no_bool(value))
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r}: must be {_WORDS[kind]}") from None
-
-
-def _number(value: Any) -> float:
-    return float(_no_bool(value))  # YAML 1.1 reads 1e-4 as a string
-
-
-def _no_bool(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise TypeError
-    return value

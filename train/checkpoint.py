@@ -6,15 +6,16 @@ planner becomes without torch is in :mod:`train.export`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from eval.files import replaced
 from pacman_env.config import make_config
+from pacman_env.config.validation import Number
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.metadata import Training, dump, parse
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
@@ -22,13 +23,12 @@ from pacman_env.sim.observation.situation import Situation
 from train.network import FORBIDDEN, EntityNetwork
 
 
-@dataclass(frozen=True)
-class Facts:
+class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What only the training knows about its planner."""
 
-    robot_speed_mps: float  # with which its features were built
+    robot_speed_mps: Number  # with which its features were built
     training: Training
-    metrics: dict[str, float]
+    metrics: dict[str, Number]
 
 
 def facts_path(checkpoint: Path) -> Path:

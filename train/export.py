@@ -1,7 +1,7 @@
 """A trained planner as a file that runs without torch: ``python -m train.export``.
 
 The graph is written out from the weights, operator by operator, so that it needs no exporter and the same weights give
-the same bytes. Beside the ONNX file goes its sidecar (:mod:`pacman_env.policies.metadata`).
+the same bytes. Beside the ONNX file goes its metadata (:mod:`pacman_env.policies.metadata`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from eval.files import prepare, replaced
 from pacman_env import __version__
 from pacman_env.cli.main import ERROR_STATUS, Parser
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.metadata import FORMAT, NORMALISATION, Sidecar, dump, sidecar_path
+from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from train.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from train.network import FORBIDDEN, EntityNetwork
@@ -117,7 +117,7 @@ def model_bytes(network: EntityNetwork) -> bytes:
 
 
 def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
-    """Write ``path`` (.onnx) and its sidecar; both are compared with torch before either replaces an old one.
+    """Write ``path`` (.onnx) and its metadata; both are compared with torch before either replaces an old one.
 
     Raises:
         ValueError: a network for other features, another suffix, facts of another type, a file that cannot be
@@ -128,7 +128,7 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
     check_sizes(network, path)
     network = copy.deepcopy(network).cpu()
     content = model_bytes(network)
-    sidecar = Sidecar(
+    metadata = PlannerMetadata(
         format=FORMAT,
         feature_version=VERSION,
         candidate_features=CANDIDATE_FEATURES,
@@ -144,13 +144,13 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
         metrics=facts.metrics,
         sha256=hashlib.sha256(content).hexdigest(),
     )
-    beside = sidecar_path(path)
-    text = dump(sidecar, beside)
+    beside = metadata_path(path)
+    text = dump(metadata, beside)
     prepare(path)
     prepare(beside)
-    with replaced(path) as new_model, replaced(beside) as new_sidecar:
+    with replaced(path) as new_model, replaced(beside) as new_metadata:
         new_model.write_bytes(content)
-        new_sidecar.write_text(text)
+        new_metadata.write_text(text)
         _compare(network, LearnedPlanner(new_model))
 
 
@@ -187,7 +187,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns the exit status: 0, or 2 after one line on stderr."""
     parser = Parser(prog="train.export", description=__doc__)
     parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="as Stable-Baselines3 saved it")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its sidecar goes beside it")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its metadata goes beside it")
     parser.add_argument("--facts", type=Path, metavar="FILE.json", help="default: CHECKPOINT.facts.json")
     parser.add_argument("--trust", action="store_true", help="execute the code that such a zip holds")
     arguments = parser.parse_args(argv)
@@ -198,7 +198,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return ERROR_STATUS
-    print(f"written: {arguments.out}, {sidecar_path(arguments.out)}, {os.path.getsize(arguments.out) / 1e3:.0f} kB")
+    print(f"written: {arguments.out}, {metadata_path(arguments.out)}, {os.path.getsize(arguments.out) / 1e3:.0f} kB")
     return 0
 
 

@@ -24,8 +24,8 @@ from eval.compare.episodes import episode_seeds, play
 from eval.compare.statistics import paired_difference, wilson
 from pacman_env.cli.main import ERROR_STATUS
 from pacman_env.config import Config
+from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import Policy
-from pacman_env.sim.core.records import COMPLETE
 from pacman_env.sim.maps.generated import GeneratedMaps
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.checkpoint import TorchPlanner, facts_path, read_facts

@@ -24,6 +24,7 @@ from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
 from eval.files import prepare, replaced
 from pacman_env.cli.main import ERROR_STATUS
+from pacman_env.config.validation import AtLeastOne, Checked, Count
 from train.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from train.ppo import train
 from train.run import check_same
@@ -45,7 +46,7 @@ _STARTUP = 5  # trials before any is given up, and before proposals learn from t
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(Checked):
     """Search for hyperparameters of MaskablePPO with Optuna."""
 
     out: Path = Path("results/tune")
@@ -53,27 +54,22 @@ class Study:
     config: Path = FOLDER / "PacManBot-v0.yaml"
     """Hyperparameters that the search begins from; what is not searched stays as it is."""
     section: str = "headline"
-    trials: int = 30
+    trials: AtLeastOne = 30
     """Of the whole study, those before ``--resume`` included."""
-    decisions: int = 819200
+    decisions: AtLeastOne = 819200
     """Decisions of PPO per trial."""
-    segments: int = 4
+    segments: AtLeastOne = 4
     """Parts of a trial: after each, rounds are played on validation levels, and a poor trial is given up."""
-    evaluation: int = 256
+    evaluation: AtLeastOne = 256
     """Rounds on validation levels after each part."""
-    seed: int = 0
+    seed: Count = 0
     """Of the proposals and of every training."""
     resume: bool = False
     """Go on with the study in ``out``."""
-    threads: int = 2
+    threads: AtLeastOne = 2
     """Of torch."""
     progress: bool = True
     """Show a progress bar for each trial."""
-
-    def __post_init__(self) -> None:
-        for name in ("trials", "decisions", "segments", "evaluation"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be at least 1")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

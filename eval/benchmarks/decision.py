@@ -20,10 +20,10 @@ from eval.files import prepare, write_json
 from pacman_env import __version__
 from pacman_env.cli.main import ERROR_STATUS, Parser
 from pacman_env.config import Config, make_config, parse_settings
+from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import RUNNING
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 
 WARM_UP = 50  # decisions not counted: compilation, caches

@@ -25,7 +25,9 @@ from pacman_env.cli.main import Parser
 from pacman_env.world.maps.occupancy import load_map
 
 PATIENCE_S = 300.0  # the first start compiles
-SELECTOR_CPU_PERCENT, SELECTOR_MB, DECISION_MS, SYSTEM_CPU_PERCENT = 5.0, 250.0, 20.0, 25.0  # what is promised
+#: Promised of the goal selector, of a decision, of all nodes together, and of those that only pass words on.
+SELECTOR_CPU_PERCENT, SELECTOR_MB, DECISION_MS, SYSTEM_CPU_PERCENT, LIGHT_MB = 5.0, 250.0, 20.0, 25.0, 75.0
+LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", "game_controller")
 
 
 def measure(map_source: str, policy: str, seconds: float, domain: int, say: Callable[[str], None]) -> dict[str, Any]:
@@ -43,68 +45,51 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
         RuntimeError: a game that does not come to run.
         ModuleNotFoundError: rclpy is absent.
     """
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.signals import SignalHandlerOptions
-
-    from pacman_env.ros.supervisor.game_nodes import (
-        GAME,
-        REFEREE,
-        SELECTOR,
-        SIMULATOR,
-        STOP_ORDER,
-        Game,
-        full_namespace,
-    )
-    from pacman_env.ros.supervisor.processes import Crew
-    from pacman_env.ros.supervisor.status_line import Watcher
+    from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup
+    from pacman_env.ros.supervisor.processes import ProcessGroup
+    from pacman_env.ros.supervisor.status_line import StatusLine
     from pacman_env.ros.supervisor.up import check, environment
 
-    game = Game(map_source, policy, sim=True, extra={REFEREE: {"start_show_s": 0.0, "memory": ""}})
-    check(game, domain)
-    os.environ.update(environment(game, domain))
-    context = rclpy.Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    watcher = Watcher(full_namespace(game.namespace), policy, True, context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(watcher)
+    setup = GameSetup(map_source, policy, sim=True, settings=("show.start_s=0",), extra={REFEREE: {"state_file": ""}})
+    check(setup, domain)
+    os.environ.update(environment(setup, domain))
+    status_line = StatusLine(setup)
     names = (SIMULATOR, *GAME, SELECTOR)
     with tempfile.TemporaryDirectory() as logs:
-        crew = Crew(Path(logs), dict(os.environ), say)
+        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), say)
 
         def wait(condition: Callable[[], Any], what: str) -> None:
             end = time.monotonic() + PATIENCE_S
             while not condition():
-                crew.tend()
-                executor.spin_once(timeout_sec=0.1)
+                processes.tend()
+                status_line.spin(0.1)
                 if time.monotonic() > end:
                     raise RuntimeError(f"waited {PATIENCE_S:g} s for {what}")
 
         try:
             for name in names:
-                crew.start(name, game.arguments(name))
-            wait(lambda: watcher.pose_age_s is not None, "a pose")
-            wait(watcher.start_game, "the referee")
-            wait(lambda: watcher.state == "running", "the round")
+                processes.start(name)
+            wait(lambda: status_line.pose_age_s is not None, "a pose")
+            wait(status_line.start_game, "the referee")
+            wait(lambda: status_line.state == "running", "the round")
             say(f"running, watched for {seconds:g} s")
-            processes = {name: psutil.Process(number) for name, number in crew.processes().items()}
-            before = {name: processes[name].cpu_times() for name in names}
+            found = {name: psutil.Process(number) for name, number in processes.ids().items()}
+            before = {name: found[name].cpu_times() for name in names}
             began = time.monotonic()
             wait(lambda: time.monotonic() - began >= seconds, "the end")
             lasted = time.monotonic() - began
             nodes = {}
             for name in names:
-                after = processes[name].cpu_times()
+                after = found[name].cpu_times()
                 spent = after.user + after.system - before[name].user - before[name].system
-                memory = processes[name].memory_info().rss / 1e6
+                memory = found[name].memory_info().rss / 1e6
                 nodes[name] = {"cpu_percent": 100.0 * spent / lasted, "memory_mb": memory}
-            decisions = watcher.condition.get("decisions", {})
+            decisions = status_line.condition.get("decisions", {})
         finally:
-            crew.stop(STOP_ORDER)
-            watcher.destroy_node()
-            rclpy.shutdown(context=context)
+            processes.stop(STOP_ORDER)
+            status_line.close()
     return {
-        "map": game.map,
+        "map": setup.map,
         "map_hash": load_map(map_source).hash,
         "policy": policy,
         "seconds": lasted,
@@ -123,6 +108,7 @@ def report(figures: dict[str, Any]) -> str:
     decisions = figures["decisions"]
     lines += [
         f"{'all but sim_robot':<20}  {figures['system_cpu_percent']:15.1f}  (promised: below {SYSTEM_CPU_PERCENT:g})",
+        f"{', '.join(LIGHT_NODES)}: promised are at most {LIGHT_MB:g} MB each",
         f"goal_selector: promised are less than {SELECTOR_CPU_PERCENT:g} % and {SELECTOR_MB:g} MB",
     ]
     if decisions.get("count"):

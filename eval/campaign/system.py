@@ -19,16 +19,15 @@ from eval.campaign.schedule import ground_of, part_of_map
 from pacman_env.config import make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros.supervisor.game_nodes import (
-    GAME,
     REFEREE,
     SELECTOR,
     SIMULATOR,
     STOP_ORDER,
     WAIT,
-    Game,
+    GameSetup,
     full_namespace,
 )
-from pacman_env.ros.supervisor.processes import Crew, Lost
+from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
@@ -81,26 +80,31 @@ class System:
         ground = part_of_map(name, within_m)
         self.ground = name if math.isinf(within_m) else f"{name}, {within_m:g} m"
         self.pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
-        extra: dict[str, Any] = {SIMULATOR: {"seed": seed}, "clyde_ghost_node": {"seed": seed}, REFEREE: {"memory": ""}}
-        self._game = Game(str(ground.save(folder / "ground.yaml")), "nearest", sim=True, speed=speed, extra=extra)
+        extra: dict[str, Any] = {
+            SIMULATOR: {"seed": seed},
+            "clyde_ghost_node": {"seed": seed},
+            REFEREE: {"state_file": ""},
+        }
+        self._setup = GameSetup(str(ground.save(folder / "ground.yaml")), "nearest", sim=True, speed=speed, extra=extra)
         self.folder = folder
         self._read: dict[Path, int] = {}  # bytes of the logs
-        self.said: list[str] = []  # by the crew
+        self.said: list[str] = []  # by the process group
 
     def __enter__(self) -> System:
         from eval.campaign.recorder import Recorder
         from pacman_env.ros.supervisor.up import environment
 
-        self._crew = Crew(self.folder, {**os.environ, **environment(self._game, None)}, self.said.append)
-        self.recorder = Recorder(full_namespace(self._game.namespace))
+        surroundings = {**os.environ, **environment(self._setup, None)}
+        self._processes = ProcessGroup(self._setup.command, self.folder, surroundings, self.said.append)
+        self.recorder = Recorder(full_namespace(self._setup.namespace))
         try:
-            for name in (SIMULATOR, *GAME, WAIT):
-                self._crew.start(name, self._game.arguments(name))
-            if not self.recorder.wait_for(lambda: self._crew.status(WAIT) is not None, START_WALL_S):
-                raise Lost(f"the robot is not localized: {self._crew.last_words(SIMULATOR)}")
-            self._crew.dismiss(WAIT)
-            self._crew.start(SELECTOR, self._game.arguments(SELECTOR))
-            if not self.recorder.wait_for(lambda: self.recorder.ready() or self._crew.tend(), START_WALL_S):
+            for name in self._setup.first_nodes:
+                self._processes.start(name)
+            if not self.recorder.wait_for(lambda: self._processes.status(WAIT) is not None, START_WALL_S):
+                raise Lost(f"the robot is not localized: {self._processes.last_words(SIMULATOR)}")
+            self._processes.dismiss(WAIT)
+            self._processes.start(SELECTOR)
+            if not self.recorder.wait_for(lambda: self.recorder.ready() or self._processes.tend(), START_WALL_S):
                 raise Lost(f"the game does not come up, see {self.folder}")
         except BaseException:
             self.__exit__()
@@ -108,13 +112,13 @@ class System:
         return self
 
     def __exit__(self, *failure: object) -> None:
-        self.said += [f"{name} did not stop and was killed" for name in self._crew.stop(STOP_ORDER)]
+        self.said += [f"{name} did not stop and was killed" for name in self._processes.stop(STOP_ORDER)]
         self.recorder.close()
 
     def troubles(self) -> list[str]:
         """Processes that have ended, and bad words in the logs, since the last call."""
         try:
-            found = [f"{name} ended" for name in self._crew.tend()]
+            found = [f"{name} ended" for name in self._processes.tend()]
         except Lost as lost:
             found = [str(lost)]
         found += self.said
@@ -128,4 +132,4 @@ class System:
 
     def lateness(self) -> Lateness:
         """Of its processes, from now on."""
-        return Lateness(self._crew.processes().values())
+        return Lateness(self._processes.ids().values())

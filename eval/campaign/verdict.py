@@ -15,10 +15,11 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pacman_env.game.dances import SHAKE_S, SPEED_RADPS, SPIN_S
+from pacman_env.config import ShowConfig
+from pacman_env.game.dances import SPEED_RADPS
 
 DRIVING = frozenset({"running", "returning_home"})
-SHOWS = {"starting": SPIN_S, "dying": SHAKE_S}
+SHOWS = {"starting": ShowConfig.start_s, "dying": ShowConfig.death_s}
 #: Where each state leads by itself; a reset leads to the menu from everywhere.
 NEXT = {
     "menu": {"returning_home"},
@@ -255,7 +256,7 @@ def _turns(e: Evidence) -> Iterator[str]:
         if turn:
             begin, end = turn[0].at, turn[-1].at
             lasted = e.time_s(end) - e.time_s(begin)
-            longest = SHAKE_S if any(r.value < 0 for r in turn) else SPIN_S
+            longest = SHOWS["dying" if any(r.value < 0 for r in turn) else "starting"]
             what = f"a turn of {lasted:.1f} s"
             if lasted > longest + e.crossing_s(end) + TICK_S:
                 yield f"{what}, longer than {longest:g} s"

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from eval.compare.policies import make_contestant
 from pacman_env.config import Config
+from pacman_env.game.execution import COMPLETE, RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import COMPLETE, RUNNING
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.compare.statistics import bootstrapped_mean, paired_difference, wilson
-from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 Row = dict[str, Any]
 ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}

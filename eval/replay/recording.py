@@ -16,10 +16,10 @@ from eval.compare.policies import make_contestant
 from eval.replay.video import Frame
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import RUNNING
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 

@@ -1,10 +1,11 @@
-"""What is known of a policy that was learned: the sidecar of its ONNX file, as words for showing."""
+"""What is known of a policy that was learned: the metadata of its ONNX file, as words for showing."""
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.metadata import read_planner
@@ -13,7 +14,7 @@ _LONGEST = 80  # characters shown of a value
 
 
 def model_facts(spec: str) -> dict[str, str]:
-    """The sidecar of ``FILE.onnx``, or of the planner that the package ships, by dotted name; {} for other policies.
+    """The metadata of ``FILE.onnx``, or of the planner that the package ships, by dotted name; {} for other policies.
 
     Raises:
         ValueError: the file is no planner for this version.
@@ -21,7 +22,7 @@ def model_facts(spec: str) -> dict[str, str]:
     path = PRETRAINED if spec == "ppo" else Path(spec)
     if path.suffix != ".onnx":
         return {}
-    return dict(_flat(dataclasses.asdict(read_planner(path)[0])))
+    return dict(_flat(msgspec.to_builtins(read_planner(path)[0])))
 
 
 def _flat(facts: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:

@@ -22,7 +22,7 @@ from eval.compare.statistics import (
 )
 from eval.compare.workers import Played
 from eval.report.plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, replay_command
-from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 END_NAMES = {COMPLETE: "complete", DEAD: "caught", TIMEOUT: "time-out", CLEARED: "pellets lost"}
 Numbers = dict[str, Any]

@@ -195,6 +195,11 @@ def _add_ros_group(commands: Any) -> None:
         "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
     )
     up.add_argument("--speed", type=_finite, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
+    up.add_argument("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
+    up.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
+    up.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
+    )
     up.add_argument("--start", action="store_true", help="begin the first round as soon as the robot is localized")
     up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
     up.set_defaults(run=_ros_up)
@@ -215,12 +220,15 @@ def _add_ros_group(commands: Any) -> None:
 
 
 def _ros_up(arguments: argparse.Namespace) -> int:
-    from pacman_env.ros.supervisor.game_nodes import Game
+    from pacman_env.ros.supervisor.game_nodes import GameSetup
 
-    game = Game(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed)
+    setup = GameSetup(
+        *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
+        *(arguments.preset, arguments.execution, tuple(arguments.set)),
+    )
     with _what_ros_needs():
         from pacman_env.ros.supervisor.up import up
-    return up(game, arguments.domain_id, arguments.logs, arguments.start)
+    return up(setup, arguments.domain_id, arguments.logs, arguments.start)
 
 
 def _ros_record(arguments: argparse.Namespace) -> int:
@@ -231,8 +239,8 @@ def _ros_record(arguments: argparse.Namespace) -> int:
 
 def _ros_replay(arguments: argparse.Namespace) -> int:
     with _what_ros_needs():
-        from pacman_env.ros.bags.bag_replay import replay
-    report = replay(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
+        from pacman_env.ros.bags.bag_replay import replay_bag
+    report = replay_bag(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
     print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
     return 0
 

@@ -8,7 +8,6 @@ from .composition import Config, differences
 from .presets import EXECUTIONS, PRESETS, make_config
 from .sections import (
     MAX_SPEED_MPS,
-    Behaviour,
     ClydeConfig,
     ExecutionConfig,
     LocalizationConfig,
@@ -29,7 +28,6 @@ __all__ = [
     "EXECUTIONS",
     "MAX_SPEED_MPS",
     "PRESETS",
-    "Behaviour",
     "ClydeConfig",
     "Config",
     "ConfigError",

@@ -24,20 +24,9 @@ from .sections import (
     ScorerConfig,
     ShowConfig,
 )
-from .validation import ConfigError, Section, positive, require
+from .validation import AtLeastOne, Checked, ConfigError, Positive, kinds, require
 
 MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
-
-
-def _meant(name: str, known: dict[str, Any]) -> str:
-    """What a mistyped field may have been."""
-    fields = []
-    for group, value in known.items():
-        inner = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
-        fields += [f"{group}.{f.name}" for f in inner] or [group]
-    close = difflib.get_close_matches(name, fields, n=2, cutoff=0.7)
-    close = close or [field for field in fields if field.rpartition(".")[2] == name]
-    return f": did you mean {' or '.join(close)}?" if close else ""
 
 
 def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -45,7 +34,7 @@ def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Config(Section):
+class Config(Checked):
     """One complete configuration of a game."""
 
     robot: RobotConfig = field(default_factory=RobotConfig)
@@ -66,13 +55,12 @@ class Config(Section):
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     action: Literal["goal", "velocity"] = "goal"  # a candidate goal, or v and omega of the base
     endless: bool = False  # round follows round, Clyde faster each time, until the robot is caught
-    physics_step_s: float = 0.05  # Nav2's controller rate, 20 Hz
-    time_limit_s: float = 600.0  # of a round: truncation
-    max_pellets: int | None = None  # slots for pellets in the observation; None: as many as the map has
+    physics_step_s: Positive = 0.05  # Nav2's controller rate, 20 Hz
+    time_limit_s: Positive = 600.0  # of a round: truncation
+    max_pellets: AtLeastOne | None = None  # slots for pellets in the observation; None: as many as the map has
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive(self, "physics_step_s", "time_limit_s")
         for name, period in (
             ("execution.tick_s", self.execution.tick_s),
             ("execution.check_period_s", self.execution.check_period_s),
@@ -107,8 +95,6 @@ class Config(Section):
             self.execution.check_period_s,
             f"must divide execution.tick_s = {self.execution.tick_s} s",
         )
-        if self.max_pellets is not None:
-            require(self.max_pellets >= 1, "max_pellets", self.max_pellets, "must be at least 1")
 
     @property
     def fastest_mps(self) -> float:
@@ -125,24 +111,33 @@ class Config(Section):
         Raises:
             ConfigError: an unknown name, or a value out of range.
         """
-        known = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         groups: dict[str, dict[str, Any]] = {}
         top: dict[str, Any] = {}
         for name, value in changes.items():
-            group, _, leaf = name.partition(".")
-            owner = known.get(group)
-            leaves = [f.name for f in dataclasses.fields(owner)] if dataclasses.is_dataclass(owner) else []
-            if leaf in leaves:
+            kind_of(name)
+            group, _, leaf = name.rpartition(".")
+            if group:
                 groups.setdefault(group, {})[leaf] = value
-            elif name in known:
-                top[group] = value
             else:
-                raise ConfigError(f"unknown configuration field {name!r}{_meant(name, known)}")
+                top[name] = value
         for group, fields in groups.items():
-            owner = top.get(group, known[group])
-            if dataclasses.is_dataclass(owner) and not isinstance(owner, type):  # else Config says what is wrong
-                top[group] = dataclasses.replace(owner, **fields)
+            owner = top.get(group, getattr(self, group))
+            if isinstance(owner, Checked):  # else Config says what is wrong
+                top[group] = dataclasses.replace(owner, **fields)  # type: ignore[type-var]
         return dataclasses.replace(self, **top)
+
+    def value(self, name: str) -> Any:
+        """One field by its dotted name.
+
+        Raises:
+            ConfigError: an unknown name.
+        """
+        value: Any = self
+        for part in name.split("."):
+            if not hasattr(value, part):
+                raise ConfigError(f"unknown configuration field {name!r}")
+            value = getattr(value, part)
+        return value
 
     def as_dict(self) -> dict[str, Any]:
         """All fields as nested plain data, as JSON has it, for results and logs."""
@@ -153,6 +148,27 @@ class Config(Section):
         """12 hexadecimal digits by which two configurations are told apart: equal fields, equal hash."""
         text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+#: Every field and every group by its dotted name, with its type.
+FIELDS: dict[str, Any] = dict(kinds(Config))
+for _group, _kind in kinds(Config).items():
+    if isinstance(_kind, type) and issubclass(_kind, Checked):
+        FIELDS |= {f"{_group}.{leaf}": kind for leaf, kind in kinds(_kind).items()}
+
+
+def kind_of(name: str) -> Any:
+    """The type of a field, or the class of a group, by its dotted name.
+
+    Raises:
+        ConfigError: there is none; says which ones may be meant.
+    """
+    if name in FIELDS:
+        return FIELDS[name]
+    close = difflib.get_close_matches(name, FIELDS, n=2, cutoff=0.7)
+    close = close or [field for field in FIELDS if field.rpartition(".")[2] == name]
+    meant = f": did you mean {' or '.join(close)}?" if close else ""
+    raise ConfigError(f"unknown configuration field {name!r}{meant}")
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

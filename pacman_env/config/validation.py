@@ -1,88 +1,134 @@
-"""Checks of configuration values: what is wrong is said with the dotted name of the field, the value and the rule."""
+"""The one check of typed values: settings, fields of a configuration, files, snapshots.
+
+msgspec checks the types and ranges that annotations give; rules between fields are checked by the class that has them.
+What is wrong is said with the dotted name of the field, the value and the rule.
+"""
 
 from __future__ import annotations
 
-import math
-import numbers
-import types
+import functools
+import re
 import typing
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+_LARGEST = 1e300  # so that a number is finite
+Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
+NotNegative = Annotated[float, Meta(ge=0, le=_LARGEST)]
+Positive = Annotated[float, Meta(gt=0, le=_LARGEST)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Count = Annotated[int, Meta(ge=0)]
+AtLeastOne = Annotated[int, Meta(ge=1)]
+
+_TYPES = {
+    "float": "a finite number",
+    "int": "a whole number",
+    "bool": "True or False",
+    "str": "a string",
+    "null": "None",
+    "array": "a list",
+    "object": "an object",
+}
+_PHRASES = {
+    " of length >=": " of at least",
+    " of length <=": " of at most",
+    " of length": " of",
+    " >=": " of at least",
+    " <=": " of at most",
+    " >": " above",
+    " <": " below",
+}
 
 
 class ConfigError(ValueError):
-    """A configuration value is out of range; the message names the field and the value."""
+    """A value is of another type or out of range; the message names the field, the value and the rule."""
 
 
 def require(condition: bool, field_name: str, value: object, rule: str) -> None:
     """Raise a ConfigError unless the condition holds."""
     if not condition:
-        raise ConfigError(f"{field_name} = {value!r}: {rule}")
+        raise ConfigError(f"{field_name} = {value!r:.600}: {rule}")
 
 
-def path(owner: Section, field_name: str) -> str:
-    """The dotted name of a field, as settings give it."""
-    return f"{owner.group}.{field_name}" if owner.group else field_name
+_hints = functools.cache(functools.partial(typing.get_type_hints, include_extras=True))
 
 
-class Section:
-    """A group of fields; every value has the type its annotation says, and numbers are finite."""
+def kinds(owner: Any) -> dict[str, Any]:
+    """The fields of a class with their types, ranges included."""
+    return _hints(owner)
 
-    group = ""  # its name in a Config
+
+def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) -> Any:
+    """The value as ``kind``: lists become tuples, whole numbers floats, NumPy's numbers Python's.
+
+    Args:
+        value: plain data, or text where ``strict`` is False.
+        kind: a type, with ``msgspec.Meta`` where a range belongs to it.
+        name: of the value, for the message.
+        strict: text stands for nothing but text.
+
+    Raises:
+        ConfigError: it is of another type or out of range.
+    """
+    try:
+        return msgspec.convert(_plain(value), kind, strict=strict, dec_hook=lambda kind, value: kind(value))
+    except (msgspec.ValidationError, RecursionError) as error:
+        raise ConfigError(_message(str(error), value, kind, name)) from None
+
+
+class Checked:
+    """A dataclass whose values have the types and ranges that their annotations say.
+
+    A subclass that is a group of fields gives its name, ``class RobotConfig(Checked, group="robot")``.
+    """
+
+    _prefix = ""
+
+    def __init_subclass__(cls, group: str = "") -> None:
+        cls._prefix = f"{group}." if group else ""
 
     def __post_init__(self) -> None:
-        for name, kind in typing.get_type_hints(type(self)).items():
-            value = getattr(self, name)
-            if isinstance(value, list):  # as settings from a file come
-                value = tuple(value)
-                object.__setattr__(self, name, value)
-            require(_is_a(value, kind), path(self, name), value, f"must be {_words(kind)}")
-            if isinstance(value, numbers.Real) and not isinstance(value, (bool, int, float)):  # NumPy's numbers
-                object.__setattr__(self, name, int(value) if isinstance(value, numbers.Integral) else float(value))
+        for field, kind in kinds(type(self)).items():
+            value, name = getattr(self, field), self._prefix + field
+            if isinstance(kind, type) and issubclass(kind, Checked):
+                require(isinstance(value, kind), name, value, f"must be a {kind.__name__}")
+            else:
+                object.__setattr__(self, field, convert(value, kind, name))
 
 
-def _is_a(value: object, kind: Any) -> bool:
+def _plain(value: Any) -> Any:
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _message(error: str, value: Any, kind: Any, name: str) -> str:
+    """msgspec's words as ``robot.speed_mps = -1.0: must be a finite number above 0.0``."""
+    rule, _, place = error.partition(" - at `$")
+    place, in_dict, _ = place.partition("[...]")
+    for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
+        value = value[key] if key else value[int(index)]
+        name = f"{name}.{key}" if key else f"{name}[{index}]"
+        kind = kinds(kind).get(key) if key else kind
+    name = name.lstrip(".")
+    for key, one in value.items() if in_dict else ():
+        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not say under which key
+    if field := re.match("Object (missing required|contains unknown) field `(.*)`", rule):
+        inner = f"{name}.{field[2]}".lstrip(".")
+        return f"{inner} is missing" if "missing" in field[1] else f"{inner} = {value[field[2]]!r:.600}: no such field"
+    if rule.startswith("Invalid enum value"):
+        rule = f"one of {_choices(kind)}"
+    elif expected := re.match("Expected `([^`]*)`([^,]*)", rule.replace("Number out of range", "Expected `float`")):
+        words = " or ".join(_TYPES.get(one, one) for one in expected[1].split(" | "))
+        sign, _, bound = expected[2].rpartition(" ")
+        rule = words + (f"{_PHRASES.get(sign, sign)} {bound}" if bound else "")
+    return f"{name or 'content'} = {value!r:.600}: must be {rule}"
+
+
+def _choices(kind: Any) -> tuple[str, ...]:
+    inner = typing.get_args(kind)
     if typing.get_origin(kind) is Literal:
-        return value in typing.get_args(kind)
-    if isinstance(kind, types.UnionType):
-        return any(_is_a(value, one) for one in typing.get_args(kind))
-    if typing.get_origin(kind) is tuple:
-        kinds = typing.get_args(kind)
-        if not isinstance(value, tuple):
-            return False
-        if kinds[-1] is ...:
-            return all(_is_a(one, kinds[0]) for one in value)
-        return len(value) == len(kinds) and all(map(_is_a, value, kinds))
-    if kind is float:
-        return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
-    if kind is int:
-        return isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    return isinstance(value, kind)
-
-
-def _words(kind: Any) -> str:
-    if typing.get_origin(kind) is Literal:
-        return f"one of {typing.get_args(kind)}"
-    if isinstance(kind, types.UnionType):
-        return " or ".join(_words(one) for one in typing.get_args(kind))
-    if typing.get_origin(kind) is tuple:
-        kinds = typing.get_args(kind)
-        if kinds[-1] is ...:
-            return f"a tuple, each {_words(kinds[0])}"
-        return f"a tuple ({', '.join(map(_words, kinds))})"
-    names = {float: "a finite number", int: "a whole number", bool: "True or False", type(None): "None"}
-    return names.get(kind, f"a {kind.__name__}")
-
-
-# The two range checks below come after Section's: what they look at is a finite number.
-def positive(owner: Section, *names: str) -> None:
-    """The fields of these names are above 0."""
-    for name in names:
-        value = getattr(owner, name)
-        require(value > 0, path(owner, name), value, "must be a finite number above 0")
-
-
-def not_negative(owner: Section, *names: str) -> None:
-    """The fields of these names are at least 0."""
-    for name in names:
-        value = getattr(owner, name)
-        require(value >= 0, path(owner, name), value, "must be a finite number of at least 0")
+        return inner
+    return next(filter(None, map(_choices, inner)), ())

@@ -82,7 +82,7 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
             policies[number] = one
         else:
             raise ConfigError(
-                f"ghosts[{number}] = {one!r}: must be one of {BEHAVIOURS[:-1]} or an object with reset and select"
+                f"ghosts[{number}] = {one!r}: must be one of {(*BEHAVIOURS,)[:-1]} or an object with reset and select"
             )
     return tuple(names), policies
 

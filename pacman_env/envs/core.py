@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.game.execution import RUNNING
+
 from ..config import Config, ConfigError
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
-from ..sim.core.records import RUNNING
 from ..sim.maps.assets import MapSource
 from ..sim.observation.observer import Observer
 from ..sim.observation.robot_features import Observation

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.game.execution import COMPLETE, DEAD, TIMEOUT
+
 from ..config import RewardConfig
 from ..sim.core.kernels import summarize
-from ..sim.core.records import COMPLETE, DEAD, TIMEOUT
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)

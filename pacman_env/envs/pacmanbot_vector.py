@@ -12,9 +12,10 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from pacman_env.game.execution import RUNNING
+
 from ..config import Config
 from ..render.frames import render_frame
-from ..sim.core.records import RUNNING
 from ..sim.maps.assets import MapSource
 from ..sim.observation.situation import Situation
 from .arguments import RENDER_FPS, Ghosts, check_render_mode

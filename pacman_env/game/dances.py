@@ -10,21 +10,20 @@ from ..config import ShowConfig
 Motion = Literal["spin", "shake", "stop"]
 
 SPEED_RADPS = 1.5  # original
-SPIN_S = ShowConfig.start_s  # as long as the start show
-SHAKE_S = ShowConfig.death_s  # as long as the death show
 _SWING_S = 0.25  # from one side to the other; original
 _EDGE_S = 1e-9  # times at which the side changes are hit by sums of periods
 
 
-def angular_velocity(motion: Motion, elapsed_s: float) -> float | None:
-    """rad/s so long after the beginning; None: the motion is over.
+def angular_velocity(motion: Motion, elapsed_s: float, show: ShowConfig) -> float | None:
+    """rad/s so long after the beginning; None: the motion is over. The spin lasts as long as the start show, the shake
+    as long as the death show.
 
     A time before the beginning is over, too: the clock was set back. The shake begins and ends with half a swing, so
     that it goes as far to the left as to the right.
     """
     if motion == "spin":
-        return SPEED_RADPS if 0 <= elapsed_s < SPIN_S else None
+        return SPEED_RADPS if 0 <= elapsed_s < show.start_s else None
     if motion == "shake":
         swings = math.floor((elapsed_s + _EDGE_S) / _SWING_S + 0.5)
-        return (SPEED_RADPS if swings % 2 == 0 else -SPEED_RADPS) if 0 <= elapsed_s < SHAKE_S else None
+        return (SPEED_RADPS if swings % 2 == 0 else -SPEED_RADPS) if 0 <= elapsed_s < show.death_s else None
     return None

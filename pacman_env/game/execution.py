@@ -1,63 +1,187 @@
-"""Algorithm 4 as rules: what is done with a choice, with Nav2's answers, and when pellets and the robot are caught.
+"""Algorithm 4: the goal that is pursued, the pellets that are collected, and how a round ends.
 
-Pure functions of numbers. The simulator calls them in simulated time; a ROS node calls them with messages.
+One function of plain numbers, :func:`transition`, takes one record from event to event. The simulator compiles it and
+loops over its games; the robot's goal selector steps one record with it. Time is in any unit, the same for the record
+and the rules: physics steps in the simulator, seconds on the robot.
 """
 
 from __future__ import annotations
 
-from ..jit import kernel
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
-KEEP, SEND, CANCEL = 0, 1, 2  # what to do with a choice
-NOTHING, COLLECT, LOSE, BACK_OFF = 0, 1, 2, 3  # what a result means for the goal it ends
-SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus: how a goal has ended
+from ..config import Config
+
+NO_CHOICE, CHOICE, RESULT, LOOK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
+KEEP, SEND, CANCEL = 0, 1, 2  # what is to be done with Nav2's goal
+REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: there was no answer but no
+RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
+NOBODY = -1
+_ROUNDING_M = 1e-9
 
 
-@kernel
+@dataclass
+class Execution:
+    """The record of one round; the simulator's games have the same fields."""
+
+    pickup: float  # m
+    pellets: int = 0  # candidates that are pellets
+    pursued: int = NO_CHOICE  # candidate
+    sent: float = 0.0  # when its goal was sent
+    spawned: int = 0
+    collected: int = 0
+    lost: int = 0
+    aborts: int = 0  # goals that Nav2 aborted
+    end: int = RUNNING
+    catcher: int = NOBODY  # the ghost that caught the robot
+
+
+def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
+    """The constants of :func:`transition`, times by ``in_units`` of seconds."""
+    execution = config.execution
+    return {
+        "death": execution.death_radius_m,
+        "cancel_then_send": execution.switch == "cancel_then_send",
+        "lose_on_abort": execution.on_abort == "lose_pellet",
+        "back_off": in_units(execution.back_off_s),
+        "min_dwell": in_units(execution.min_dwell_s),
+        "goal_tolerance": config.nav2.goal_tolerance_m,
+        "success_distance": config.nav2.goal_tolerance_m + execution.success_margin_m,
+    }
+
+
 def within(dx, dy, radius):  # type: ignore[no-untyped-def]
     """d <= r: the pick-up and the death condition (Milestone 3, Algorithm 4)."""
     return dx * dx + dy * dy <= radius * radius
 
 
-@kernel
 def closing_speed(distance_before, distance_now, period):  # type: ignore[no-untyped-def]
     """v_close = (d(t - dt) - d(t)) / dt in m/s, positive while the gap shrinks (Milestone 3, Algorithm 3)."""
     return (distance_before - distance_now) / period
 
 
-@kernel
-def goal_action(chosen, pursued, navigating, cancel_then_send):  # type: ignore[no-untyped-def]
-    """What to do with a choice; ``chosen`` is -1 for hold.
+def round_complete(collected: int, spawned: int) -> bool:
+    """N_collected >= N_spawned (Milestone 3, Algorithm 5); never while the pellets are unknown, 0."""
+    return spawned > 0 and collected >= spawned
 
-    Switching by cancel-then-send loses the new goal with the old one, because a cancel terminates pending goals
-    too: the original stands still until it chooses again at the next tick.
+
+def goal_of(s, candidate, p):  # type: ignore[no-untyped-def]
+    """The goal of the map that a candidate stands for: pellets, then refuges, without the padding between them."""
+    return candidate if candidate < p.pellet_slots else s.pellets + candidate - p.pellet_slots
+
+
+def transition(s, event, value, x, y, now, navigating, ground, p):  # type: ignore[no-untyped-def]
+    """Take the record ``s`` over one event of a round that runs; returns what is to be done with Nav2's goal.
+
+    Args:
+        s: the record, see :class:`Execution`.
+        event: ``CHOICE`` of a candidate, ``RESULT`` of the goal pursued, ``LOOK`` at pellets and ghosts.
+        value: the candidate chosen or ``NO_CHOICE``; the status of the result.
+        x: where the robot believes to be, m; of a result, where Nav2 has left it.
+        y: m.
+        now: time.
+        navigating: Nav2 has a goal that nobody has cancelled.
+        ground: position of each goal (K, 2) and ghost (G, 2+), m; by slot which pellets are left; by candidate until
+            when it waits and its aborts in a row.
+        p: the constants, see :func:`rules`, and ``pellet_slots``.
+    """
+    goal_xy, ghost_xy, left, waits, aborts = ground
+    if s.end != RUNNING:
+        return KEEP
+    if event == CHOICE:
+        return _choose(s, value, x, y, now, navigating, goal_xy, p)
+    if event == RESULT:
+        return _conclude(s, value, x, y, now, goal_xy, left, waits, aborts, p)
+    return _look(s, x, y, goal_xy, ghost_xy, left, p)
+
+
+def _choose(s, chosen, x, y, now, navigating, goal_xy, p):  # type: ignore[no-untyped-def]
+    """Switching by sending pre-empts the goal that runs.
+
+    Cancel-then-send, as the original does it, loses the new goal with the old one, because a cancel terminates pending
+    goals too: the robot stands still until it chooses again at the next tick.
     """
     if chosen < 0:
+        s.pursued = NO_CHOICE
         return CANCEL if navigating else KEEP
-    if navigating and chosen == pursued:
-        return KEEP
-    if navigating and cancel_then_send:
-        return CANCEL
+    to_pellet = chosen < p.pellet_slots
+    if navigating:
+        if chosen == s.pursued:
+            return KEEP
+        # A refuge is never kept waiting: it is how a robot gets away.
+        if to_pellet and 0 <= s.pursued < p.pellet_slots and now - s.sent < p.min_dwell:
+            return KEEP
+        if p.cancel_then_send:
+            s.pursued = NO_CHOICE
+            return CANCEL
+    elif not to_pellet:
+        goal = goal_of(s, chosen, p)
+        if within(x - goal_xy[goal, 0], y - goal_xy[goal, 1], p.goal_tolerance):
+            s.pursued = NO_CHOICE  # it waits there already; Nav2 would end such a goal at once
+            return KEEP
+    s.pursued = chosen
+    s.sent = now
     return SEND
 
 
-@kernel
-def result_action(status, distance, tolerance, is_pellet, as_built):  # type: ignore[no-untyped-def]
-    """What the result of the goal now pursued means.
+def _conclude(s, status, x, y, now, goal_xy, left, waits, aborts, p):  # type: ignore[no-untyped-def]
+    """As built, a success collects the pellet wherever the robot stands and an abort removes it uncounted.
 
-    As built, a success collects the pellet wherever the robot stands and an abort removes it uncounted. Robust: a
-    success counts only within Nav2's goal tolerance of the pellet (a blocked goal is moved by up to half a metre);
-    everything else makes the goal wait.
+    Robust: a success counts only near the pellet (Nav2 moves a blocked goal by up to half a metre); everything else
+    makes the goal wait, twice as long at each abort in a row and at most 8 times.
     """
-    if status == SUCCEEDED:
-        if not is_pellet:
-            return NOTHING
-        return COLLECT if as_built or distance <= tolerance + 1e-9 else BACK_OFF
-    if status == ABORTED:
-        return LOSE if as_built and is_pellet else BACK_OFF
-    return NOTHING
+    slot = s.pursued
+    s.pursued = NO_CHOICE
+    if slot < 0:
+        return KEEP
+    is_pellet = slot < p.pellet_slots
+    failed = status in (ABORTED, REJECTED)
+    s.aborts += status == ABORTED
+    if is_pellet and status == SUCCEEDED:
+        dx, dy = x - goal_xy[slot, 0], y - goal_xy[slot, 1]
+        failed = not (p.lose_on_abort or within(dx, dy, p.success_distance + _ROUNDING_M))
+        if not failed and left[slot]:
+            _collect(s, slot, left)
+    if not failed:
+        aborts[slot] = 0
+    elif not (p.lose_on_abort and is_pellet):
+        aborts[slot] += 1
+        waits[slot] = now + p.back_off * 2 ** min(aborts[slot] - 1, 3)
+    elif status == ABORTED and left[slot]:
+        left[slot] = False
+        s.lost += 1
+    _end_if_no_pellet_is_left(s)
+    return KEEP
 
 
-@kernel
-def back_off_ticks(base_ticks, aborts_in_a_row):  # type: ignore[no-untyped-def]
-    """Ticks that a goal waits after an abort: doubled each time, at most 8 times the base."""
-    return base_ticks * 2 ** min(aborts_in_a_row - 1, 3)
+def _look(s, x, y, goal_xy, ghost_xy, left, p):  # type: ignore[no-untyped-def]
+    """In the order of Algorithm 4: who collects the last pellet in a ghost's reach has completed the round."""
+    pursued = s.pursued
+    for slot in range(s.pellets):
+        if left[slot] and within(x - goal_xy[slot, 0], y - goal_xy[slot, 1], s.pickup):
+            _collect(s, slot, left)
+    _end_if_no_pellet_is_left(s)
+    if s.end == RUNNING:
+        for k in range(len(ghost_xy)):
+            if within(x - ghost_xy[k, 0], y - ghost_xy[k, 1], p.death):
+                s.end = DEAD
+                s.catcher = k
+                break
+    if s.end != RUNNING:
+        s.pursued = NO_CHOICE
+        return CANCEL
+    # The goal that led to a pellet goes on until the next choice pre-empts it.
+    return CANCEL if p.cancel_then_send and pursued != s.pursued else KEEP
+
+
+def _collect(s, slot, left):  # type: ignore[no-untyped-def]
+    left[slot] = False
+    s.collected += 1
+    if s.pursued == slot:
+        s.pursued = NO_CHOICE
+
+
+def _end_if_no_pellet_is_left(s):  # type: ignore[no-untyped-def]
+    if round_complete(s.collected + s.lost, s.spawned):
+        s.end = COMPLETE if s.lost == 0 else CLEARED

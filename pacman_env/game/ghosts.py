@@ -1,56 +1,131 @@
-"""How ghosts move and where to: Algorithm 2's walk and wandering, and the other behaviours.
+"""How ghosts move, and where to: Algorithm 2's walk, and the table of behaviours.
 
-A ghost is a record of ``GHOST_FIELDS`` and a row of cell numbers, the path he is on. He moves exactly along his path at
-his speed. ``wander`` is the original: a target drawn uniformly from the cells he can reach, the next one when he is
-there. The others say at each decision where to go. No simulator and no ROS here: both call these functions.
+A behaviour is a function from what a ghost knows to where he goes. ``wander`` is the original: a target drawn uniformly
+from the cells he can reach, the next one when he is there. Ways are found elsewhere; here he moves exactly along his
+path at his speed.
 """
 
 from __future__ import annotations
 
 import math
-import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from ..config import Behaviour
-from ..jit import kernel
+from ..config import Config, ConfigError
 from ..rng import CLYDE, GHOSTS, below, stream
-from .clyde import find_path
 
 #: By number; the original has Clyde alone, its events know all four.
 GHOST_NAMES = ("clyde", "blinky", "pinky", "inky")
-BEHAVIOURS = typing.get_args(Behaviour)
-WANDER, ARCADE, CHASE, POLICY = (BEHAVIOURS.index(name) for name in ("wander", "arcade", "chase", "policy"))
 
-#: What one ghost carries from step to step.
+#: State of one ghost from step to step.
 GHOST_FIELDS = [
     ("x", np.float64),  # where he is and is seen, m
     ("y", np.float64),
     ("vx", np.float64),  # velocity of his last move, m/s
     ("vy", np.float64),
     ("speed", np.float64),  # m/s in this round
-    ("at", np.int32),  # index into his path of the last cell passed
-    ("length", np.int32),  # cells of his path
-    ("beyond", np.float64),  # m walked beyond that cell
+    ("path_index", np.int32),  # into his path: the last cell passed
+    ("path_length", np.int32),  # cells of his path
+    ("path_offset", np.float64),  # m walked since that cell
     ("stream", np.uint64),
-    ("wanders", np.bool_),  # he picks his own targets at the end of his path
-    ("place", np.int32),  # the candidate he was told to go to, -1: none
+    ("wanders", np.bool_),  # he draws his own targets at the end of his path
+    ("place", np.int32),  # the candidate he was sent to, -1: none
 ]
 
 
-@kernel
+class GhostView(NamedTuple):
+    """What a behaviour decides by: m, m/s and rad in the map frame."""
+
+    number: int  # 0: Clyde
+    x: float
+    y: float
+    vx: float
+    vy: float
+    robot_x: float  # where the robot believes to be
+    robot_y: float
+    robot_heading: float
+    corner_x: float  # the ghost's own corner of the map
+    corner_y: float
+
+
+Target = Callable[[GhostView, tuple[float, ...]], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """One entry of the table.
+
+    Args:
+        name: in ``clyde.ghosts``.
+        target: from a view and the parameters to the place (x, y), m, that the ghost goes to by the shortest way; NaN:
+            he wanders on. It is compiled with Numba. None: somebody outside sends him.
+        parameters: numbers, or the dotted names of configuration fields that hold them.
+    """
+
+    name: str
+    target: Target | None
+    parameters: tuple[float | str, ...] = ()
+
+    def constants(self, config: Config) -> tuple[float, ...]:
+        """The parameters' values under a configuration."""
+        return tuple(float(config.value(p)) if isinstance(p, str) else float(p) for p in self.parameters)
+
+
+def wander(view, parameters):  # type: ignore[no-untyped-def]
+    """Algorithm 2: the targets are drawn."""
+    return math.nan, math.nan
+
+
+def chase(view, parameters):  # type: ignore[no-untyped-def]
+    """Always for the robot."""
+    return view.robot_x, view.robot_y
+
+
+def arcade(view, parameters):  # type: ignore[no-untyped-def]
+    """The arcade's Clyde: for the robot from farther away than ``parameters[0]`` m, to his corner when nearer."""
+    dx, dy = view.robot_x - view.x, view.robot_y - view.y
+    if dx * dx + dy * dy > parameters[0] * parameters[0]:
+        return view.robot_x, view.robot_y
+    return view.corner_x, view.corner_y
+
+
+WANDER, POLICY = "wander", "policy"
+BEHAVIOURS = {
+    entry.name: entry
+    for entry in (
+        Behaviour(WANDER, wander),
+        Behaviour("arcade", arcade, ("clyde.arcade_distance_m",)),
+        Behaviour("chase", chase),
+        Behaviour(POLICY, None),
+    )
+}
+
+
+def find_behaviour(name: str) -> Behaviour:
+    """The table's entry.
+
+    Raises:
+        ConfigError: there is none of that name.
+    """
+    if name not in BEHAVIOURS:
+        raise ConfigError(f"clyde.ghosts: {name!r} is no behaviour, choose among {', '.join(BEHAVIOURS)}")
+    return BEHAVIOURS[name]
+
+
 def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
     """The random stream of ghost ``number`` in the round with this seed: others do not change Clyde's."""
     return stream(seed, CLYDE if number == 0 else GHOSTS + number)
 
 
-@kernel
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
     """Put a ghost on a cell; he chooses his first target at his first move."""
     path[0] = cell
-    ghost.at = 0
-    ghost.length = 1
-    ghost.beyond = 0.0
+    ghost.path_index = 0
+    ghost.path_length = 1
+    ghost.path_offset = 0.0
     ghost.x = position[cell, 0]
     ghost.y = position[cell, 1]
     ghost.vx = 0.0
@@ -58,7 +133,6 @@ def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
     ghost.place = -1
 
 
-@kernel
 def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]
     """A cell uniform over those that the ghost can reach from ``cell``."""
     p = part[cell]
@@ -67,80 +141,32 @@ def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no
     return part_cells[first + pick]
 
 
-@kernel
 def walk(ghost, path, position, period):  # type: ignore[no-untyped-def]
     """One update: move the ghost along his path for ``period`` seconds, at most to its end."""
     x, y = ghost.x, ghost.y
-    at, beyond = ghost.at, ghost.beyond + ghost.speed * period
-    last = ghost.length - 1
-    here = path[at]
+    index, offset = ghost.path_index, ghost.path_offset + ghost.speed * period
+    last = ghost.path_length - 1
+    here = path[index]
     ghost.x, ghost.y = position[here, 0], position[here, 1]
-    while at < last:
-        following = path[at + 1]
+    while index < last:
+        following = path[index + 1]
         dx, dy = position[following, 0] - position[here, 0], position[following, 1] - position[here, 1]
         length = math.sqrt(dx * dx + dy * dy)
-        if beyond < length:
-            f = beyond / length
+        if offset < length:
+            f = offset / length
             ghost.x = position[here, 0] + f * dx
             ghost.y = position[here, 1] + f * dy
             break
-        beyond -= length
-        at += 1
+        offset -= length
+        index += 1
         here = following
         ghost.x, ghost.y = position[here, 0], position[here, 1]
-    ghost.at = at
-    ghost.beyond = beyond if at < last else 0.0
+    ghost.path_index = index
+    ghost.path_offset = offset if index < last else 0.0
     ghost.vx = (ghost.x - x) / period
     ghost.vy = (ghost.y - y) / period
 
 
-@kernel
 def at_target(ghost):  # type: ignore[no-untyped-def]
     """He stands at the end of his path and needs a target before his next update."""
-    return ghost.at >= ghost.length - 1
-
-
-@kernel
-def wander(ghost, path, arrays, node, queue):  # type: ignore[no-untyped-def]
-    """Algorithm 2: choose a target and the way there, at the end of the path.
-
-    ``arrays`` is (graph, part, part_start, part_cells) of :class:`~pacman_env.game.clyde.ClydeCells`.
-    """
-    graph, part, part_start, part_cells = arrays
-    here = path[ghost.at]
-    target = choose_target(ghost, here, part, part_start, part_cells)
-    count = find_path(here, target, graph, node, queue, path)
-    ghost.at = 0
-    ghost.beyond = 0.0
-    ghost.length = count
-    if count == 0:  # cannot happen within a part; he stays where he is
-        path[0] = here
-        ghost.length = 1
-
-
-@kernel
-def head_for(ghost, path, target, arrays, node, queue):  # type: ignore[no-untyped-def]
-    """Turn to another cell at once: on to the next cell of his path, from there the shortest way.
-
-    Where there is no way he goes on as before.
-    """
-    graph, part = arrays[0], arrays[1]
-    here = path[ghost.at]
-    if path[ghost.length - 1] == target or part[here] != part[target]:
-        return
-    kept = 0
-    following = here
-    if ghost.beyond > 0.0:
-        kept = 1
-        following = path[ghost.at + 1]
-    count = find_path(following, target, graph, node, queue, path[kept:])
-    if count > 0:
-        path[0] = here
-        ghost.at = 0
-        ghost.length = count + kept
-
-
-@kernel
-def arcade_chases(dx, dy, distance):  # type: ignore[no-untyped-def]
-    """The arcade Clyde's rule: he goes for Pac-Man as long as he is farther away than ``distance``, m."""
-    return dx * dx + dy * dy > distance * distance
+    return ghost.path_index >= ghost.path_length - 1

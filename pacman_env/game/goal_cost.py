@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config
-from ..jit import kernel
 
 #: Columns of the terms of a candidate; the last two are 0 or 1.
 DISTANCE, RISK, DIRECTION, TOTAL, SAFE, SKIPPED = range(6)
@@ -38,7 +37,6 @@ def scorer_parameters(config: Config) -> ScorerParameters:
     return ScorerParameters(**dataclasses.asdict(config.scorer), death_radius_m=config.execution.death_radius_m)
 
 
-@kernel
 def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerParameters) -> bool:
     """Whether Clyde threatens the robot, given that he did (``was``) at the decision before."""
     if distance_m <= p.death_radius_m:
@@ -49,7 +47,6 @@ def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerPa
     return distance_m <= p.warning_radius_m + margin and closing_mps >= p.approach_speed_mps
 
 
-@kernel
 def score_situation(
     robot: NDArray[np.float64],
     clyde: NDArray[np.float64],

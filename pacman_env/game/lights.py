@@ -31,7 +31,6 @@ GHOST_COLOURS = {
 BLACK: Colour = (0, 0, 0)
 _YELLOW, _RED, _WHITE = COLOURS["yellow"], COLOURS["red"], COLOURS["white"]
 _FRAME_S = 0.15
-_DEATH_S = ShowConfig.death_s
 
 
 @dataclass(frozen=True)
@@ -72,19 +71,23 @@ def _mouth(width: int) -> Ring:
     return tuple(BLACK if {k, k - 6} & set(dark) else _YELLOW for k in range(6))
 
 
-#: By light word. ``off`` is none of them: it shows nothing.
-ANIMATIONS: dict[str, Animation] = {
-    **{name: Animation((_all(colour),)) for name, colour in COLOURS.items()},
-    "pacman": Animation((_mouth(0), _mouth(1), _mouth(3), _mouth(1))),  # it opens and shuts
-    "start": Animation(_turning((_YELLOW, *GHOST_COLOURS.values(), BLACK)), ShowConfig.start_s, "pacman"),
-    "pellet": Animation((_all(_WHITE), _all(_YELLOW)), 2 * _FRAME_S),
-    "power pellet": Animation((_all(_YELLOW), _all(_WHITE)), 3.0),
-    "game over": Animation(_wave(_RED, _dimmed(_RED, 0.2)), _DEATH_S, "off"),
-    "win": Animation((*_turning((_YELLOW, BLACK, _WHITE) * 2), _all(_WHITE), _all(_YELLOW)), 6.0, "off"),
-    **{f"{g} caught": Animation((_all(c), _all(_YELLOW)), 2.0) for g, c in GHOST_COLOURS.items()},
-    **{f"{g} killed": Animation(_wave(c, _dimmed(_RED, 0.2)), _DEATH_S, "off") for g, c in GHOST_COLOURS.items()},
-}
-LIGHTS = frozenset(ANIMATIONS) | {"off"}
+def animations(show: ShowConfig) -> dict[str, Animation]:
+    """By light word. ``off`` is none of them: it shows nothing."""
+    ghosts = GHOST_COLOURS.items()
+    return {
+        **{name: Animation((_all(colour),)) for name, colour in COLOURS.items()},
+        "pacman": Animation((_mouth(0), _mouth(1), _mouth(3), _mouth(1))),  # it opens and shuts
+        "start": Animation(_turning((_YELLOW, *GHOST_COLOURS.values(), BLACK)), show.start_s, "pacman"),
+        "pellet": Animation((_all(_WHITE), _all(_YELLOW)), 2 * _FRAME_S),
+        "power pellet": Animation((_all(_YELLOW), _all(_WHITE)), 3.0),
+        "game over": Animation(_wave(_RED, _dimmed(_RED, 0.2)), show.death_s, "off"),
+        "win": Animation((*_turning((_YELLOW, BLACK, _WHITE) * 2), _all(_WHITE), _all(_YELLOW)), 6.0, "off"),
+        **{f"{g} caught": Animation((_all(c), _all(_YELLOW)), 2.0) for g, c in ghosts},
+        **{f"{g} killed": Animation(_wave(c, _dimmed(_RED, 0.2)), show.death_s, "off") for g, c in ghosts},
+    }
+
+
+LIGHTS = frozenset(animations(ShowConfig())) | {"off"}
 #: By state of the game: what the ring shows in it when nothing happens; ``off`` in every other.
 LASTING = {"starting": "pacman", "running": "pacman"}
 
@@ -93,9 +96,14 @@ LASTING = {"starting": "pacman", "running": "pacman"}
 class LightRing:
     """The ring from word to word: a lasting word stays, an animation that ends is shown over it."""
 
+    show: ShowConfig = field(default_factory=ShowConfig)
+
     _lasting: str = field(default="off", init=False)
     _word: str = field(default="off", init=False)
     _since_s: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        self._animations = animations(self.show)
 
     def command(self, word: str, now: float) -> None:
         """Show a word from now on.
@@ -106,7 +114,7 @@ class LightRing:
         if word not in LIGHTS:
             raise ValueError(f"light {word!r}: not one of {', '.join(sorted(LIGHTS))}")
         self._word, self._since_s = word, now
-        animation = ANIMATIONS.get(word)
+        animation = self._animations.get(word)
         if animation is None or animation.duration_s == math.inf:
             self._lasting = word
         elif animation.then is not None:
@@ -114,8 +122,8 @@ class LightRing:
 
     def ring(self, now: float) -> Ring | None:
         """What to show; None: nothing, the ring is the robot's own."""
-        animation = ANIMATIONS.get(self._word)
+        animation = self._animations.get(self._word)
         if animation is not None and not 0 <= now - self._since_s < animation.duration_s:  # over, or the clock set back
             self._word, self._since_s = self._lasting, now
-            animation = ANIMATIONS.get(self._word)
+            animation = self._animations.get(self._word)
         return None if animation is None else animation.at(now - self._since_s)

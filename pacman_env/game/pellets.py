@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,7 +65,9 @@ def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
         raise ConfigError(f"pellets.spacing_m = {config.spacing_m}: below the map's resolution, {map.resolution} m")
     free = map.game_free(config.free_grey)
     height, width = free.shape
-    blocked = cv2.integral((~free).astype(np.uint8))  # summed-area table
+    blocked = np.zeros((height + 1, width + 1), dtype=np.int32)  # summed-area table
+    np.cumsum(~free, axis=0, dtype=np.int32, out=blocked[1:, 1:])
+    np.cumsum(blocked, axis=1, out=blocked)
 
     first = math.ceil(clearance / step) * step
     rows = np.arange(first, height - clearance, step)

@@ -9,12 +9,16 @@ a snapshot of a game is kept while nobody plays it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
 
 from pacman_env.config import ClydeConfig, ShowConfig
-from pacman_env.jit import kernel
+from pacman_env.config.validation import convert, require
+from pacman_env.game.execution import round_complete
 
 State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
 ActionKind = Literal[
@@ -42,45 +46,29 @@ class Action:
     value: str | int | float | None = None
 
 
-@kernel
 def clyde_speed_mps(base: float, step: float, round: int) -> float:
     """Clyde's speed in a round, the first being 1 (Milestone 3, Algorithm 5)."""
     return base + (round - 1) * step
 
 
-@kernel
-def round_complete(collected: int, spawned: int) -> bool:
-    """N_collected >= N_spawned (Milestone 3, Algorithm 5); never while the pellets are unknown, 0."""
-    return spawned > 0 and collected >= spawned
+_Count = Annotated[int, Meta(ge=0, lt=10**9)]
 
 
-def _is_count(value: object, least: int = 0) -> bool:
-    return type(value) is int and least <= value < 10**9  # True is no number
+class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A game as it is kept; lists are ids of pellets, each once."""
 
-
-def _is_pellets(value: object) -> bool:
-    return isinstance(value, list) and all(map(_is_count, value)) and len(set(value)) == len(value)
-
-
-def _is_number(value: object, low: float, high: float) -> bool:
-    return type(value) in (int, float) and low <= value <= high  # type: ignore[operator]  # nor NaN
-
-
-#: What a snapshot holds, and what each value must be.
-_SNAPSHOT: dict[str, Callable[[Any], bool]] = {
-    "state": lambda value: value in ("menu", "returning_home", "starting", "running", "dying"),
-    "score": _is_count,
-    "round": lambda value: _is_count(value, 1),
-    "result": lambda value: isinstance(value, str) and len(value) <= 200,
-    "base_speed_mps": lambda value: _is_number(value, 1e-6, 1e6),
-    "collected": _is_pellets,
-    "shown": _is_pellets,
-    "still_shown": _is_pellets,
-    "left": lambda value: value is None or _is_pellets(value),
-    "due_in_s": lambda value: value is None or _is_number(value, 0.0, 1e6),
-    "after_home": lambda value: value in ("start", "next_round", "game_over"),
-    "home_failures": _is_count,
-}
+    state: Literal["menu", "returning_home", "starting", "running", "dying"]
+    score: _Count
+    round: Annotated[int, Meta(ge=1, lt=10**9)]
+    result: Annotated[str, Meta(max_length=200)]
+    base_speed_mps: Annotated[float, Meta(ge=1e-6, le=1e6)]
+    collected: tuple[_Count, ...]
+    shown: tuple[_Count, ...]
+    still_shown: tuple[_Count, ...]
+    left: tuple[_Count, ...] | None
+    due_in_s: Annotated[float, Meta(ge=0, le=1e6)] | None
+    after_home: Literal["start", "next_round", "game_over"]
+    home_failures: _Count
 
 
 @dataclass
@@ -126,7 +114,7 @@ class RoundController:
     @property
     def clyde_speed(self) -> float:
         """Clyde's speed in this round, m/s."""
-        return float(clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round))
+        return clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round)
 
     def announce(self) -> list[Action]:
         """Everything latched as it is now, for a node that has just come up.
@@ -163,21 +151,20 @@ class RoundController:
         Raises:
             ValueError: not a snapshot; nothing has changed.
         """
-        if set(values) != set(_SNAPSHOT):
-            raise ValueError(f"snapshot: must have the fields {', '.join(_SNAPSHOT)}")
-        for name, is_valid in _SNAPSHOT.items():
-            if not is_valid(values[name]):
-                raise ValueError(f"snapshot: {name} = {str(values[name])[:50]!r}")
-        state, due_s = values["state"], values["due_in_s"]
-        if state != "returning_home" and (due_s is None) == (state in ("starting", "dying")):
-            raise ValueError(f"snapshot: due_in_s = {due_s} in state {state!r}")
-        self.state, self.score, self.round, self.result = state, values["score"], values["round"], values["result"]
-        self._base_speed_mps = float(values["base_speed_mps"])
-        self._collected = set(values["collected"])
-        self._shown, self._still_shown = set(values["shown"]), frozenset(values["still_shown"])
-        self._left = None if values["left"] is None else frozenset(values["left"])
+        kept: Snapshot = convert(values, Snapshot, "snapshot")
+        for name in ("collected", "shown", "still_shown", "left"):
+            ids = getattr(kept, name) or ()
+            require(len(set(ids)) == len(ids), f"snapshot.{name}", ids, "must have each pellet once")
+        state, due_s = kept.state, kept.due_in_s
+        timed = state == "returning_home" or (due_s is not None) == (state in ("starting", "dying"))
+        require(timed, "snapshot.due_in_s", due_s, f"does not fit state {state!r}")
+        self.state, self.score, self.round, self.result = state, kept.score, kept.round, kept.result
+        self._base_speed_mps = kept.base_speed_mps
+        self._collected = set(kept.collected)
+        self._shown, self._still_shown = set(kept.shown), frozenset(kept.still_shown)
+        self._left = None if kept.left is None else frozenset(kept.left)
         self._deadline_s = None if due_s is None else now + due_s
-        self._after_home, self._home_failures = values["after_home"], values["home_failures"]
+        self._after_home, self._home_failures = kept.after_home, kept.home_failures
         before_round = state == "starting" or (state == "returning_home" and self._after_home == "start")
         resets = [Action("reset_pellets"), Action("reset_clyde")] if before_round else []
         return [*self.announce(), *resets]

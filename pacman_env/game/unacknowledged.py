@@ -1,13 +1,13 @@
 """What the robot's side has reported to the referee without hearing that it was taken in, to be said once more.
 
 The referee may be away for a while: what is said to nobody is lost. That he ignores what he has heard before is
-``round.py``'s rule; when something is reported at all is decided in ``pursuit.py``.
+``round.py``'s rule; when something is reported at all is decided in ``goal_executor.py``.
 """
 
 from __future__ import annotations
 
 
-class Reports:
+class UnacknowledgedStatuses:
     """Statuses and their answers: a pellet is answered by the count of pellets, an end by what the game does next."""
 
     def __init__(self) -> None:

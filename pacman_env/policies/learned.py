@@ -40,7 +40,7 @@ class LearnedPlanner(BasePolicy):
     A copy, by ``copy`` or ``pickle``, reads the file again.
 
     Args:
-        path: an ONNX file with its sidecar beside it, as ``train.export`` writes them; None: the package's own.
+        path: an ONNX file with its metadata beside it, as ``train.export`` writes them; None: the package's own.
         threads: of onnxruntime.
 
     Raises:
@@ -56,7 +56,7 @@ class LearnedPlanner(BasePolicy):
         self.path = PRETRAINED if path is None else Path(path).absolute()
         self.name = self.path.stem
         self._arguments = (None if path is None else self.path, threads)
-        self.sidecar, model = read_planner(self.path)
+        self.metadata, model = read_planner(self.path)
         self._session = _session(model, self.path, threads)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -104,7 +104,7 @@ class LearnedPlanner(BasePolicy):
         """
         if situation.maps is None:
             raise ValueError(f"policy {self.name!r}: the situation has no maps to look ahead on")
-        candidates, whole = planner_features(situation, self.sidecar.robot_speed_mps)
+        candidates, whole = planner_features(situation, self.metadata.robot_speed_mps)
         logits = np.full(situation.mask.shape, -np.inf)
         values = np.full(len(logits), np.nan)
         for i, mask in enumerate(situation.mask):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -44,6 +44,16 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     if spec.endswith(".onnx"):
         return LearnedPlanner(spec, **parameters)
     raise ValueError(f"unknown policy {spec!r}: choose one of {', '.join(policy_names())}, or an .onnx file")
+
+
+def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
+    """Behaviours by ghost, ``policy`` where an .onnx file moves him, and those policies by his number.
+
+    Raises:
+        ValueError: a file is no planner for this version.
+    """
+    policies = {number: make_policy(name) for number, name in enumerate(ghosts) if name.endswith(".onnx")}
+    return tuple("policy" if number in policies else name for number, name in enumerate(ghosts)), policies
 
 
 register("clyde_aware", ClydeAware)

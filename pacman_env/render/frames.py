@@ -16,10 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+
 from ..config import Config
 from ..game.ghosts import GHOST_NAMES
 from ..sim.core.batch import GameBatch
-from ..sim.core.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from ..sim.maps.assets import MapAssets
 from ..world.navigation.paths import AT_GOAL, NO_STEP
 from . import symbols
@@ -405,7 +406,7 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
     for label, value in (
         ("time", f"{seconds // 60:02d}:{seconds % 60:02d}"),
         ("pellets", f"{g['collected']}/{g['spawned']}{lost}"),
-        ("Clyde" if len(batch.behaviours) == 1 else "ghosts", f"{g['clyde_speed']:.2f} m/s"),
+        ("Clyde" if batch.ghosts.shape[1] == 1 else "ghosts", f"{g['clyde_speed']:.2f} m/s"),
         *endless,
     ):
         for text, colour, gap in ((label, MUTED, 6), (value, TEXT, 26)):

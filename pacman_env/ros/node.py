@@ -1,10 +1,11 @@
-"""How a node of the game lives: start, parameters, troubles, and a stop at which its last messages still arrive.
+"""How a node of the game lives: start, parameters, configuration, troubles, and a stop whose last messages arrive.
 
 What a node does is not here. ``run`` is the whole ``main`` of every node.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import signal
 import sys
@@ -21,26 +22,34 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from pacman_env.config import EXECUTIONS, PRESETS, differences, make_config, parse_settings
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+
 from .messages import BadMessage
 from .process_memory import settle
+from .topics import CONFIGURATION
 
-FAREWELL_S = 2.0  # for answers and acknowledgements together
+LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
 TEARDOWN_S = 5  # many participants that leave at once can hang inside FastDDS
 POLL_S = 0.2  # a signal is seen this late at most
 BAD_START = 2  # exit status
+_LONGEST = 100_000  # characters of a configuration that is listened to
+_LISTED = 5  # differing fields that are named
 
 Value = TypeVar("Value", bool, int, float, str)
 
 
-class GameNode(Node):
-    """A node with a farewell."""
+class BaseNode(Node):
+    """A node with last messages, whose troubles are said once."""
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self.once = Once(self.get_logger())
+        self.status: int | None = None  # with which the node ends by itself; None: it goes on
         self._latest_s = 0.0
         self._set_back_s = 0.0  # by how much the clock was, in all
 
@@ -68,13 +77,73 @@ class GameNode(Node):
 
         return topic.subscription(self, hear)
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """Publish what must be said last: stop, lights off. Called once, before the context is shut down.
 
         Returns:
             Futures whose answers are worth waiting for, such as the cancelling of a goal.
         """
         return ()
+
+
+class GameNode(BaseNode):
+    """A node that plays by a configuration, which it publishes and compares with that of every other.
+
+    Args:
+        name: of the node.
+        with_map: it plays on the map of the parameter ``map_yaml``.
+        options: of rclpy's Node.
+
+    Attributes:
+        config: the configuration of the parameters ``preset``, ``execution`` and ``settings``.
+        map: the occupancy map, of a node with one.
+
+    Raises:
+        ConfigError: there is no such configuration.
+        MapError: the map cannot be read.
+    """
+
+    map: OccupancyMap
+
+    def __init__(self, name: str, *, with_map: bool = False, **options: Any) -> None:
+        super().__init__(name, **options)
+        preset = parameter(self, "preset", "robot", f"the configuration: one of {', '.join(PRESETS)}")
+        execution = parameter(self, "execution", "robust", f"of Algorithm 4: one of {', '.join(EXECUTIONS)}")
+        text = "fields of the configuration that differ from those, each name=value"
+        descriptor = ParameterDescriptor(description=text, read_only=True)
+        settings = self.declare_parameter("settings", Parameter.Type.STRING_ARRAY, descriptor).value or ()
+        self.config = make_config(preset, execution, **parse_settings(settings))
+        if with_map:
+            self.map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
+        self._plays: dict[str, Any] = {
+            "node": name,
+            "hash": self.config.hash,
+            "map": self.map.hash[:12] if with_map else None,
+            "configuration": self.config.as_dict(),
+        }
+        self._configuration = CONFIGURATION.publisher(self)
+        self.listen(CONFIGURATION, self._compare, "bad configuration")
+        self._configuration.publish(CONFIGURATION.type(data=json.dumps(self._plays)))
+
+    def _compare(self, message: Any) -> None:
+        """Say by which fields another node differs, once for each other node; again only after they agreed."""
+        own = self._plays
+        try:
+            other = json.loads(message.data[:_LONGEST])
+            node, map, configuration = str(other["node"])[:100], other["map"], dict(other["configuration"])
+        except (ValueError, TypeError, LookupError, RecursionError):
+            raise BadMessage("not the configuration of a node of this game") from None
+        found = differences(configuration, own["configuration"])
+        if map != own["map"] and None not in (map, own["map"]):
+            found["map"] = map, own["map"]
+        trouble = f"configuration of {node}"
+        if not found:
+            self.once.over(trouble)
+            return
+        fields = [f"{name} {there}, here {here}" for name, (there, here) in found.items()]
+        more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
+        text = "; ".join([*fields[:_LISTED], *more])
+        self.once.warning(trouble, f"{node} plays by another configuration: {text}")
 
 
 class Once:
@@ -132,8 +201,33 @@ def parameter(
     return value
 
 
-def run(make: Callable[[], GameNode], name: str, argv: Sequence[str] | None = None) -> int:
-    """Make the node and spin it in one thread until SIGINT or SIGTERM; then farewell and shutdown.
+class Stop:
+    """SIGINT and SIGTERM ask for the end, for as long as the block lasts; more than one change nothing.
+
+    Args:
+        breaks_off: they also raise KeyboardInterrupt, until that is set to False.
+    """
+
+    def __init__(self, breaks_off: bool = False) -> None:
+        self.asked = False
+        self.breaks_off = breaks_off
+
+    def __enter__(self) -> Stop:
+        self._before = {number: signal.signal(number, self._ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _ask(self, number: int, frame: Any) -> None:
+        self.asked = True
+        if self.breaks_off:
+            raise KeyboardInterrupt
+
+
+def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = None, stopped: int = 0) -> int:
+    """Make the node and spin it in one thread until a signal or its own end; then its last messages and shutdown.
 
     To be called in the main thread. ROS's own signal handlers stay out: they end the context first, and nothing can
     be published any more.
@@ -142,85 +236,59 @@ def run(make: Callable[[], GameNode], name: str, argv: Sequence[str] | None = No
         make: Makes the node, after rclpy's start.
         name: For what is said before the node can speak for itself.
         argv: Arguments without the program's name, ``sys.argv`` by default; only ``--ros-args ...`` are known.
+        stopped: The exit status after a signal.
 
     Returns:
-        The exit status: 0 after a signal, 2 if the node could not be made, after one line on stderr.
+        The exit status: ``stopped``, or the node's own, or 2 if it could not be made, after one line on stderr.
 
     Raises:
-        Exception: what a callback raised, after the farewell.
+        Exception: what a callback raised, after the last messages.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    stop = _Stop()
-    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        return _live(make, name, arguments, stop)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-class _Stop:
-    """The handler of signals: breaks off the making of a node, but only asks a spinning one to stop."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        self.spinning = False
-
-    def __call__(self, number: int, frame: Any) -> None:
-        self.asked = True
-        if not self.spinning:
-            raise KeyboardInterrupt
-
-
-def _live(make: Callable[[], GameNode], name: str, arguments: list[str], stop: _Stop) -> int:
     node = None
     # Who asked and is gone before the answer is no reason to end, even where warnings are errors.
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
-    try:
-        unknown = remove_ros_args(arguments)
-        if unknown:
-            raise ValueError(
-                f"unknown arguments {' '.join(unknown)}: parameters are given as --ros-args -p NAME:=VALUE"
-            )
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        node = make()
-        stop.spinning = True
-        settle()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
+    with Stop(breaks_off=True) as stop:
         try:
-            while not stop.asked:
-                executor.spin_once(timeout_sec=POLL_S)
+            unknown = remove_ros_args(arguments)
+            if unknown:
+                raise ValueError(
+                    f"unknown arguments {' '.join(unknown)}: parameters are given as --ros-args -p NAME:=VALUE"
+                )
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+            node = make()
+            stop.breaks_off = False
+            settle()
+            _spin(node, stop)
+        except KeyboardInterrupt:
+            pass  # there is no node yet that could say anything
+        except (ValueError, OSError, ParameterException, rclpy_implementation.RCLError) as error:
+            if node is not None:
+                raise
+            print(f"{name}: {error}", file=sys.stderr)
+            return BAD_START
         finally:
-            _farewell(node, executor)
-            executor.shutdown()
-    except KeyboardInterrupt:
-        pass  # there is no node yet that could say anything
-    except (ValueError, OSError, ParameterException, rclpy_implementation.RCLError) as error:
-        if node is not None:
-            raise
-        print(f"{name}: {error}", file=sys.stderr)
-        return BAD_START
+            stop.breaks_off = False
+            signal.alarm(TEARDOWN_S)  # kills the process; needs no Python to run
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+            signal.alarm(0)
+    return stopped if node is None or node.status is None else node.status
+
+
+def _spin(node: BaseNode, stop: Stop) -> None:
+    """Spin until the end; then let the node publish its last messages, and its peers receive them."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stop.asked and node.status is None:
+            executor.spin_once(timeout_sec=POLL_S)
     finally:
-        stop.spinning = True
-        _tear_down(node)
-    return 0
-
-
-def _farewell(node: GameNode, executor: Any) -> None:
-    """Let the node publish its last messages, and its peers receive them."""
-    end = time.monotonic() + FAREWELL_S
-    for answer in node.farewell():
-        executor.spin_until_future_complete(answer, max(0.0, end - time.monotonic()))
-    node.once.summary()
-    for publisher in node.publishers:
-        left = max(0.0, end - time.monotonic())
-        publisher.wait_for_all_acked(Duration(seconds=left))
-
-
-def _tear_down(node: GameNode | None) -> None:
-    signal.alarm(TEARDOWN_S)  # kills the process; needs no Python to run
-    if node is not None:
-        node.destroy_node()
-    rclpy.try_shutdown()
-    signal.alarm(0)
+        end = time.monotonic() + LAST_MESSAGES_S
+        for answer in node.last_messages():
+            executor.spin_until_future_complete(answer, max(0.0, end - time.monotonic()))
+        node.once.summary()
+        for publisher in node.publishers:
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
+        executor.shutdown()

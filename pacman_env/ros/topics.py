@@ -9,7 +9,8 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
+from typing import Any, ClassVar
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient, ActionServer
@@ -34,23 +35,28 @@ TRANSFORMS = _qos(100)
 STATIC_TRANSFORMS = _qos(100, latched=True)
 
 
-def _type(kind: str, name: str) -> Any:
-    package, _, word = name.partition("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), word)
-
-
 @dataclass(frozen=True)
-class Topic:
-    """One topic: its relative name, ``package/Type`` and QoS."""
+class _Interface:
+    """A relative name and a type, ``package/Type``."""
 
     name: str
     type_name: str
-    qos: QoSProfile
+
+    kind: ClassVar[str]  # the module of the package
 
     @property
     def type(self) -> Any:
-        """The message class."""
-        return _type("msg", self.type_name)
+        """The class of messages, or of a service's or an action's parts."""
+        package, _, name = self.type_name.partition("/")
+        return attrgetter(name)(importlib.import_module(f"{package}.{self.kind}"))
+
+
+@dataclass(frozen=True)
+class Topic(_Interface):
+    """One topic."""
+
+    qos: QoSProfile
+    kind = "msg"
 
     def publisher(self, node: Any) -> Any:
         """A publisher of ``node`` on this topic."""
@@ -62,16 +68,10 @@ class Topic:
 
 
 @dataclass(frozen=True)
-class Service:
-    """One service: its relative name and ``package/Type``."""
+class Service(_Interface):
+    """One service; its type has Request and Response."""
 
-    name: str
-    type_name: str
-
-    @property
-    def type(self) -> Any:
-        """The service class, with Request and Response."""
-        return _type("srv", self.type_name)
+    kind = "srv"
 
     def client(self, node: Any, **options: Any) -> Any:
         """A client of ``node``."""
@@ -82,17 +82,17 @@ class Service:
         return node.create_service(self.type, self.name, callback, **options)
 
 
+class FeedbackTopic(Topic):
+    """The topic on which an action's server tells how its goals get on; of interest is the newest alone."""
+
+    kind = "action"
+
+
 @dataclass(frozen=True)
-class Action:
-    """One action: its relative name and ``package/Type``."""
+class RosAction(_Interface):
+    """One action; its type has Goal, Feedback and Result."""
 
-    name: str
-    type_name: str
-
-    @property
-    def type(self) -> Any:
-        """The action class, with Goal, Feedback and Result."""
-        return _type("action", self.type_name)
+    kind = "action"
 
     def client(self, node: Any, **options: Any) -> Any:
         """An ``ActionClient`` of ``node``."""
@@ -100,13 +100,13 @@ class Action:
 
     @property
     def statuses(self) -> Topic:
-        """What has become of all its goals that the server still lists."""
+        """The topic with the statuses of all its goals that the server still lists."""
         return Topic(f"{self.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     @property
-    def feedback(self) -> Feedback:
-        """How its goals get on."""
-        return Feedback(self)
+    def feedback(self) -> FeedbackTopic:
+        """The topic of its feedback."""
+        return FeedbackTopic(f"{self.name}/_action/feedback", f"{self.type_name}.Impl.FeedbackMessage", _qos(1))
 
     def goal_client(self, node: Any, **options: Any) -> Any:
         """A client of ``node`` for the service that takes goals."""
@@ -125,18 +125,9 @@ class Action:
         return ActionServer(node, self.type, self.name, execute, **options)
 
 
-@dataclass(frozen=True)
-class Feedback:
-    """The topic on which an action's server tells how its goals get on; of interest is the newest alone."""
-
-    action: Action
-
-    def subscription(self, node: Any, callback: Callable[[Any], None], **options: Any) -> Any:
-        """A subscription of ``node``; ``options`` go to ``create_subscription``."""
-        name = f"{self.action.name}/_action/feedback"
-        return node.create_subscription(self.action.type.Impl.FeedbackMessage, name, callback, _qos(1), **options)
-
-
+#: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader keeps a topic's last alone.
+CONFIGURATION = Topic("game/configuration", "std_msgs/String", COMMANDS)
+GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
 GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)
 GAME_COMMAND = Topic("game_command", "std_msgs/String", COMMANDS)
 GAME_RESULT = Topic("game_result", "std_msgs/String", LATCHED)
@@ -149,7 +140,8 @@ CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
 PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
 REMOVE_PELLET = Topic("remove_pellet", "std_msgs/Int32", EVENTS)
-CLYDE_POSE = Topic("clyde_pose", "geometry_msgs/PoseStamped", EVENTS)
+GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) for name in GHOSTS)
+CLYDE_POSE = GHOST_POSES[0]
 CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
 CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
 CLICKED_POINT = Topic("clicked_point", "geometry_msgs/PointStamped", EVENTS)  # places Clyde before a round
@@ -176,10 +168,9 @@ RESET_PELLETS = Service("reset_pellets", "std_srvs/Trigger")
 RESET_CLYDE = Service("reset_clyde", "std_srvs/Trigger")
 CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "nav2_msgs/ClearEntireCostmap")
 
-NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/NavigateToPose")
-PLAY_NOTES = Action("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
+NAVIGATE_TO_POSE = RosAction("navigate_to_pose", "nav2_msgs/NavigateToPose")
+PLAY_NOTES = RosAction("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
 
-GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
 STATE_WORDS = frozenset({"menu", "returning_home", "starting", "running", "dying", "complete"})
 COMMAND_WORDS = frozenset({"enable", "disable", "reset_round", "return_home"})
 #: ``pellet_collected`` is followed by a colon and the pellet's id.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eval.compare.episodes import EPISODE, episode_seeds, play
 from eval.compare.scenarios import Levels, open_place
 from pacman_env.config import make_config
-from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 from pacman_env.sim.maps.assets import map_assets
 
 #: Two houses, each with room for a few rounds.

@@ -6,7 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.game.dances import SHAKE_S, SPEED_RADPS, SPIN_S, angular_velocity
+from pacman_env.config import ShowConfig
+from pacman_env.game.dances import SPEED_RADPS, angular_velocity
+
+SHOW = ShowConfig()
 
 PERIOD = 0.05
 
@@ -14,7 +17,7 @@ PERIOD = 0.05
 def played(motion: str) -> list[float]:
     """Commands of a 20 Hz timer until the motion is over."""
     commands: list[float] = []
-    while (command := angular_velocity(motion, len(commands) * PERIOD)) is not None:  # type: ignore[arg-type]
+    while (command := angular_velocity(motion, len(commands) * PERIOD, SHOW)) is not None:  # type: ignore[arg-type]
         commands.append(command)
     return commands
 
@@ -37,7 +40,7 @@ def test_the_death_shake_goes_to_and_fro_for_5_s_and_ends_where_it_began() -> No
 
 @given(st.sampled_from(["spin", "shake", "stop"]), st.floats(-1e9, 1e9))
 def test_no_motion_is_faster_or_longer_than_it_may_be(motion: str, elapsed: float) -> None:
-    command = angular_velocity(motion, elapsed)  # type: ignore[arg-type]
+    command = angular_velocity(motion, elapsed, SHOW)  # type: ignore[arg-type]
     assert command is None or abs(command) <= SPEED_RADPS
-    if elapsed < 0 or elapsed >= max(SPIN_S, SHAKE_S) or motion == "stop":
+    if elapsed < 0 or elapsed >= max(SHOW.start_s, SHOW.death_s) or motion == "stop":
         assert command is None

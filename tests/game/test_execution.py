@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,33 +10,63 @@ from hypothesis import strategies as st
 
 from pacman_env.config import make_config
 from pacman_env.game.execution import (
-    BACK_OFF,
+    ABORTED,
     CANCEL,
-    COLLECT,
+    CANCELED,
+    CHOICE,
+    CLEARED,
+    COMPLETE,
+    DEAD,
     KEEP,
-    LOSE,
-    NOTHING,
+    LOOK,
+    NO_CHOICE,
+    REJECTED,
+    RESULT,
+    RUNNING,
     SEND,
-    back_off_ticks,
+    SUCCEEDED,
+    Execution,
     closing_speed,
-    goal_action,
-    result_action,
+    round_complete,
+    rules,
+    transition,
     within,
 )
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import CLEARED, RUNNING
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.world.navigation.navigator import ABORTED, CANCELED, IDLE, SUCCEEDED
+from pacman_env.world.navigation.navigator import IDLE
 
-HOLD = -1
+PELLETS = 6
+REFUGE = 6
+GOALS = np.array([*((float(k), 0.0) for k in range(PELLETS)), (0.0, 9.0)])
+
+
+class Round:
+    """One round of six pellets, one metre apart from (0, 0) on, and a refuge at (0, 9)."""
+
+    def __init__(self, execution: str = "robust", **changes: float) -> None:
+        config = make_config("robot", execution, **changes)
+        self.rules = SimpleNamespace(**rules(config, float), pellet_slots=PELLETS)
+        self.record = Execution(config.execution.pickup_radius_m, pellets=PELLETS, spawned=PELLETS)
+        self.left = np.ones(PELLETS, np.bool_)
+        self.waits, self.aborts = np.zeros(PELLETS + 1), np.zeros(PELLETS + 1, np.int64)
+
+    def step(
+        self, event: int, value: int = 0, at: tuple[float, float] = (50.0, 0.0), now: float = 0.0,
+        navigating: bool = True, ghosts: tuple[tuple[float, float], ...] = (),
+    ) -> int:  # fmt: skip
+        places = np.array(ghosts, dtype=np.float64).reshape(-1, 2)
+        ground = (GOALS, places, self.left, self.waits, self.aborts)
+        return transition(self.record, event, value, *at, now, navigating, ground, self.rules)
 
 
 @pytest.mark.parametrize(
     ("chosen", "pursued", "navigating", "preempt", "cancel_then_send"),
     [
-        (HOLD, HOLD, False, KEEP, KEEP),
-        (HOLD, 3, True, CANCEL, CANCEL),
-        (3, HOLD, False, SEND, SEND),
+        (NO_CHOICE, NO_CHOICE, False, KEEP, KEEP),
+        (NO_CHOICE, 3, True, CANCEL, CANCEL),
+        (3, NO_CHOICE, False, SEND, SEND),
+        (3, NO_CHOICE, True, SEND, CANCEL),  # the goal of a pellet just collected goes on
         (3, 3, False, SEND, SEND),  # the goal has ended: send it again
         (3, 3, True, KEEP, KEEP),
         (5, 3, True, SEND, CANCEL),
@@ -44,34 +75,123 @@ HOLD = -1
 def test_what_is_done_with_a_choice(
     chosen: int, pursued: int, navigating: bool, preempt: int, cancel_then_send: int
 ) -> None:
-    assert goal_action(chosen, pursued, navigating, False) == preempt
-    assert goal_action(chosen, pursued, navigating, True) == cancel_then_send
+    for execution, expected in (("robust", preempt), ("as_built", cancel_then_send)):
+        game = Round(execution)
+        game.record.pursued = pursued
+        assert game.step(CHOICE, chosen, now=9.0, navigating=navigating) == expected
+        assert game.record.pursued == {SEND: chosen, KEEP: pursued, CANCEL: NO_CHOICE}[expected]
+
+
+def test_a_pellet_is_pursued_for_the_dwell_time_before_another_and_never_before_a_refuge() -> None:
+    game = Round(**{"execution.min_dwell_s": 1.0})
+    assert game.step(CHOICE, 3, now=5.0, navigating=False) == SEND
+    assert game.step(CHOICE, 4, now=5.9) == KEEP
+    assert game.record.pursued == 3
+    assert game.step(CHOICE, REFUGE, now=5.9) == SEND
+    assert game.step(CHOICE, 4, now=6.0) == SEND
+    assert game.step(CHOICE, 3, now=7.0) == SEND
+
+
+def test_a_refuge_where_the_robot_stands_already_is_not_sent() -> None:
+    game = Round()
+    assert game.step(CHOICE, REFUGE, at=(0.0, 8.71), navigating=False) == KEEP
+    assert game.step(CHOICE, REFUGE, at=(0.0, 8.7), navigating=True) == SEND  # to stop there
+    assert game.step(CHOICE, REFUGE, at=(0.0, 8.69), navigating=False) == SEND
+
+
+def concluded(execution: str, status: int, distance: float, slot: int) -> str:
+    """What a result of the goal pursued comes to, that far from it."""
+    game = Round(execution)
+    game.record.pursued = slot
+    game.aborts[slot] = 1
+    x, y = GOALS[slot]
+    assert game.step(RESULT, status, at=(x, y + distance)) == KEEP
+    assert game.record.pursued == NO_CHOICE
+    assert game.left.sum() + game.record.collected + game.record.lost == PELLETS
+    if game.record.collected:
+        return "collected"
+    if game.record.lost:
+        return "lost"
+    return {1: "kept", 0: "nothing", 2: "backs off"}[int(game.aborts[slot])]
 
 
 def test_what_a_result_means_as_built() -> None:
     for distance in (0.0, 0.3, 5.0):
-        assert result_action(SUCCEEDED, distance, 0.3, True, True) == COLLECT
-        assert result_action(SUCCEEDED, distance, 0.3, False, True) == NOTHING
-        assert result_action(ABORTED, distance, 0.3, True, True) == LOSE
-        assert result_action(ABORTED, distance, 0.3, False, True) == BACK_OFF
+        assert concluded("as_built", SUCCEEDED, distance, 3) == "collected"
+        assert concluded("as_built", SUCCEEDED, distance, REFUGE) == "nothing"
+        assert concluded("as_built", ABORTED, distance, 3) == "lost"
+        assert concluded("as_built", ABORTED, distance, REFUGE) == "backs off"
 
 
 def test_what_a_result_means_robustly() -> None:
-    assert result_action(SUCCEEDED, 0.0, 0.3, True, False) == COLLECT
-    assert result_action(SUCCEEDED, 0.3, 0.3, True, False) == COLLECT
-    assert result_action(SUCCEEDED, 0.31, 0.3, True, False) == BACK_OFF  # a blocked goal that Nav2 moved
-    assert result_action(SUCCEEDED, 0.31, 0.3, False, False) == NOTHING
-    for distance, is_pellet in itertools.product((0.0, 5.0), (True, False)):
-        assert result_action(ABORTED, distance, 0.3, is_pellet, False) == BACK_OFF
+    assert concluded("robust", SUCCEEDED, 0.0, 3) == "collected"
+    assert concluded("robust", SUCCEEDED, 0.4, 3) == "collected"  # the tolerance, seen a moment later
+    assert concluded("robust", SUCCEEDED, 0.41, 3) == "backs off"  # a blocked goal that Nav2 moved
+    assert concluded("robust", SUCCEEDED, 0.41, REFUGE) == "nothing"
+    for distance, slot in itertools.product((0.0, 5.0), (3, REFUGE)):
+        assert concluded("robust", ABORTED, distance, slot) == "backs off"
+
+
+def test_a_rejected_goal_is_tried_again_at_once_as_built_and_waits_robustly() -> None:
+    assert concluded("as_built", REJECTED, 0.0, 3) == "kept"
+    assert concluded("robust", REJECTED, 0.0, 3) == "backs off"
 
 
 def test_a_cancelled_goal_has_no_consequence() -> None:
-    for is_pellet, as_built in itertools.product((True, False), repeat=2):
-        assert result_action(CANCELED, 0.0, 0.3, is_pellet, as_built) == NOTHING
+    for slot, execution in itertools.product((3, REFUGE), ("as_built", "robust")):
+        assert concluded(execution, CANCELED, 0.0, slot) == "nothing"
 
 
 def test_the_back_off_doubles_at_each_abort_in_a_row_up_to_eight_times() -> None:
-    assert [back_off_ticks(6, aborts) for aborts in range(1, 7)] == [6, 12, 24, 48, 48, 48]
+    game = Round(**{"execution.back_off_s": 6.0})
+    waits = []
+    for _ in range(6):
+        game.record.pursued = 3
+        game.step(RESULT, ABORTED, now=100.0)
+        waits.append(game.waits[3] - 100.0)
+    assert waits == [6, 12, 24, 48, 48, 48]
+    game.record.pursued = 3
+    game.step(RESULT, CANCELED)
+    game.record.pursued = 3
+    game.step(RESULT, ABORTED, now=200.0)
+    assert game.waits[3] == 206.0
+
+
+def test_who_takes_the_last_pellet_in_a_ghosts_reach_has_completed_the_round() -> None:
+    game = Round()
+    game.left[1:] = False
+    game.record.collected = PELLETS - 1
+    assert game.step(LOOK, at=(0.2, 0.0), ghosts=((9.0, 9.0), (0.2, 0.1))) == CANCEL
+    assert (game.record.end, game.record.collected) == (COMPLETE, PELLETS)
+    game = Round()
+    assert game.step(LOOK, at=(0.2, 0.0), ghosts=((9.0, 9.0), (0.2, 0.1))) == CANCEL
+    assert (game.record.end, game.record.collected, game.record.catcher) == (DEAD, 1, 1)
+    assert game.step(CHOICE, 3) == KEEP  # nothing happens any more
+    assert game.record.pursued == NO_CHOICE
+
+
+def test_a_last_pellet_that_a_success_wins_completes_the_round_at_once() -> None:
+    game = Round()
+    game.left[1:] = False
+    game.record.collected, game.record.pursued = PELLETS - 1, 0
+    game.step(RESULT, SUCCEEDED, at=(0.28, 0.0))
+    assert game.record.end == COMPLETE
+
+
+def test_a_goal_goes_on_after_its_pellet_was_picked_up_and_is_cancelled_as_built() -> None:
+    for execution, expected in (("robust", KEEP), ("as_built", CANCEL)):
+        game = Round(execution)
+        game.record.pursued = 2
+        assert game.step(LOOK, at=(3.1, 0.0)) == KEEP  # another
+        assert game.record.pursued == 2
+        assert game.step(LOOK, at=(2.1, 0.0)) == expected
+        assert game.record.pursued == NO_CHOICE
+
+
+def test_a_round_is_complete_when_as_many_are_collected_as_there_were_and_never_without_any() -> None:
+    assert round_complete(3, 3)
+    assert not round_complete(2, 3)
+    assert not round_complete(0, 0)
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.01, 2))

@@ -6,26 +6,24 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.game.clyde import ClydeCells, find_path, search_memory
-from pacman_env.game.ghosts import (
-    arcade_chases,
-    at_target,
-    choose_target,
-    ghost_stream,
-    head_for,
-    spawn,
-    walk,
-    wander,
-)
+from pacman_env.game import ghosts as rule
+from pacman_env.game.ghosts import BEHAVIOURS, GhostView, find_behaviour
+from pacman_env.jit import kernel
 from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.ghost_kernels import head_for, wander_on
 from pacman_env.sim.core.records import GHOST
 from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.maps.ghost_cells import ClydeCells, find_path, search_memory
 from tests.drawn import drawn
-from tests.game.test_clyde import PERIOD, POCKETS, house, pocket_cells
+from tests.sim.maps.test_ghost_cells import PERIOD, POCKETS, house, pocket_cells
+
+at_target, choose_target, ghost_stream = map(kernel, (rule.at_target, rule.choose_target, rule.ghost_stream))
+spawn, walk = map(kernel, (rule.spawn, rule.walk))
 
 
 def arrays(cells: ClydeCells) -> tuple[np.ndarray, ...]:
-    return cells.graph, cells.part, cells.part_start, cells.part_cells
+    """As of one level."""
+    return cells.graph[None], cells.part[None], cells.part_start[None], cells.part_cells[None]
 
 
 def record(seed: int = 1, speed: float = 0.25) -> np.ndarray:
@@ -45,24 +43,24 @@ def test_he_walks_exactly_his_speed_along_his_path_and_stops_only_at_targets() -
     spawn(g[0], int(cells.part_cells[100]), paths[0], cells.position)
     full = at_targets = 0
     for _ in range(1500):
-        at, beyond = int(g[0]["at"]), float(g[0]["beyond"])
+        at, offset = int(g[0]["path_index"]), float(g[0]["path_offset"])
         before = np.array([g[0]["x"], g[0]["y"]])
         walk(g[0], paths[0], cells.position, PERIOD)
         now = np.array([g[0]["x"], g[0]["y"]])
-        passed = cells.position[paths[0, at + 1 : int(g[0]["at"]) + 1]]
+        passed = cells.position[paths[0, at + 1 : int(g[0]["path_index"]) + 1]]
         along = np.concatenate([before[None], passed, now[None]])
         walked = np.hypot(*np.diff(along, axis=0).T).sum()
         np.testing.assert_allclose([g[0]["vx"], g[0]["vy"]], (now - before) / PERIOD, atol=1e-12)
         if at_target(g[0]):
             at_targets += 1
             assert walked <= 0.35 * PERIOD + 1e-9
-            np.testing.assert_allclose(now, cells.position[paths[0, g[0]["length"] - 1]])
-            wander(g[0], paths[0], arrays(cells), node, queue)
-            assert (g[0]["at"], g[0]["beyond"]) == (0, 0.0)
+            np.testing.assert_allclose(now, cells.position[paths[0, g[0]["path_length"] - 1]])
+            wander_on(g[0], paths[0], 0, arrays(cells), (node, queue))
+            assert (g[0]["path_index"], g[0]["path_offset"]) == (0, 0.0)
         else:
             full += 1
             assert walked == pytest.approx(0.35 * PERIOD, abs=1e-9)
-            assert beyond >= 0.0
+            assert offset >= 0.0
     assert at_targets > 3
     assert full > 1000
 
@@ -91,17 +89,17 @@ def way_between(cells: ClydeCells, start: int, target: int) -> list[int]:
     return path[: find_path(start, target, cells.graph, node, queue, path)].tolist()
 
 
-def sent(beyond: float, start: int, first: int, second: int) -> tuple[np.ndarray, list[int]]:
-    """A ghost sent to a second cell, ``beyond`` m after he has set out for the first one; he and his path."""
+def sent(offset: float, start: int, first: int, second: int) -> tuple[np.ndarray, list[int]]:
+    """A ghost sent to a second cell, ``offset`` m after he has set out for the first one; he and his path."""
     _, cells = house()
     memory = search_memory(len(cells.position), cells.longest)
     path = np.zeros(cells.longest + 1, dtype=np.int32)
     g = record()
     spawn(g[0], start, path, cells.position)
-    head_for(g[0], path, first, arrays(cells), *memory)
-    g["beyond"] = beyond
-    head_for(g[0], path, second, arrays(cells), *memory)
-    return g, path[: g["length"][0]].tolist()
+    head_for(g[0], path, first, 0, arrays(cells), memory)
+    g["path_offset"] = offset
+    head_for(g[0], path, second, 0, arrays(cells), memory)
+    return g, path[: g["path_length"][0]].tolist()
 
 
 def test_sent_elsewhere_on_a_cell_he_turns_at_once() -> None:
@@ -109,7 +107,7 @@ def test_sent_elsewhere_on_a_cell_he_turns_at_once() -> None:
     start, first, second = cells.part_cells[[50, 1500, 900]].tolist()
     g, path = sent(0.0, start, first, second)
     assert path == way_between(cells, start, second)
-    assert (g["at"][0], g["beyond"][0]) == (0, 0.0)
+    assert (g["path_index"][0], g["path_offset"][0]) == (0, 0.0)
 
 
 def test_sent_elsewhere_between_two_cells_he_first_walks_on_to_the_second() -> None:
@@ -119,7 +117,7 @@ def test_sent_elsewhere_between_two_cells_he_first_walks_on_to_the_second() -> N
     for target in (second, start, following):
         g, path = sent(0.03, start, first, target)
         assert path == [start, *way_between(cells, following, target)]
-        assert (g["at"][0], g["beyond"][0]) == (0, 0.03)  # he is where he was
+        assert (g["path_index"][0], g["path_offset"][0]) == (0, 0.03)  # he is where he was
 
 
 def test_sent_where_he_is_going_he_goes_on_and_sent_where_no_way_leads_too() -> None:
@@ -133,15 +131,36 @@ def test_sent_where_he_is_going_he_goes_on_and_sent_where_no_way_leads_too() -> 
     g = record()
     spawn(g[0], inside, path, pockets.position)
     before = g.copy(), path.copy()
-    head_for(g[0], path, outside, arrays(pockets), *memory)
+    head_for(g[0], path, outside, 0, arrays(pockets), memory)
     np.testing.assert_array_equal(g, before[0])
     np.testing.assert_array_equal(path, before[1])
 
 
+# The table
+
+
+def goes_to(name: str, robot: tuple[float, float]) -> tuple[float, float]:
+    """Of a ghost at the origin whose corner is at (-9, -9)."""
+    entry = find_behaviour(name)
+    assert entry.target is not None
+    view = GhostView(0, 0.0, 0.0, 0.1, 0.0, *robot, 0.0, -9.0, -9.0)
+    return entry.target(view, entry.constants(make_config(**{"clyde.arcade_distance_m": 5.0})))
+
+
 def test_the_arcade_clyde_chases_beyond_his_distance_only() -> None:
-    assert arcade_chases(3.0, -4.0, 4.99)
-    assert not arcade_chases(3.0, -4.0, 5.0)
-    assert not arcade_chases(0.0, 0.0, 2.0)
+    assert goes_to("arcade", (3.0, -4.01)) == (3.0, -4.01)
+    assert goes_to("arcade", (3.0, -4.0)) == (-9.0, -9.0)
+    assert goes_to("arcade", (0.0, 0.0)) == (-9.0, -9.0)
+
+
+def test_he_who_chases_goes_for_the_robot_and_he_who_wanders_nowhere_in_particular() -> None:
+    assert goes_to("chase", (0.1, 0.0)) == (0.1, 0.0)
+    assert np.isnan(goes_to("wander", (0.1, 0.0))).all()
+
+
+def test_a_behaviour_that_there_is_not_is_refused_with_those_that_there_are() -> None:
+    with pytest.raises(ConfigError, match=f"'sleep' is no behaviour, choose among {', '.join(BEHAVIOURS)}"):
+        find_behaviour("sleep")
 
 
 def test_every_ghost_of_every_game_has_a_stream_of_its_own() -> None:

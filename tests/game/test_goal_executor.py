@@ -5,79 +5,79 @@ from __future__ import annotations
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goal_executor import Action, Pursuit
+from pacman_env.game.goal_executor import ExecutorAction
 from pacman_env.game.goals import Home
-from tests.game.pursuits import CONFIG, FAR, NEAR, PELLETS, REFUGE, running, words
+from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, make_executor, running, words
 
 # A choice
 
 
 def test_a_choice_is_sent_kept_and_switched_by_sending() -> None:
-    pursuit = running()
-    assert pursuit.choose(NEAR, 0.0) == [Action("send", 1, NEAR)]
-    assert pursuit.pursued == 0
-    pursuit.accepted(1, 0.1)
-    assert pursuit.choose(NEAR, 0.5) == []
-    assert words(pursuit.choose(FAR, 2.0)) == ["send 2"]
-    pursuit.accepted(2, 2.1)
-    assert pursuit.finished(1, ABORTED, 2.2) == []  # pre-empted: no abort of anything
-    assert pursuit.pursued == 1
-    assert pursuit.barred(2.2) == set()
+    executor = running()
+    assert executor.choose(NEAR, 0.0) == [ExecutorAction("send", 1, NEAR)]
+    assert executor.pursued == 0
+    executor.accepted(1, 0.1)
+    assert executor.choose(NEAR, 0.5) == []
+    assert words(executor.choose(FAR, 2.0)) == ["send 2"]
+    executor.accepted(2, 2.1)
+    assert executor.finished(1, ABORTED, 2.2) == []  # pre-empted: no abort of anything
+    assert executor.pursued == 1
+    assert executor.masked(2.2) == set()
 
 
 def test_hold_cancels_what_runs_and_a_new_goal_waits_for_its_end() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    assert words(pursuit.choose(None, 2.0)) == ["cancel 1"]
-    assert pursuit.pursued == -1
-    assert not pursuit.wants_choice(2.1)  # the cancel would take it along
-    assert pursuit.choose(FAR, 2.1) == []
-    pursuit.finished(1, CANCELED, 2.2)
-    assert words(pursuit.choose(FAR, 2.2)) == ["send 2"]
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    assert words(executor.choose(None, 2.0)) == ["cancel 1"]
+    assert executor.pursued == -1
+    assert not executor.wants_choice(2.1)  # the cancel would take it along
+    assert executor.choose(FAR, 2.1) == []
+    executor.finished(1, CANCELED, 2.2)
+    assert words(executor.choose(FAR, 2.2)) == ["send 2"]
 
 
 def test_a_cancel_that_is_never_answered_holds_nothing_up_for_long() -> None:
-    pursuit = running(cancel_s=1.0)
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.choose(None, 2.0)
-    assert not pursuit.wants_choice(2.9)
-    assert words(pursuit.choose(FAR, 3.0)) == ["send 2"]
+    executor = running(cancel_s=1.0)
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    executor.choose(None, 2.0)
+    assert not executor.wants_choice(2.9)
+    assert words(executor.choose(FAR, 3.0)) == ["send 2"]
 
 
 def test_pellets_do_not_alternate_within_the_dwell_time() -> None:
-    pursuit = running(min_dwell_s=1.0)
-    sent = [words(pursuit.choose((NEAR, FAR)[k % 2], 0.3 * k)) for k in range(8)]
+    executor = running(min_dwell_s=1.0)
+    sent = [words(executor.choose((NEAR, FAR)[k % 2], 0.3 * k)) for k in range(8)]
     assert [k for k, actions in enumerate(sent) if actions] == [0, 5]
 
 
 def test_the_dwell_time_delays_no_flight_and_no_return() -> None:
-    pursuit = running(min_dwell_s=10.0)
-    pursuit.choose(NEAR, 0.0)
-    assert words(pursuit.choose(REFUGE, 0.5)) == ["send 2"]
-    assert words(pursuit.choose(FAR, 1.0)) == ["send 3"]
-    pursuit.accepted(3, 1.1)
-    assert words(pursuit.choose(None, 1.5)) == ["cancel 3"]
+    executor = running(min_dwell_s=10.0)
+    executor.choose(NEAR, 0.0)
+    assert words(executor.choose(REFUGE, 0.5)) == ["send 2"]
+    assert words(executor.choose(FAR, 1.0)) == ["send 3"]
+    executor.accepted(3, 1.1)
+    assert words(executor.choose(None, 1.5)) == ["cancel 3"]
 
 
 def test_the_dwell_time_does_not_delay_what_follows_a_goal_that_has_ended() -> None:
-    pursuit = running(min_dwell_s=10.0)
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.look((0.9, 0.0), None, 0.2)
-    assert words(pursuit.choose(FAR, 0.2)) == ["send 2"]
+    executor = running(min_dwell_s=10.0)
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    executor.look((0.9, 0.0), (), 0.2)
+    assert words(executor.choose(FAR, 0.2)) == ["send 2"]
 
 
 def test_a_refuge_where_the_robot_waits_is_not_sent_again() -> None:
-    pursuit = running()
-    pursuit.choose(REFUGE, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.look((0.0, 2.8), None, 5.0)
-    assert pursuit.finished(1, SUCCEEDED, 5.0) == []
-    assert pursuit.choose(REFUGE, 5.5) == []
-    assert words(pursuit.choose(NEAR, 6.0)) == ["send 2"]
-    assert words(pursuit.choose(REFUGE, 8.0)) == ["send 3"]  # to stop there
+    executor = running()
+    executor.choose(REFUGE, 0.0)
+    executor.accepted(1, 0.1)
+    executor.look((0.0, 2.8), (), 5.0)
+    assert executor.finished(1, SUCCEEDED, 5.0) == []
+    assert executor.choose(REFUGE, 5.5) == []
+    assert words(executor.choose(NEAR, 6.0)) == ["send 2"]
+    assert words(executor.choose(REFUGE, 8.0)) == ["send 3"]  # to stop there
 
 
 # Results
@@ -85,99 +85,99 @@ def test_a_refuge_where_the_robot_waits_is_not_sent_again() -> None:
 
 @pytest.mark.parametrize("x", [0.72, 0.67])  # within Nav2's tolerance, and where a pose a moment older is
 def test_a_success_near_the_pellet_collects_it_once(x: float) -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.look((x, 0.0), None, 4.0)
-    assert words(pursuit.finished(1, SUCCEEDED, 4.0)) == ["status pellet_collected:10", "remove 10"]
-    assert pursuit.look((0.8, 0.0), None, 4.1) == []
-    pursuit.pellets(PELLETS, 0, 4.2)  # on its way since before
-    assert pursuit.left == {11: PELLETS[11]}
-    assert pursuit.look((0.9, 0.0), None, 4.3) == []
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    executor.look((x, 0.0), (), 4.0)
+    assert words(executor.finished(1, SUCCEEDED, 4.0)) == ["status pellet_collected:10", "remove 10"]
+    assert executor.look((0.8, 0.0), (), 4.1) == []
+    executor.pellets(PELLETS, 0, 4.2)  # on its way since before
+    assert executor.left == {11: PELLETS[11]}
+    assert executor.look((0.9, 0.0), (), 4.3) == []
 
 
 def test_a_success_far_from_the_pellet_makes_it_wait() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.look((0.5, 0.4), None, 4.0)
-    assert pursuit.finished(1, SUCCEEDED, 4.0) == []
-    assert pursuit.barred(4.0) == {0}
-    assert 10 in pursuit.left
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    executor.look((0.5, 0.4), (), 4.0)
+    assert executor.finished(1, SUCCEEDED, 4.0) == []
+    assert executor.masked(4.0) == {0}
+    assert 10 in executor.left
 
 
 def test_where_nav2_says_that_the_robot_is_counts_for_its_result() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    assert words(pursuit.finished(1, SUCCEEDED, 4.0, at=(0.8, 0.0))) == ["status pellet_collected:10", "remove 10"]
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    assert words(executor.finished(1, SUCCEEDED, 4.0, at=(0.8, 0.0))) == ["status pellet_collected:10", "remove 10"]
 
 
 def test_aborts_back_off_twice_as_long_each_time_and_lose_no_pellet() -> None:
-    pursuit = running()
+    executor = running()
     now, waits = 0.0, []
     for _ in range(6):
-        number = int(pursuit.choose(NEAR, now)[0].value)
-        pursuit.accepted(number, now)
-        assert pursuit.finished(number, ABORTED, now) == []
-        assert pursuit.pursued == -1
-        until = next(t / 2 for t in range(200) if 0 not in pursuit.barred(now + t / 2))
+        number = int(executor.choose(NEAR, now)[0].value)
+        executor.accepted(number, now)
+        assert executor.finished(number, ABORTED, now) == []
+        assert executor.pursued == -1
+        until = next(t / 2 for t in range(200) if 0 not in executor.masked(now + t / 2))
         waits.append(until)
         now += until
     assert waits == [3.0, 6.0, 12.0, 24.0, 24.0, 24.0]
-    assert 10 in pursuit.left
+    assert 10 in executor.left
 
 
 def test_a_rejected_goal_waits_and_another_is_chosen() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    assert pursuit.rejected(1, 0.1) == []
-    assert pursuit.barred(0.1) == {0}
-    assert words(pursuit.choose(FAR, 0.5)) == ["send 2"]
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    assert executor.rejected(1, 0.1) == []
+    assert executor.masked(0.1) == {0}
+    assert words(executor.choose(FAR, 0.5)) == ["send 2"]
 
 
 def test_a_new_round_forgets_what_failed_and_what_was_collected() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.rejected(1, 0.1)
-    pursuit.look((5.0, 0.0), None, 0.2)
-    pursuit.command("reset_round", 0.3)
-    assert pursuit.barred(0.3) == set()
-    pursuit.pellets(PELLETS, 0, 0.4)
-    assert pursuit.left == PELLETS
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.rejected(1, 0.1)
+    executor.look((5.0, 0.0), (), 0.2)
+    executor.command("reset_round", 0.3)
+    assert executor.masked(0.3) == set()
+    executor.pellets(PELLETS, 0, 0.4)
+    assert executor.left == PELLETS
 
 
 def test_a_goal_without_an_answer_is_given_up() -> None:
-    pursuit = running(answer_s=5.0)
-    pursuit.choose(NEAR, 0.0)
-    pursuit.look((0.0, 0.0), None, 4.9)
-    assert pursuit.pursued == 0
-    pursuit.look((0.0, 0.0), None, 5.0)
-    assert pursuit.pursued == -1
-    assert pursuit.barred(5.0) == {0}
-    assert words(pursuit.accepted(1, 6.0)) == ["cancel 1"]
+    executor = running(answer_s=5.0)
+    executor.choose(NEAR, 0.0)
+    executor.look((0.0, 0.0), (), 4.9)
+    assert executor.pursued == 0
+    executor.look((0.0, 0.0), (), 5.0)
+    assert executor.pursued == -1
+    assert executor.masked(5.0) == {0}
+    assert words(executor.accepted(1, 6.0)) == ["cancel 1"]
 
 
 def test_a_goal_without_an_answer_is_cancelled_after_the_end_all_the_same() -> None:
-    pursuit = running(answer_s=5.0)
-    pursuit.choose(NEAR, 0.0)
-    assert words(pursuit.command("disable", 4.0)) == ["stop"]
-    assert words(pursuit.look(None, None, 4.9)) == []
-    assert words(pursuit.look(None, None, 5.0)) == ["cancel 1"]
-    assert words(pursuit.look(None, None, 5.5)) == []
-    assert words(pursuit.look(None, None, 6.0)) == ["cancel 1"]
-    pursuit.finished(1, CANCELED, 6.1)
-    assert words(pursuit.look(None, None, 9.0)) == []
+    executor = running(answer_s=5.0)
+    executor.choose(NEAR, 0.0)
+    assert words(executor.command("disable", 4.0)) == ["stop"]
+    assert words(executor.look(None, (), 4.9)) == []
+    assert words(executor.look(None, (), 5.0)) == ["cancel 1"]
+    assert words(executor.look(None, (), 5.5)) == []
+    assert words(executor.look(None, (), 6.0)) == ["cancel 1"]
+    executor.finished(1, CANCELED, 6.1)
+    assert words(executor.look(None, (), 9.0)) == []
 
 
 def test_results_of_old_and_of_unknown_goals_mean_nothing() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.choose(FAR, 2.0)
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.choose(FAR, 2.0)
     for number in (1, 7):
-        assert pursuit.finished(number, SUCCEEDED, 2.1, at=PELLETS[10]) == []
-        assert pursuit.rejected(number, 2.1) == []
-    assert pursuit.pursued == 1
-    assert 10 in pursuit.left
+        assert executor.finished(number, SUCCEEDED, 2.1, at=PELLETS[10]) == []
+        assert executor.rejected(number, 2.1) == []
+    assert executor.pursued == 1
+    assert 10 in executor.left
 
 
 # Orphans
@@ -185,97 +185,97 @@ def test_results_of_old_and_of_unknown_goals_mean_nothing() -> None:
 
 @pytest.mark.parametrize("how", ["disable", "menu", "deactivate", "death"])
 def test_a_goal_accepted_after_the_end_is_cancelled_at_once(how: str) -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
+    executor = running()
+    executor.choose(NEAR, 0.0)
     end = {
-        "disable": lambda: pursuit.command("disable", 0.1),
-        "menu": lambda: pursuit.state("menu", 0.1),
-        "deactivate": lambda: pursuit.deactivate(0.1),
-        "death": lambda: pursuit.look((0.0, 0.0), (0.1, 0.0), 0.1),
+        "disable": lambda: executor.command("disable", 0.1),
+        "menu": lambda: executor.state("menu", 0.1),
+        "deactivate": lambda: executor.deactivate(0.1),
+        "death": lambda: executor.look((0.0, 0.0), [(0.1, 0.0)], 0.1),
     }[how]
     assert words(end())[-1] == "stop"
-    assert words(pursuit.accepted(1, 0.2)) == ["cancel 1"]
-    assert not pursuit.at_rest
-    assert pursuit.finished(1, CANCELED, 0.3) == []
-    assert pursuit.at_rest
+    assert words(executor.accepted(1, 0.2)) == ["cancel 1"]
+    assert not executor.at_rest
+    assert executor.finished(1, CANCELED, 0.3) == []
+    assert executor.at_rest
 
 
 def test_a_goal_that_runs_is_cancelled_and_the_wheels_stopped_on_disable() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    assert words(pursuit.command("disable", 0.2)) == ["cancel 1", "stop"]
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    assert words(executor.command("disable", 0.2)) == ["cancel 1", "stop"]
 
 
 def test_a_goal_accepted_after_it_was_superseded_is_left_to_be_pre_empted() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.choose(FAR, 2.0)
-    assert pursuit.accepted(1, 2.1) == []
-    assert pursuit.accepted(2, 2.2) == []
-    assert words(pursuit.command("disable", 2.3)) == ["cancel 1", "cancel 2", "stop"]
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.choose(FAR, 2.0)
+    assert executor.accepted(1, 2.1) == []
+    assert executor.accepted(2, 2.2) == []
+    assert words(executor.command("disable", 2.3)) == ["cancel 1", "cancel 2", "stop"]
 
 
 def test_the_old_goal_is_let_go_where_the_new_one_was_rejected_and_nothing_is_chosen() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.choose(FAR, 2.0)
-    pursuit.rejected(2, 2.1)
-    assert words(pursuit.choose(None, 2.5)) == ["cancel 1"]
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    executor.choose(FAR, 2.0)
+    executor.rejected(2, 2.1)
+    assert words(executor.choose(None, 2.5)) == ["cancel 1"]
 
 
 @pytest.mark.parametrize("state", ["menu", "starting", None])
 def test_nothing_is_driven_in_the_menu_or_before_the_state_is_known(state: str | None) -> None:
-    pursuit = Pursuit(CONFIG, Home(9.0, 9.0, 0.0))
-    pursuit.activate(0.0)
-    pursuit.nav2(True, 0.0)
+    executor = make_executor(Home(9.0, 9.0, 0.0))
+    executor.activate(0.0)
+    executor.nav2(True, 0.0)
     if state is not None:
-        pursuit.state(state, 0.0)
+        executor.state(state, 0.0)
     for word in ("enable", "return_home", "enable"):
-        assert not [a for a in pursuit.command(word, 1.0) if a.kind == "send"]
-        assert not [a for a in pursuit.look((0.0, 0.0), None, 1.0) if a.kind == "send"]
-        assert not pursuit.wants_choice(1.0)
-        assert pursuit.choose(NEAR, 1.0) == []
+        assert not [a for a in executor.command(word, 1.0) if a.kind == "send"]
+        assert not [a for a in executor.look((0.0, 0.0), (), 1.0) if a.kind == "send"]
+        assert not executor.wants_choice(1.0)
+        assert executor.choose(NEAR, 1.0) == []
 
 
 # Nav2 away, bursts, a new start
 
 
 def test_without_nav2_nothing_is_sent_and_the_goal_is_chosen_anew_when_it_is_back() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.nav2(False, 1.0)
-    assert not pursuit.wants_choice(1.0)
-    assert pursuit.choose(FAR, 1.0) == []
-    pursuit.nav2(True, 3.0)
-    assert words(pursuit.choose(NEAR, 3.0)) == ["send 2"]
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    executor.nav2(False, 1.0)
+    assert not executor.wants_choice(1.0)
+    assert executor.choose(FAR, 1.0) == []
+    executor.nav2(True, 3.0)
+    assert words(executor.choose(NEAR, 3.0)) == ["send 2"]
 
 
 def test_nav2_that_is_back_after_the_end_is_told_to_cancel_again() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    pursuit.nav2(False, 1.0)
-    assert words(pursuit.command("disable", 1.1)) == ["cancel 1", "stop"]
-    assert pursuit.look((0.0, 0.0), None, 2.5) == []
-    assert words(pursuit.nav2(True, 3.0)) == ["cancel 1"]
-    assert pursuit.look((0.0, 0.0), None, 3.5) == []
-    assert words(pursuit.look((0.0, 0.0), None, 4.0)) == ["cancel 1"]
-    pursuit.finished(1, CANCELED, 4.1)
-    assert pursuit.look((0.0, 0.0), None, 5.5) == []
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    executor.nav2(False, 1.0)
+    assert words(executor.command("disable", 1.1)) == ["cancel 1", "stop"]
+    assert executor.look((0.0, 0.0), (), 2.5) == []
+    assert words(executor.nav2(True, 3.0)) == ["cancel 1"]
+    assert executor.look((0.0, 0.0), (), 3.5) == []
+    assert words(executor.look((0.0, 0.0), (), 4.0)) == ["cancel 1"]
+    executor.finished(1, CANCELED, 4.1)
+    assert executor.look((0.0, 0.0), (), 5.5) == []
 
 
 def test_a_burst_of_commands_loses_none() -> None:
-    pursuit = running()
-    pursuit.look((1.0, 0.0), None, 0.0)
+    executor = running()
+    executor.look((1.0, 0.0), (), 0.0)
     for word in ("disable", "reset_round", "return_home", "disable", "enable"):
-        pursuit.command(word, 1.0)
-    assert pursuit.playing
-    pursuit.pellets(PELLETS, 0, 1.1)
-    assert pursuit.left == PELLETS
-    assert words(pursuit.choose(FAR, 1.2)) == ["send 1"]
+        executor.command(word, 1.0)
+    assert executor.playing
+    executor.pellets(PELLETS, 0, 1.1)
+    assert executor.left == PELLETS
+    assert words(executor.choose(FAR, 1.2)) == ["send 1"]
 
 
 @pytest.mark.parametrize(
@@ -285,14 +285,14 @@ def test_a_burst_of_commands_loses_none() -> None:
 def test_a_new_start_acts_on_what_the_old_commands_come_to_and_on_nothing_on_the_way(
     state: str, last: str, expected: str
 ) -> None:
-    pursuit = Pursuit(CONFIG, Home(0.0, 0.0, 0.0))
-    pursuit.nav2(True, 0.0)
-    pursuit.look((4.0, 0.0), None, 0.0)
+    executor = make_executor(Home(0.0, 0.0, 0.0))
+    executor.nav2(True, 0.0)
+    executor.look((4.0, 0.0), (), 0.0)
     for word in ("disable", "reset_round", "return_home", "enable", "disable", "return_home", last):
-        assert pursuit.command(word, 0.0) == []
-    assert pursuit.state(state, 0.1) == []
-    assert " ".join(words(pursuit.activate(0.5))) == expected
-    assert pursuit.wants_choice(0.6) == (state == "running")
+        assert executor.command(word, 0.0) == []
+    assert executor.state(state, 0.1) == []
+    assert " ".join(words(executor.activate(0.5))) == expected
+    assert executor.wants_choice(0.6) == (state == "running")
 
 
 def test_an_unknown_command_is_ignored_and_named() -> None:

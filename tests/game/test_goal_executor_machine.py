@@ -1,4 +1,4 @@
-"""Whatever comes in whichever order: what a pursuit never does."""
+"""Whatever comes in whichever order: what a executor never does."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goal_executor import Action, Pursuit
+from pacman_env.game.goal_executor import ExecutorAction
 from pacman_env.game.goals import HOME, Home
-from tests.game.pursuits import CONFIG, FAR, NEAR, PELLETS, REFUGE, Spot
+from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, Spot, make_executor
 
 
 class Nav2(RuleBasedStateMachine):
@@ -20,23 +20,23 @@ class Nav2(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.now = 0.0
-        self.pursuit = Pursuit(CONFIG, Home(0.0, 0.0, 0.0), min_dwell_s=1.0)
+        self.executor = make_executor(Home(0.0, 0.0, 0.0), min_dwell_s=1.0)
         self.waiting: list[int] = []  # goals sent, not answered
         self.live: dict[int, float] = {}  # accepted, not ended: since when
         self.cancelled: dict[int, float] = {}  # when that was asked for
         self.counted: set[int] = set()
-        self.task, self.state, self.active = "none", None, False  # as the pursuit must understand them
+        self.task, self.state, self.active = "none", None, False  # as the executor must understand them
         self.pose = (3.0, 0.0)
         self.last = 0
         self.there = False
         self.died = False
-        self.do(self.pursuit.look(self.pose, None, 0.0))
+        self.do(self.executor.look(self.pose, None, 0.0))
 
     def may_drive(self) -> bool:
         state = {"enable": "running", "return_home": "returning_home"}.get(self.task)
         return self.active and state is not None and self.state == state
 
-    def do(self, actions: list[Action]) -> None:
+    def do(self, actions: list[ExecutorAction]) -> None:
         for action in actions:
             if action.kind == "send":
                 assert self.may_drive()
@@ -75,36 +75,36 @@ class Nav2(RuleBasedStateMachine):
             self.task = word
         if word != "enable":
             self.died = False
-        self.do(self.pursuit.command(word, self.now))
+        self.do(self.executor.command(word, self.now))
 
     @rule(word=st.sampled_from(["menu", "returning_home", "starting", "running", "running", "dying", "complete"]))
     def game_state(self, word: str) -> None:
         self.died = self.died and word == self.state
         self.state = word
-        self.do(self.pursuit.state(word, self.now))
+        self.do(self.executor.state(word, self.now))
 
     @rule(active=st.sampled_from([True, True, False]))
     def lifecycle(self, active: bool) -> None:
         self.active = active
-        self.do(self.pursuit.activate(self.now) if active else self.pursuit.deactivate(self.now))
+        self.do(self.executor.activate(self.now) if active else self.executor.deactivate(self.now))
 
     @rule()
     def pellets_shown(self) -> None:
-        self.do(self.pursuit.pellets(PELLETS, 0, self.now))
+        self.do(self.executor.pellets(PELLETS, 0, self.now))
 
     @rule(x=st.sampled_from([0.0, 0.9, 3.0, 4.9]), clyde=st.sampled_from([None, None, (0.9, 0.1), (9.0, 9.0)]))
     def robot_moves(self, x: float, clyde: tuple[float, float] | None) -> None:
         self.pose = (x, 0.0)
-        self.do(self.pursuit.look(self.pose, clyde, self.now))
+        self.do(self.executor.look(self.pose, [] if clyde is None else [clyde], self.now))
 
     @rule(spot=st.sampled_from([None, NEAR, FAR, REFUGE]))
     def policy_chooses(self, spot: Spot | None) -> None:
-        self.do(self.pursuit.choose(spot, self.now))
+        self.do(self.executor.choose(spot, self.now))
 
     @rule(there=st.sampled_from([True, True, True, False]))
     def nav2_comes_and_goes(self, there: bool) -> None:
         self.there = there
-        self.do(self.pursuit.nav2(there, self.now))
+        self.do(self.executor.nav2(there, self.now))
 
     @precondition(lambda self: self.waiting)
     @rule(data=st.data(), accept=st.booleans())
@@ -113,29 +113,29 @@ class Nav2(RuleBasedStateMachine):
         self.waiting.remove(number)
         if accept:
             self.live[number] = self.now
-        self.do(self.pursuit.accepted(number, self.now) if accept else self.pursuit.rejected(number, self.now))
+        self.do(self.executor.accepted(number, self.now) if accept else self.executor.rejected(number, self.now))
 
     @precondition(lambda self: self.live)
     @rule(data=st.data(), status=st.sampled_from([SUCCEEDED, CANCELED, ABORTED]))
     def nav2_ends_a_goal(self, data: st.DataObject, status: int) -> None:
         number = data.draw(st.sampled_from(sorted(self.live)))
         del self.live[number]
-        before = dict(self.pursuit.left), self.pursuit.pursued, self.pursuit.barred(self.now)
+        before = dict(self.executor.left), self.executor.pursued, self.executor.masked(self.now)
         old = number != self.last
-        actions = self.pursuit.finished(number, status, self.now, at=self.pose)
+        actions = self.executor.finished(number, status, self.now, at=self.pose)
         if old:
-            assert (self.pursuit.left, self.pursuit.barred(self.now)) == (before[0], before[2])
+            assert (self.executor.left, self.executor.masked(self.now)) == (before[0], before[2])
         self.do(actions)
 
     @invariant()
     def no_orphan(self) -> None:
         if not self.may_drive():
             assert not set(self.live) - set(self.cancelled), "a goal runs that nobody wants"
-            assert self.pursuit.pursued == -1
+            assert self.executor.pursued == -1
 
     @invariant()
     def a_collected_pellet_is_not_left(self) -> None:
-        assert not self.counted & set(self.pursuit.left) or not self.pursuit.playing
+        assert not self.counted & set(self.executor.left) or not self.executor.playing
 
 
 TestNav2 = Nav2.TestCase

@@ -5,25 +5,25 @@ from __future__ import annotations
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goals import HOME, Home
-from tests.game.pursuits import FAR, NEAR, PELLETS, homing, running, words
+from pacman_env.game.goals import HOME, Goals, Home
+from tests.game.executors import FAR, NEAR, PELLETS, homing, running, words
 
 # Pick-up, death, the end of a round
 
 
 def test_pellets_within_the_radius_are_collected_whichever_is_pursued() -> None:
-    pursuit = running()
-    pursuit.choose(FAR, 0.0)
-    actions = pursuit.look((0.8, 0.1), None, 1.0)
+    executor = running()
+    executor.choose(FAR, 0.0)
+    actions = executor.look((0.8, 0.1), (), 1.0)
     assert words(actions) == ["status pellet_collected:10", "remove 10"]
-    assert pursuit.pursued == 1
+    assert executor.pursued == 1
 
 
 def test_death_names_the_ghost_reports_and_stops_in_the_order_of_the_recorded_game() -> None:
-    pursuit = running()
-    pursuit.choose(NEAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    actions = pursuit.look((0.9, 0.0), (1.1, 0.1), 1.0)
+    executor = running()
+    executor.choose(NEAR, 0.0)
+    executor.accepted(1, 0.1)
+    actions = executor.look((0.9, 0.0), [(1.1, 0.1)], 1.0)
     assert words(actions) == [
         "status pellet_collected:10",
         "remove 10",
@@ -32,56 +32,57 @@ def test_death_names_the_ghost_reports_and_stops_in_the_order_of_the_recorded_ga
         "cancel 1",
         "stop",
     ]
-    assert pursuit.look((0.9, 0.0), (0.9, 0.0), 1.5) == []
-    assert pursuit.choose(FAR, 1.5) == []
+    assert executor.look((0.9, 0.0), [(0.9, 0.0)], 1.5) == []
+    assert executor.choose(FAR, 1.5) == []
 
 
 def test_nobody_dies_or_collects_outside_a_round() -> None:
-    pursuit = running()
-    pursuit.state("starting", 0.0)
-    assert pursuit.look((1.0, 0.0), (1.0, 0.0), 0.1) == []
+    executor = running()
+    executor.state("starting", 0.0)
+    assert executor.look((1.0, 0.0), [(1.0, 0.0)], 0.1) == []
 
 
 def test_a_round_is_complete_when_only_pellets_out_of_reach_are_left() -> None:
-    pursuit = running()
-    left = {7: (2.0, 0.0), 9: (50.0, 0.0)}
-    assert words(pursuit.pellets(left, 0, 1.0, out_of_reach=[9])) == []
-    assert words(pursuit.pellets(left, 0, 9.0, out_of_reach=[9])) == []
+    near, far = {7: (2.0, 0.0)}, {9: (50.0, 0.0)}
+    executor = running(goals=Goals(near, far, []))
+    left = {**near, **far}
+    assert words(executor.pellets(left, 0, 1.0)) == []
+    assert words(executor.pellets(left, 0, 9.0)) == []
     del left[7]
-    assert words(pursuit.pellets(left, 0, 10.0, out_of_reach=[9])) == []
-    assert words(pursuit.pellets(left, 0, 12.0, out_of_reach=[9])) == ["status game_complete"]
-    assert words(pursuit.pellets(left, 0, 20.0, out_of_reach=[9])) == []
-    assert pursuit.left == left  # one that is passed by counts all the same
+    assert words(executor.pellets(left, 0, 10.0)) == []
+    assert words(executor.pellets(left, 0, 12.0)) == ["status game_complete"]
+    assert words(executor.pellets(left, 0, 20.0)) == []
+    assert executor.left == left  # one that is passed by counts all the same
 
 
 def test_a_round_without_any_pellet_is_reported_complete_once() -> None:
-    pursuit = running()
-    reports = [words(pursuit.pellets({}, 0, float(t))) for t in range(1, 7)]
+    executor = running()
+    reports = [words(executor.pellets({}, 0, float(t))) for t in range(1, 7)]
     assert reports == [[], [], ["status game_complete"], [], [], []]
-    pursuit = running()
-    assert not any(pursuit.pellets({}, 3, float(t)) for t in range(1, 7))  # others are there
+    executor = running()
+    assert not any(executor.pellets({}, 3, float(t)) for t in range(1, 7))  # others are there
 
 
 def test_a_report_of_strange_pellets_alone_makes_nobody_forget_those_that_are_left() -> None:
-    pursuit = running()
-    assert pursuit.pellets({}, 2, 1.0) == []
-    assert pursuit.left == PELLETS
-    assert pursuit.pellets({11: PELLETS[11]}, 2, 2.0) == []
-    assert pursuit.left == {11: PELLETS[11]}
+    executor = running()
+    assert executor.pellets({}, 2, 1.0) == []
+    assert executor.left == PELLETS
+    assert executor.pellets({11: PELLETS[11]}, 2, 2.0) == []
+    assert executor.left == {11: PELLETS[11]}
 
 
 # The way home
 
 
 def test_the_way_home_begins_with_the_state_and_ends_with_one_report() -> None:
-    pursuit = homing()
-    actions = pursuit.state("returning_home", 1.1)
+    executor = homing()
+    actions = executor.state("returning_home", 1.1)
     assert [(a.kind, a.place) for a in actions] == [("send", Home(0.0, 0.0, 0.0))]
-    assert pursuit.pursued == HOME
-    pursuit.accepted(1, 1.2)
-    pursuit.look((0.2, 0.1), None, 20.0)
-    assert words(pursuit.finished(1, SUCCEEDED, 20.0)) == ["status home_reached"]
-    assert pursuit.look((0.2, 0.1), None, 20.5) == []
+    assert executor.pursued == HOME
+    executor.accepted(1, 1.2)
+    executor.look((0.2, 0.1), (), 20.0)
+    assert words(executor.finished(1, SUCCEEDED, 20.0)) == ["status home_reached"]
+    assert executor.look((0.2, 0.1), (), 20.5) == []
 
 
 def test_a_robot_that_is_home_reports_without_driving() -> None:
@@ -97,48 +98,48 @@ def test_a_robot_that_is_home_reports_without_driving() -> None:
     ],
 )
 def test_home_has_failed_only_where_the_robot_is_not_there(status: int, pose: tuple[float, float], report: str) -> None:
-    pursuit = homing()
-    pursuit.state("returning_home", 1.1)
-    pursuit.accepted(1, 1.2)
-    assert words(pursuit.finished(1, status, 9.0, at=pose)) == [f"status {report}"]
+    executor = homing()
+    executor.state("returning_home", 1.1)
+    executor.accepted(1, 1.2)
+    assert words(executor.finished(1, status, 9.0, at=pose)) == [f"status {report}"]
 
 
 @pytest.mark.parametrize(
     ("later", "reports"), [((0.25, 0.0), ["status home_reached"]), ((2.0, 0.0), ["status home_failed"])]
 )
 def test_a_success_far_from_home_waits_for_a_newer_pose(later: tuple[float, float], reports: list[str]) -> None:
-    pursuit = homing()
-    pursuit.state("returning_home", 1.1)
-    pursuit.accepted(1, 1.2)
-    assert pursuit.finished(1, SUCCEEDED, 9.0, at=(1.0, 0.0)) == []
-    assert pursuit.look((1.0, 0.0), None, 9.5) == []
-    assert words(pursuit.look(later, None, 11.0)) == reports
-    assert pursuit.look(later, None, 12.0) == []
+    executor = homing()
+    executor.state("returning_home", 1.1)
+    executor.accepted(1, 1.2)
+    assert executor.finished(1, SUCCEEDED, 9.0, at=(1.0, 0.0)) == []
+    assert executor.look((1.0, 0.0), (), 9.5) == []
+    assert words(executor.look(later, (), 11.0)) == reports
+    assert executor.look(later, (), 12.0) == []
 
 
 def test_a_rejected_way_home_has_failed_and_is_tried_again_when_told_so() -> None:
-    pursuit = homing()
-    pursuit.state("returning_home", 1.1)
-    assert words(pursuit.rejected(1, 1.2)) == ["status home_failed"]
-    assert words(pursuit.command("return_home", 6.0)) == ["send 2"]
+    executor = homing()
+    executor.state("returning_home", 1.1)
+    assert words(executor.rejected(1, 1.2)) == ["status home_failed"]
+    assert words(executor.command("return_home", 6.0)) == ["send 2"]
 
 
 def test_the_way_home_waits_for_the_end_of_a_cancelled_goal() -> None:
-    pursuit = running()
-    pursuit.look((3.0, 0.0), None, 0.0)
-    pursuit.choose(FAR, 0.0)
-    pursuit.accepted(1, 0.1)
-    assert words(pursuit.command("disable", 1.0)) == ["cancel 1", "stop"]
-    assert words(pursuit.command("return_home", 1.0)) == ["stop"]  # the state is not there yet
-    assert pursuit.state("returning_home", 1.0) == []
-    assert words(pursuit.finished(1, CANCELED, 1.1)) == ["send 2"]
+    executor = running()
+    executor.look((3.0, 0.0), (), 0.0)
+    executor.choose(FAR, 0.0)
+    executor.accepted(1, 0.1)
+    assert words(executor.command("disable", 1.0)) == ["cancel 1", "stop"]
+    assert words(executor.command("return_home", 1.0)) == ["stop"]  # the state is not there yet
+    assert executor.state("returning_home", 1.0) == []
+    assert words(executor.finished(1, CANCELED, 1.1)) == ["send 2"]
 
 
 def test_the_way_home_waits_for_nav2_and_fails_without_it() -> None:
-    pursuit = homing()
-    pursuit.nav2(False, 1.0)
-    assert pursuit.state("returning_home", 1.1) == []
-    assert pursuit.look((4.0, 0.0), None, 5.0) == []
-    assert words(pursuit.look((4.0, 0.0), None, 11.1)) == ["status home_failed"]
-    pursuit.command("return_home", 16.0)
-    assert words(pursuit.nav2(True, 17.0)) == ["send 1"]
+    executor = homing()
+    executor.nav2(False, 1.0)
+    assert executor.state("returning_home", 1.1) == []
+    assert executor.look((4.0, 0.0), (), 5.0) == []
+    assert words(executor.look((4.0, 0.0), (), 11.1)) == ["status home_failed"]
+    executor.command("return_home", 16.0)
+    assert words(executor.nav2(True, 17.0)) == ["send 1"]

@@ -6,8 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pacman_env.config import ShowConfig
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import ANIMATIONS, COLOURS, GHOST_COLOURS, LIGHTS, LightRing, Ring
+from pacman_env.game.lights import COLOURS, GHOST_COLOURS, LIGHTS, LightRing, Ring, animations
+
+ANIMATIONS = animations(ShowConfig())
 
 ENDING = sorted(word for word, animation in ANIMATIONS.items() if animation.duration_s < math.inf)
 LASTING = sorted(LIGHTS - set(ENDING))

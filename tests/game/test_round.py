@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.game.round import Action, RoundController, clyde_speed_mps, round_complete
+from pacman_env.game.execution import round_complete
+from pacman_env.game.round import Action, RoundController, clyde_speed_mps
 
 SHOWN = ("command", "event", "state", "score", "round", "clyde_speed", "collected", "spawned", "result")
 
@@ -432,12 +433,12 @@ def test_what_is_no_snapshot_is_named_and_changes_nothing(change: dict[str, Any]
     game.status("death_detected", 20.0)
     other = running(3)
     before = other.snapshot(9.0)
-    with pytest.raises(ValueError, match=next(iter(change)) if "more" not in change else "must have the fields"):
+    with pytest.raises(ValueError, match=next(iter(change))):
         other.restore(game.snapshot(21.0) | change, 9.0)
     assert other.snapshot(9.0) == before
     short = game.snapshot(21.0)
     del short["score"]
-    with pytest.raises(ValueError, match="must have the fields"):
+    with pytest.raises(ValueError, match=r"snapshot\.score is missing"):
         other.restore(short, 9.0)
 
 

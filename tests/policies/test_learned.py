@@ -24,7 +24,7 @@ from onnx.external_data_helper import set_external_data
 
 from pacman_env.policies import learned
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.metadata import sidecar_path
+from pacman_env.policies.metadata import metadata_path
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.sim.observation.situation import HOLD
 from tests.policies.contract import PolicyContract, random_situation
@@ -48,8 +48,8 @@ class TestLearnedPlanner(PolicyContract):
 def test_it_is_called_as_its_file_and_knows_its_facts(path: Path) -> None:
     planner = LearnedPlanner(path)
     assert planner.name == "mine"
-    assert planner.sidecar.training == FACTS.training
-    assert planner.sidecar.robot_speed_mps == FACTS.robot_speed_mps
+    assert planner.metadata.training == FACTS.training
+    assert planner.metadata.robot_speed_mps == FACTS.robot_speed_mps
 
 
 def test_more_candidates_that_may_not_be_chosen_change_no_bit(path: Path) -> None:
@@ -141,7 +141,7 @@ def test_the_packages_own_is_called_ppo_and_missed_by_name(tmp_path: Path, monke
 
 
 def changed(path: Path, folder: Path, change: Callable[[Any], object]) -> Path:
-    """The planner with another model and the hash of that in its sidecar."""
+    """The planner with another model and the hash of that in its metadata."""
     model = onnx.load(path)
     change(model)
     return with_content(path, folder, model.SerializeToString())
@@ -150,9 +150,9 @@ def changed(path: Path, folder: Path, change: Callable[[Any], object]) -> Path:
 def with_content(path: Path, folder: Path, content: bytes) -> Path:
     other = folder / path.name
     other.write_bytes(content)
-    sidecar = json.loads(sidecar_path(path).read_text())
-    sidecar["sha256"] = hashlib.sha256(content).hexdigest()
-    sidecar_path(other).write_text(json.dumps(sidecar))
+    metadata = json.loads(metadata_path(path).read_text())
+    metadata["sha256"] = hashlib.sha256(content).hexdigest()
+    metadata_path(other).write_text(json.dumps(metadata))
     return other
 
 

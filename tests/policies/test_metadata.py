@@ -1,8 +1,7 @@
-"""What is read from a sidecar, and what is refused: each time with file, field, found and expected."""
+"""What is read from metadata, and what is refused: each time with file, field, value and rule."""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import re
@@ -13,23 +12,24 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from pacman_env.policies.metadata import (
     FORMAT,
     MAX_BYTES,
     NORMALISATION,
-    Sidecar,
+    PlannerMetadata,
     Training,
     dump,
+    metadata_path,
     parse,
     read_planner,
-    sidecar_path,
 )
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 MODEL = b"the network"
 TRAINING = Training((0.2, 0.5), (0.22, 0.31), "generated:train", "robot", "robust", 1000, 7)
-SIDECAR = Sidecar(
+METADATA = PlannerMetadata(
     format=FORMAT,
     feature_version=VERSION,
     candidate_features=CANDIDATE_FEATURES,
@@ -49,12 +49,12 @@ HERE = Path("mine.json")
 
 
 def written(folder: Path, change: Callable[[dict[str, Any]], object] = lambda _: None) -> Path:
-    """A file with its sidecar, in which something was changed."""
+    """A file with its metadata, in which something was changed."""
     path = folder / "mine.onnx"
     path.write_bytes(MODEL)
-    content = json.loads(dump(SIDECAR, HERE))
+    content = json.loads(dump(METADATA, HERE))
     change(content)
-    sidecar_path(path).write_text(json.dumps(content))
+    metadata_path(path).write_text(json.dumps(content))
     return path
 
 
@@ -68,7 +68,7 @@ def places(content: dict[str, Any], prefix: str = "") -> list[str]:
     return names
 
 
-FIELDS = places(json.loads(dump(SIDECAR, HERE)))
+FIELDS = places(json.loads(dump(METADATA, HERE)))
 
 
 def owner(content: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
@@ -79,13 +79,13 @@ def owner(content: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
 
 
 def test_what_was_written_is_read_again(tmp_path: Path) -> None:
-    assert read_planner(written(tmp_path)) == (SIDECAR, MODEL)
+    assert read_planner(written(tmp_path)) == (METADATA, MODEL)
 
 
 @given(st.dictionaries(st.text(), st.floats(-1e300, 1e300, exclude_min=True, exclude_max=True)))
 def test_any_metrics_are_read_as_they_were(metrics: dict[str, float]) -> None:
-    sidecar = dataclasses.replace(SIDECAR, metrics=metrics)
-    assert parse(Sidecar, dump(sidecar, HERE), HERE) == sidecar
+    metadata = structs.replace(METADATA, metrics=metrics)
+    assert parse(PlannerMetadata, dump(metadata, HERE), HERE) == metadata
 
 
 @pytest.mark.parametrize("field", FIELDS)
@@ -95,7 +95,7 @@ def test_a_missing_field_is_named(field: str, tmp_path: Path) -> None:
         del place[name]
 
     path = written(tmp_path, remove)
-    with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)}: found nothing, expected a"):
+    with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)} is missing"):
         read_planner(path)
 
 
@@ -107,32 +107,32 @@ def test_a_field_of_another_type_is_named(field: str, value: object, tmp_path: P
         place[name] = value
 
     path = written(tmp_path, spoil)
-    with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)}(\[0\])?: found .*, expected "):
+    with pytest.raises(ValueError, match=rf"mine\.json: {re.escape(field)}(\[0\])? = .*: must be "):
         read_planner(path)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": 2, "more": 0}, "format: found 2, expected 1"),
-        ({"format": 1.0}, r"format: found 1\.0, expected 1"),
-        ({"feature_version": VERSION + 1}, f"feature_version: found {VERSION + 1}, expected {VERSION}"),
+        ({"format": 2, "more": 0}, r"format = 2: must be one of \(1,\)"),
+        ({"format": 1.0}, r"format = 1\.0: must be a whole number"),
+        ({"feature_version": VERSION + 1}, f"feature_version = {VERSION + 1}: must be {VERSION}"),
         (
             {"candidate_features": list(CANDIDATE_FEATURES[::-1])},
-            r"candidate_features: found \('.*expected .*is_pellet",
+            r"candidate_features = \('.*: must be .*is_pellet",
         ),
-        ({"candidate_features": list(CANDIDATE_FEATURES[1:])}, "candidate_features: found .*expected .*is_pellet"),
-        ({"global_features": []}, r"global_features: found \(\), expected .*clyde_distance"),
-        ({"normalisation": "none"}, "normalisation: found 'none', expected .*planner_features"),
-        ({"dropped_features": ["colour"]}, "dropped_features: found 'colour', expected names of candidate features"),
-        ({"dropped_kinds": ["ghost"]}, "dropped_kinds: found 'ghost', expected names of candidate features"),
-        ({"robot_speed_mps": 0}, r"robot_speed_mps: found 0\.0, expected a speed above 0"),
-        ({"robot_speed_mps": 10**400}, "robot_speed_mps: found 10+, expected a finite number"),
-        ({"metrics": {"completion": float("nan")}}, r"metrics\.completion: found nan, expected a finite number"),
-        ({"metrics": {"completion": "high"}}, r"metrics\.completion: found 'high', expected a finite number"),
-        ({"width": 64.0}, r"width: found 64\.0, expected a whole number"),
-        ({"colour": "red"}, "colour: found 'red', expected no such field"),
-        ({"sha256": "0" * 64}, f"sha256: found '0{{64}}', expected '{SIDECAR.sha256}'"),
+        ({"candidate_features": list(CANDIDATE_FEATURES[1:])}, "candidate_features = .*: must be .*is_pellet"),
+        ({"global_features": []}, r"global_features = \(\): must be .*clyde_distance"),
+        ({"normalisation": "none"}, "normalisation = 'none': must be .*planner_features"),
+        ({"dropped_features": ["colour"]}, "dropped_features = 'colour': must be names of candidate features"),
+        ({"dropped_kinds": ["ghost"]}, "dropped_kinds = 'ghost': must be names of candidate features"),
+        ({"robot_speed_mps": 0}, r"robot_speed_mps = 0: must be a finite number above 0"),
+        ({"robot_speed_mps": 10**400}, "robot_speed_mps = 10+: must be a finite number"),
+        ({"metrics": {"completion": float("nan")}}, r"metrics\.completion = nan: must be a finite number"),
+        ({"metrics": {"completion": "high"}}, r"metrics\.completion = 'high': must be a finite number"),
+        ({"width": 64.0}, r"width = 64\.0: must be a whole number"),
+        ({"colour": "red"}, "colour = 'red': no such field"),
+        ({"sha256": "0" * 64}, f"sha256 = '0{{64}}': must be '{METADATA.sha256}'"),
     ],
 )
 def test_what_does_not_fit_this_version_is_named(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
@@ -143,14 +143,14 @@ def test_what_does_not_fit_this_version_is_named(changes: dict[str, Any], messag
 
 def test_a_range_has_two_ends(tmp_path: Path) -> None:
     path = written(tmp_path, lambda content: content["training"].update(clyde_speeds_mps=[0.2]))
-    with pytest.raises(ValueError, match=r"training\.clyde_speeds_mps: found \[0\.2\], expected a list of 2"):
+    with pytest.raises(ValueError, match=r"training\.clyde_speeds_mps = \[0\.2\]: must be a list of 2"):
         read_planner(path)
 
 
 def test_a_model_that_was_changed_since_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path)
     path.write_bytes(MODEL + b".")
-    with pytest.raises(ValueError, match=f"sha256: found '{SIDECAR.sha256}', expected"):
+    with pytest.raises(ValueError, match=f"sha256 = '{METADATA.sha256}': must be"):
         read_planner(path)
 
 
@@ -161,19 +161,19 @@ def test_a_model_that_was_changed_since_is_refused(tmp_path: Path) -> None:
 )
 def test_what_is_no_object_is_refused(content: bytes, tmp_path: Path) -> None:
     path = written(tmp_path)
-    sidecar_path(path).write_bytes(content)
-    with pytest.raises(ValueError, match=r"mine\.json: (no JSON that can be read|content: found)"):
+    metadata_path(path).write_bytes(content)
+    with pytest.raises(ValueError, match=r"mine\.json: (no JSON that can be read|content = )"):
         read_planner(path)
 
 
 def test_missing_and_too_large_files_are_named(tmp_path: Path) -> None:
     path = written(tmp_path)
-    sidecar_path(path).unlink()
+    metadata_path(path).unlink()
     with pytest.raises(ValueError, match=r"mine\.json: cannot be read: No such file"):
         read_planner(path)
     with path.open("r+b") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(ValueError, match=rf"mine\.onnx: size: found more than {MAX_BYTES} bytes"):
+    with pytest.raises(ValueError, match=rf"mine\.onnx: size: more than {MAX_BYTES} bytes"):
         read_planner(path)
     path.unlink()
     with pytest.raises(ValueError, match=r"mine\.onnx: cannot be read: No such file"):
@@ -189,17 +189,17 @@ def test_missing_and_too_large_files_are_named(tmp_path: Path) -> None:
 )
 def test_whatever_it_holds_the_answer_is_a_value_error_with_the_file(content: object) -> None:
     with pytest.raises(ValueError, match=r"^mine\.json: "):
-        parse(Sidecar, json.dumps(content), HERE)
+        parse(PlannerMetadata, json.dumps(content), HERE)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"metrics": {"completion": float("inf")}}, r"metrics\.completion: found inf"),
-        ({"width": "64"}, "width: found '64', expected a whole number"),
+        ({"metrics": {"completion": float("inf")}}, r"metrics\.completion = inf"),
+        ({"width": "64"}, "width = '64': must be a whole number"),
         ({"commit": b"unknown"}, "cannot be written as JSON"),
     ],
 )
 def test_what_could_not_be_read_is_not_written(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=rf"^mine\.json: {message}"):
-        dump(dataclasses.replace(SIDECAR, **changes), HERE)
+        dump(structs.replace(METADATA, **changes), HERE)

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import Config, make_config
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.render import symbols
 from pacman_env.render.frames import STATES, map_view, render_frame
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.sim.maps.assets import MapSource, map_assets
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 from tests.shared import shared_path

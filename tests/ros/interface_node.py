@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from pacman_env.ros import topics
-from pacman_env.ros.node import GameNode, run
+from pacman_env.ros.node import BaseNode, run
 
 
-class InterfaceNode(GameNode):
+class InterfaceNode(BaseNode):
     """Drives nowhere, plays nothing, and sends light rings and transforms back."""
 
     def __init__(self) -> None:

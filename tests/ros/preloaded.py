@@ -1,5 +1,6 @@
 """What nodes have imported and compiled before they start; only the fork server's server imports this."""
 
+from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.nodes import (  # noqa: F401
     audio_node,
@@ -15,7 +16,7 @@ from pacman_env.ros.selector.selection import Selection
 from pacman_env.ros.simulated_robot import sim_robot  # noqa: F401
 
 for _one in vars(topics).values():
-    if isinstance(_one, topics.Topic | topics.Service | topics.Action):
+    if isinstance(_one, topics.Topic | topics.Service | topics.RosAction):
         _one.type.__import_type_support__()
 for _policy in ("clyde_aware", "lookahead"):
-    Selection("house", _policy, None, 0.0, 1.0, lambda kind, text: None)
+    Selection(make_config(), "house", _policy, None, 1.0, lambda kind, text: None)

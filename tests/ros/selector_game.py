@@ -55,7 +55,8 @@ class Game:
     def start(self, *arguments: str, **parameters: Any) -> Process:
         """Start the node, quicker than on a robot for the tests' sake, and wait until it decides."""
         self.probe.forget()
-        own = {"policy": "nearest", "decision_rate": 10.0, "diagnostics_rate": 10.0, **parameters}
+        quick = ["execution.tick_s=0.1", "execution.check_period_s=0.1"]
+        own = {"policy": "nearest", "settings": quick, "map_yaml": "house", "diagnostics_rate": 10.0, **parameters}
         process = self.system.start(NODE, *arguments, **own)
         self.probe.wait_for(lambda: self.probe.heard(DIAGNOSTICS), LONG, "the goal selector")
         return process

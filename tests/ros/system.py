@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import json
 import os
 import signal
 import subprocess
@@ -21,7 +22,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from pacman_env.ros.topics import Action, Service, Topic
+from pacman_env.ros.topics import RosAction, Service, Topic
 from tests.ros.fork_server import Forked
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,7 +92,7 @@ class System:
         """Start a node's ``main()`` in the namespace; ``arguments`` go behind ``--ros-args``."""
         words = ["--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
-            words += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+            words += ["-p", f"{name}:={json.dumps(value) if isinstance(value, (bool, list)) else value}"]
         name = module.rpartition(".")[2]
         log = self._log(name)
         return self._add(Process(name, Forked(module, words, os.environ, log), log))
@@ -225,7 +226,7 @@ class Probe:
         self.node.destroy_client(client)
         return answer.result()
 
-    def action_client(self, action: Action, timeout_s: float = 15.0) -> Any:
+    def action_client(self, action: RosAction, timeout_s: float = 15.0) -> Any:
         """A client of an action whose server is there."""
         client = action.client(self.node)
         self.wait_for(client.server_is_ready, timeout_s, f"action {action.name}")

@@ -32,7 +32,7 @@ def test_another_planner_plays_and_short_shows_break_the_motions_off(probe: Prob
     for node in ("game_event_mapper", "clyde_ghost_node", "pellet_manager"):
         maps = {} if node == "game_event_mapper" else {"map_yaml": "loop"}
         system.start(module_of(node), **maps)
-    system.start("pacman_env.ros.nodes.game_controller", start_show_s=SHOW_S, death_show_s=SHOW_S)
+    system.start("pacman_env.ros.nodes.game_controller", settings=[f"show.start_s={SHOW_S}", f"show.death_s={SHOW_S}"])
     probe.wait_for(lambda: probe.values(topics.GAME_STATE), UP_S, "the referee")
     probe.publisher(topics.GAME_EVENT)
     probe.wait_for(

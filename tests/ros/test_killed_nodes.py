@@ -41,7 +41,7 @@ NODES: dict[str, dict[str, Any]] = {
     "pellet_manager": {"map_yaml": MAP},
     "clyde_ghost_node": {"map_yaml": MAP},
     # The shows are long enough for a kill in the midst of them on a slow machine.
-    "game_controller": {"clyde_speed_mps": CLYDE_MPS, "start_show_s": 15.0, "death_show_s": 30.0},
+    "game_controller": {"settings": [f"clyde.speed_mps={CLYDE_MPS}", "show.start_s=15", "show.death_s=30"]},
     "game_event_mapper": {},
     "game_light_node": {},
     "audio_node": {},

@@ -28,7 +28,7 @@ from pacman_env.ros.supervisor.game_nodes import (
     SIMULATOR,
     STOP_ORDER,
     WAIT,
-    Game,
+    GameSetup,
     full_namespace,
     module_of,
 )
@@ -136,13 +136,15 @@ def test_package_xml_is_of_this_version_and_names_every_ros_package_that_is_impo
     assert {name for name in imported if name == "rclpy" or name.endswith("_msgs")} <= named
 
 
-def test_every_node_is_a_command_of_the_ros_package_and_a_module() -> None:
-    (commands,) = [
-        ast.literal_eval(node.value)
-        for node in ast.parse((ROOT / "setup.py").read_text()).body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "NODES"
-    ]
-    assert tuple(f"pacman_env.ros.{name}" for name in commands) == tuple(map(module_of, NODES))
+def test_every_node_is_a_command_of_the_ros_package_and_a_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.setattr("setuptools.setup", lambda **arguments: given.update(arguments))
+    monkeypatch.setattr(sys, "argv", ["setup.py", "install"])
+    monkeypatch.chdir(ROOT)
+    runpy.run_path("setup.py")
+    command, *nodes = given["entry_points"]["console_scripts"]
+    assert command == "pacman-env = pacman_env.cli:main"
+    assert nodes == [f"{name} = {module_of(name)}:main" for name in NODES]
     for name in NODES:
         assert "def main(" in (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), name
     assert set(STOP_ORDER) <= set(NODES)
@@ -156,14 +158,32 @@ def test_a_namespace_is_completed(name: str, full: str) -> None:
 @pytest.mark.parametrize("name", ["15", "a b", "a//b", "robot-15", "é", "a\n"])
 def test_a_bad_namespace_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="namespace"):
-        Game("house", namespace=name)
+        GameSetup("house", namespace=name)
 
 
 def test_arguments_of_a_node_keep_their_types() -> None:
-    game = Game("1e3", namespace="r", sim=True, speed=2.0, extra={SELECTOR: {"seed": 7}})
-    assert game.arguments(SIMULATOR)[:4] == ["--ros-args", *QUIET, "-r", "__ns:=/r"]
-    assert game.arguments(SIMULATOR)[4:] == ["-p", 'map_yaml:="1e3"', "-p", "speed:=2.0", "-p", "use_sim_time:=true"]
-    assert game.arguments(SELECTOR)[-4:] == ["-p", "use_sim_time:=true", "-p", "seed:=7"]
+    setup = GameSetup("1e3", namespace="r", sim=True, speed=2.0, extra={SELECTOR: {"seed": 7}})
+    assert setup.command(SIMULATOR)[:5] == [module_of(SIMULATOR), "--ros-args", *QUIET, "-r", "__ns:=/r"]
+    assert setup.command(SIMULATOR)[5:] == ["-p", 'map_yaml:="1e3"', "-p", "speed:=2.0", "-p", "use_sim_time:=true"]
+    assert setup.command(SELECTOR)[-4:] == ["-p", "use_sim_time:=true", "-p", "seed:=7"]
+
+
+def test_every_node_but_the_waiting_one_gets_the_configuration() -> None:
+    setup = GameSetup("house", preset="ideal", settings=("clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"))
+    words = ["-p", 'preset:="ideal"', "-p", 'settings:=["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]']
+    for node in (SIMULATOR, *GAME, SELECTOR):
+        assert setup.command(node)[-4:] == words
+    assert "settings" not in setup.parameters(WAIT)
+    with pytest.raises(ValueError, match=r"clyde\.speed_mps"):
+        GameSetup("house", settings=("clyde.speed_mps=fast",))
+
+
+def test_the_launch_file_passes_the_configuration_on(started: Any) -> None:
+    found = nodes(started(preset="ideal", settings="clyde.speed_mps=0.35 clyde.ghosts=chase,wander"))
+    expected = {"preset": "ideal", "settings": ["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]}
+    assert found["audio_node"]["parameters"] == [expected]
+    with pytest.raises(ValueError, match="unknown preset"):
+        started(preset="lunar")
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import time
 from typing import TYPE_CHECKING, Any
@@ -13,13 +14,15 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.clock_type import ClockType  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
+from pacman_env.config import make_config, parse_settings  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.node import GameNode, Once  # noqa: E402
+from pacman_env.ros.node import BaseNode, Once  # noqa: E402
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
 
-NODE = "tests.ros.farewell_node"
+NODE = "tests.ros.last_messages_node"
+PLAYER = "pacman_env.ros.nodes.game_event_mapper"
 
 
 def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Process:
@@ -38,13 +41,13 @@ def test_the_last_messages_arrive_after_a_signal_and_the_node_ends_with_status_0
     process = up(probe, system, words=20)
     process.send(number)
     process.send(number)  # a terminal and a launcher may both send one
-    probe.wait_for(lambda: len(probe.values(topics.GAME_COMMAND)) == 20, what="the farewell")
+    probe.wait_for(lambda: len(probe.values(topics.GAME_COMMAND)) == 20, what="the last messages")
     assert probe.values(topics.GAME_COMMAND) == [f"last {i}" for i in range(20)]
     assert process.stop(number) == 0
     assert "Traceback" not in process.output
 
 
-def test_the_farewell_waits_for_an_answer(probe: Probe, system: System) -> None:
+def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
     asked = []
 
     def answer(request: Any, response: Any) -> Any:
@@ -60,7 +63,7 @@ def test_the_farewell_waits_for_an_answer(probe: Probe, system: System) -> None:
     assert process.wait() == 0
 
 
-def test_the_farewell_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
+def test_the_end_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
     topics.RESET_GAME.server(probe.node, lambda request, response: response)  # answers only while the probe spins
     process = up(probe, system, call=True)
     before = time.monotonic()
@@ -68,14 +71,14 @@ def test_the_farewell_does_not_wait_for_ever_for_an_answer(probe: Probe, system:
     assert time.monotonic() - before < 12.0
 
 
-def test_a_failing_callback_ends_the_node_after_its_farewell(probe: Probe, system: System) -> None:
+def test_a_failing_callback_ends_the_node_after_its_last_messages(probe: Probe, system: System) -> None:
     process = up(probe, system)
     probe.publish(topics.GAME_EVENT, "fail")
     with pytest.raises(AssertionError, match="ZeroDivisionError: a callback that fails"):
         probe.wait_for(lambda: False, what="the failure")
     assert process.wait() == 1
     system.processes.clear()
-    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="the farewell")
+    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="the last messages")
 
 
 def test_a_signal_breaks_off_the_making_of_a_node(probe: Probe, system: System) -> None:
@@ -103,7 +106,7 @@ def test_a_bad_start_is_one_line(system: System, arguments: list[str], complaint
     system.processes.clear()
     lines = process.output.splitlines()
     assert len(lines) == 1
-    assert lines[0].startswith("farewell_node: ")
+    assert lines[0].startswith("last_messages_node: ")
     assert complaint in lines[0]
 
 
@@ -131,8 +134,77 @@ def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -
     assert log[3:] == ["info pose: over, after 3 times", "warning bad again"]
 
 
+class Peer:
+    """Another node, as far as its configuration goes."""
+
+    def __init__(self, probe: Probe, name: str) -> None:
+        self.probe, self.name = probe, name
+
+    def plays(self, map: str | None = None, **changes: Any) -> None:
+        config = make_config("robot", **changes)
+        said = {"node": self.name, "hash": config.hash, "map": map, "configuration": config.as_dict()}
+        self.probe.publish(topics.CONFIGURATION, json.dumps(said))
+
+
+def test_an_equal_configuration_is_silent_and_another_one_is_said_once_for_each_node_by_field(
+    probe: Probe, system: System
+) -> None:
+    settings = ["clyde.speed_mps=0.25", "clyde.ghosts=wander,chase"]
+    process = system.start(PLAYER, settings=settings)
+    probe.record(topics.CONFIGURATION, topics.GAME_LIGHT)
+    probe.wait_for(lambda: probe.values(topics.CONFIGURATION), 30.0, "its configuration")
+    (said,) = map(json.loads, probe.values(topics.CONFIGURATION))
+    own = make_config("robot", **parse_settings(settings))
+    assert said == {"node": "game_event_mapper", "hash": own.hash, "map": None, "configuration": own.as_dict()}
+
+    two_ghosts = {"clyde.ghosts": ("wander", "chase")}
+    equal, other, third = (Peer(probe, name) for name in ("pellet_manager", "game_controller", "goal_selector"))
+    equal.plays(map="01234567", **two_ghosts)
+    for _ in range(3):
+        other.plays(**{"clyde.speed_mps": 0.35, **two_ghosts})
+    third.plays()
+    for bad in ("", "no json", "[]", "{}", '{"node": 1, "map": 2, "configuration": 3}', "[" * 200_000):
+        probe.publish(topics.CONFIGURATION, bad)
+    third.plays(**two_ghosts)
+    probe.wait_for(lambda: "configuration of goal_selector: over" in process.output, what="the last")
+    lines = [line for line in process.output.splitlines() if "configuration" in line]
+    assert len(lines) == 4
+    assert lines[0].endswith("game_controller plays by another configuration: clyde.speed_mps 0.35, here 0.25")
+    assert lines[1].endswith(
+        "goal_selector plays by another configuration: clyde.ghosts ['wander'], here ['wander', 'chase']"
+    )
+    assert lines[2].endswith("game/configuration: not the configuration of a node of this game")
+
+    other.plays(**two_ghosts)  # started again, with the same settings
+    other.plays(**{"clyde.speed_mps": 0.45, **two_ghosts})
+    probe.wait_for(lambda: "clyde.speed_mps 0.45, here 0.25" in process.output, what="the other once more")
+    assert process.output.count("game_controller plays by another") == 2
+
+
+def test_two_nodes_hear_one_another_whichever_comes_first_and_another_map_is_said(probe: Probe, system: System) -> None:
+    first = system.start("pacman_env.ros.nodes.pellet_manager", map_yaml="house")
+    probe.record(topics.CONFIGURATION)
+    probe.wait_for(lambda: len(probe.values(topics.CONFIGURATION)) == 1, 30.0, "the first")
+    second = system.start("pacman_env.ros.nodes.clyde_ghost_node", map_yaml="loop", settings=["clyde.ghosts=chase"])
+    for process, name in ((first, "clyde_ghost_node"), (second, "pellet_manager")):
+        text = f"{name} plays by another configuration: "
+        probe.wait_for(lambda process=process, text=text: text in process.output, 30.0, text)
+        (line,) = [line for line in process.output.splitlines() if text in line]
+        assert "clyde.ghosts" in line
+        assert "; map " in line
+
+
+def test_a_bad_configuration_is_one_line_and_status_2(system: System) -> None:
+    for settings in (["clyde.speed_mps=fast"], ["clyde.sped=1"], ["clyde.speed_mps"], "clyde.speed_mps=1"):
+        process = system.start(PLAYER, settings=settings)
+        assert process.wait(30.0) == 2
+        assert process.output.startswith("game_event_mapper: ")
+        assert process.output.count("\n") == 1
+    system.processes.clear()
+
+
 def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
-    node = GameNode("clockwork", context=probe.context)
+    node = BaseNode("clockwork", context=probe.context)
     clock = node.get_clock()
     clock._set_ros_time_is_active(True)
     seen = []

@@ -18,9 +18,9 @@ pytest.importorskip("irobot_create_msgs")
 
 from action_msgs.msg import GoalStatus
 
-from pacman_env.config import make_config
+from pacman_env.config import ShowConfig, make_config
 from pacman_env.game.dances import SPEED_RADPS
-from pacman_env.game.lights import ANIMATIONS
+from pacman_env.game.lights import animations
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of, seconds_of
@@ -167,7 +167,7 @@ def test_the_ring_shows_every_light_and_is_let_go(game: Recording) -> None:
     shown = iter([json.loads(text) for text in game.values(LIGHT_RING_SHOWN)])
     for word in game.values(topics.GAME_LIGHT):
         if word != "off":
-            rings = [[list(led) for led in ring] for ring in ANIMATIONS[word].rings]
+            rings = [[list(led) for led in ring] for ring in animations(ShowConfig())[word].rings]
             assert any(ring["override_system"] and ring["leds"] in rings for ring in shown), word
     assert not json.loads(game.values(LIGHT_RING_SHOWN)[-1])["override_system"]
 

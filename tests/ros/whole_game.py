@@ -165,7 +165,7 @@ class Table:
                 "map_yaml": map_yaml,
                 "speed": SPEED,
                 "home": f"{_at(*_HOME)[0]},{_at(*_HOME)[1]},0.0",
-                "settings": "localization.sigma_xy_m=0.01 localization.sigma_yaw_rad=0.02",  # the closet is narrow
+                "settings": ["localization.sigma_xy_m=0.01", "localization.sigma_yaw_rad=0.02"],  # the closet is narrow
             },
             "pellet_manager": {"map_yaml": map_yaml},
             "clyde_ghost_node": {"map_yaml": map_yaml, "seed": 1},

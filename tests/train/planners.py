@@ -34,7 +34,7 @@ def random_network(seed: int = 0, **arguments: Any) -> EntityNetwork:
 
 
 def random_planner(folder: Path, name: str = "mine", seed: int = 0, **arguments: Any) -> Path:
-    """The ONNX file of a random network, with its sidecar, in ``folder``."""
+    """The ONNX file of a random network, with its metadata, in ``folder``."""
     path = folder / f"{name}.onnx"
     export_planner(random_network(seed, **arguments), path, FACTS)
     return path

@@ -13,9 +13,9 @@ pytest.importorskip("onnx")
 import torch
 
 from pacman_env.config import make_config
+from pacman_env.game.execution import RUNNING
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import RUNNING
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.generated import GeneratedMaps
 from pacman_env.sim.observation.planner_features import planner_features

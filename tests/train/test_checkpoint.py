@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import os
 import pickle
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 pytest.importorskip("torch")
 pytest.importorskip("onnx")
@@ -34,8 +34,8 @@ def test_facts_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 def test_facts_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
     path = tmp_path / "run.facts.json"
-    with pytest.raises(ValueError, match=r"run\.facts\.json: training\.decisions: found 1\.5, expected a whole number"):
-        write_facts(path, dataclasses.replace(FACTS, training=dataclasses.replace(FACTS.training, decisions=1.5)))
+    with pytest.raises(ValueError, match=r"run\.facts\.json: training\.decisions = 1\.5: must be a whole number"):
+        write_facts(path, structs.replace(FACTS, training=structs.replace(FACTS.training, decisions=1.5)))
     with pytest.raises(ValueError, match=r"run\.facts\.json: cannot be read"):
         read_facts(path)
 
@@ -43,7 +43,7 @@ def test_facts_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
 def test_facts_of_another_shape_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.facts.json"
     path.write_text('{"robot_speed_mps": 0.256, "metrics": {}}')
-    with pytest.raises(ValueError, match=r"run\.facts\.json: training: found nothing, expected an object"):
+    with pytest.raises(ValueError, match=r"run\.facts\.json: training is missing"):
         read_facts(path)
 
 

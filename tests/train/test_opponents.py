@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from pacman_env.config import ConfigError
 from pacman_env.envs.arguments import Ghosts
 from pacman_env.envs.core import Game
+from pacman_env.game.execution import DEAD, RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.records import DEAD, RUNNING
 from pacman_env.sim.observation.situation import HOLD, Situation
 from tests.train.planners import random_planner
 from train.arguments import FOLDER, Arguments, load_hyperparameters

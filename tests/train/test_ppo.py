@@ -60,13 +60,13 @@ def test_the_planner_is_the_best_checkpoint(trained: Path, tmp_path: Path) -> No
     assert (tmp_path / "again.onnx").read_bytes() == (trained / "planner.onnx").read_bytes()
 
 
-def test_the_sidecar_says_how_it_was_trained(trained: Path) -> None:
-    hyper, sidecar = parse(SHORT).hyper, LearnedPlanner(trained / "planner.onnx").sidecar
-    assert sidecar.training == read_facts(facts_path(trained / "best.zip")).training
-    assert sidecar.training.clyde_speeds_mps == hyper.clyde_speed
-    assert sidecar.training.decisions in (1024, 2048)
-    assert sidecar.width == hyper.width
-    assert sidecar.metrics["completed"] == max(segment["completed"] for segment in record(trained)["segments"])
+def test_the_metadata_says_how_it_was_trained(trained: Path) -> None:
+    hyper, metadata = parse(SHORT).hyper, LearnedPlanner(trained / "planner.onnx").metadata
+    assert metadata.training == read_facts(facts_path(trained / "best.zip")).training
+    assert metadata.training.clyde_speeds_mps == hyper.clyde_speed
+    assert metadata.training.decisions in (1024, 2048)
+    assert metadata.width == hyper.width
+    assert metadata.metrics["completed"] == max(segment["completed"] for segment in record(trained)["segments"])
 
 
 def record(out: Path) -> dict[str, Any]:
@@ -120,7 +120,7 @@ def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path
     options = ["--without", part, "--decisions", "64", "--out", str(tmp_path / "run")]
     assert main(tiny_options(tmp_path, *options)) == 0
     planner = LearnedPlanner(tmp_path / "run" / "planner.onnx")
-    dropped = planner.sidecar.dropped_kinds, len(planner.sidecar.dropped_features)
+    dropped = planner.metadata.dropped_kinds, len(planner.metadata.dropped_features)
     expected = {"refuges": (("is_refuge",), 0), "hold": (("is_hold",), 0), "paths": ((), 8), "futures": ((), 6)}
     assert dropped == expected[part]
     situation = random_situation(0, 40)

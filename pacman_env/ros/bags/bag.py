@@ -63,12 +63,12 @@ class Bag:
         if not chosen:
             return
         start = self._reader.start_time
-        for connection, at_ns, raw in _told(self._path, self._reader.messages(chosen)):
-            try:
+        try:
+            for connection, at_ns, raw in self._reader.messages(chosen):
                 message = store.deserialize_cdr(raw, connection.msgtype)
-            except Exception as error:  # whatever broken bytes lead to
-                raise BagError(f"{self._path}: a message on {connection.topic} cannot be decoded: {error!r}") from None
-            yield Recorded((at_ns - start) / 1e9, wanted[connection.topic].name, message)
+                yield Recorded((at_ns - start) / 1e9, wanted[connection.topic].name, message)
+        except Exception as error:  # whatever broken bytes lead to
+            raise BagError(f"{self._path}: broken: {_line(error)}") from None
 
     def _namespace(self, given: str | None) -> str:
         names = {connection.topic for connection in self._reader.connections}
@@ -108,13 +108,3 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).split()) or repr(error)
-
-
-def _told(path: Path, messages: Iterator[Any]) -> Iterator[Any]:
-    """The same, with errors that name the bag."""
-    try:
-        yield from messages
-    except BagError:
-        raise
-    except Exception as error:
-        raise BagError(f"{path}: broken: {_line(error)}") from None

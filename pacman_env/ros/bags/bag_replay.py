@@ -6,6 +6,7 @@ recorded, whatever the policy says: this tells where it would have chosen otherw
 
 from __future__ import annotations
 
+import json
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -15,19 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from pacman_env.config import Config, make_config
+from pacman_env.config import Config, differences, make_config
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import Bag, BagError, Recorded, open_bag
-from pacman_env.ros.bags.pose_statistics import QUANTITIES, Motion, simulated_motion
+from pacman_env.ros.bags.pose_statistics import QUANTITIES, PoseStatistics, simulated_statistics
 from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
 from pacman_env.ros.selector.goal_scores import SCORES
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.observation.robot_view import LiveGame, Seen
+from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.world.maps.occupancy import load_map
 
-READ = (
+_READ = (
     topics.GAME_STATE,
     topics.GAME_STATUS,
     topics.PELLET_MARKERS,
@@ -55,8 +57,8 @@ class Otherwise:
 
 
 @dataclass
-class Report:
-    """What came of a replay; times in s since the bag began."""
+class ReplayReport:
+    """The result of a replay; times in s since the bag began."""
 
     bag: str
     namespace: str
@@ -105,8 +107,8 @@ def _range(quantiles: list[float] | None) -> str:
     return "-" if quantiles is None else "{1:.3f} ({0:.3f} to {2:.3f})".format(*quantiles)
 
 
-def replay(path: Path, map: str, policy: str, namespace: str | None = None) -> Report:
-    """Ask ``policy`` at every decision of a recorded game.
+def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) -> ReplayReport:
+    """Ask ``policy`` at every decision of a recorded game, under the configuration that its goal selector played by.
 
     Args:
         path: A bag's folder, or its .mcap or .db3 file.
@@ -117,31 +119,31 @@ def replay(path: Path, map: str, policy: str, namespace: str | None = None) -> R
     Raises:
         ValueError: no bag of a game, one of another map, a map or policy that cannot be used.
     """
-    config = make_config()
-    assets = map_assets(load_map(map), config)
-    chooser = make_policy(policy)
+    occupancy, chooser = load_map(map), make_policy(policy)
     with open_bag(path, namespace) as bag:
-        report = Report(str(path), bag.namespace, map, policy, bag.duration_s)
+        config = recorded_config(bag)
+        assets = map_assets(occupancy, config)
+        report = ReplayReport(str(path), bag.namespace, map, policy, bag.duration_s)
         walk = _Walk(bag, assets, config, chooser, report)
-        for recorded in bag.messages(READ):
+        for recorded in bag.messages(_READ):
             walk.take(recorded)
         walk.finish()
-    report.simulator = simulated_motion(assets, config, make_policy(policy)).quantiles()
+    report.simulator = simulated_statistics(assets, config, make_policy(policy)).quantiles()
     return report
 
 
 class _Walk:
     """One pass through a bag: what the robot knows at each moment, and a decision at each tick."""
 
-    def __init__(self, bag: Bag, assets: MapAssets, config: Config, policy: Policy, report: Report) -> None:
-        self._live = LiveGame(assets, config)
+    def __init__(self, bag: Bag, assets: MapAssets, config: Config, policy: Policy, report: ReplayReport) -> None:
+        self._live = RobotView(assets, config)
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
-        self._tells = bag.has(SCORES)  # else it is another planner's game
-        self._told = -1  # the choice before
-        self._plans = [] if self._tells else list(_plans(bag, assets))
-        self._motion = Motion(counts=False)
+        self._has_scores = bag.has(SCORES)  # else it is another planner's game
+        self._chosen_before = -1
+        self._plans = [] if self._has_scores else list(_plans(bag, assets))
+        self._motion = PoseStatistics(counts=False)
         self._running = False
         self._began_s = self._due_s = 0.0
         self._left: set[int] = set()
@@ -154,11 +156,11 @@ class _Walk:
 
     def take(self, recorded: Recorded) -> None:
         """One message. Decisions are those of the recorded goal selector, or due every half second before it."""
-        if self._tells:
+        if self._has_scores:
             if self._running and recorded.topic == SCORES.name:
                 chosen = chosen_of(recorded.message)
-                self._decide(recorded.at_s, self._told, chosen)
-                self._told = chosen
+                self._decide(recorded.at_s, self._chosen_before, chosen)
+                self._chosen_before = chosen
         else:
             while self._running and self._due_s <= recorded.at_s:
                 chosen_soon = self._planned(self._due_s + PLAN_LATE_S) if self._plans else None
@@ -201,7 +203,7 @@ class _Walk:
             self._live.clyde_speed_mps = message.data
         elif topic == topics.CLYDE_POSE.name:
             x, y, _ = pose_of(message)
-            self._live.see_clyde(x, y, nanoseconds_of(message.header.stamp))
+            self._live.see_ghost(0, x, y, nanoseconds_of(message.header.stamp))
             self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
         elif topic == topics.AMCL_POSE.name:
             self._motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
@@ -216,7 +218,7 @@ class _Walk:
             self._report.rounds += 1
             self._began_s = self._due_s = at_s
             self._motion.counts = True
-            self._told = -1
+            self._chosen_before = -1
             self._live.begin()
             self._policy.reset(np.ones(1, dtype=np.bool_))
         elif not running:
@@ -228,7 +230,7 @@ class _Walk:
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
         """``pursued``: where the robot was going, ``recorded``: what was chosen; -1: nothing, None: not known."""
         pose, left = self._motion.believed, self._left - self._gone
-        if pose is None or self._live.clyde is None or not left or self._live.off_the_map(*pose[:2]):
+        if pose is None or self._live.unseen or not left or self._live.off_the_map(*pose[:2]):
             return
         seen = Seen(
             time_s=at_s - self._began_s,
@@ -269,6 +271,24 @@ class _Walk:
             return KIND_NAMES[2]
         kind = f"refuge {candidate - self._assets.pellets}" if goal.pellet is None else f"pellet {goal.pellet}"
         return f"{kind} at ({goal.x:.2f}, {goal.y:.2f})"
+
+
+def recorded_config(bag: Bag) -> Config:
+    """The configuration that the goal selector of a recorded game published; the default one where it has not.
+
+    Raises:
+        BagError: it is none of this version's.
+    """
+    found = make_config()
+    for recorded in bag.messages((topics.CONFIGURATION,)):
+        try:
+            said = json.loads(recorded.message.data)
+            if said["node"] == SELECTOR:
+                fields = differences(make_config().as_dict(), said["configuration"])
+                found = make_config(**{name: value for name, (_, value) in fields.items()})
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise BagError(f"{topics.CONFIGURATION.name}: not a configuration of this version: {error}") from None
+    return found
 
 
 def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:

@@ -1,4 +1,4 @@
-"""How a robot moves and how its pose comes, as a few numbers: of a recorded game and of the simulator, alike.
+"""Statistics of how a robot moves and how its pose comes: of a recorded game and of the simulator, alike.
 
 The simulator's game here is only watched, at the rate at which poses can come; nothing is played for its result.
 """
@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.poses import Pose, compose, relative
-from pacman_env.sim.core.records import RUNNING
 from pacman_env.sim.maps.assets import MapAssets
 
 DRIVING_MPS = 0.05  # slower is standing
 STANDING_S = 5.0  # a longer pause between two poses is no cadence: AMCL is silent while the robot stands
 MOST_S = 300.0  # of a simulated game
 _LOOK_S = 0.1  # the lidar's period: no pose comes more often
-#: What is compared, with its unit.
+#: The quantities that are compared, with their units.
 QUANTITIES = {
     "speed": "driving speed, m/s",
     "interval": "time between poses, s",
@@ -34,7 +34,7 @@ QUANTITIES = {
 
 
 @dataclass
-class Motion:
+class PoseStatistics:
     """Samples of one or several games; times in s, in order."""
 
     samples: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in QUANTITIES})
@@ -93,16 +93,16 @@ class Motion:
         }
 
 
-def simulated_motion(assets: MapAssets, config: Config, policy: Policy, rounds: int = 4) -> Motion:
-    """The same of simulated rounds of that policy on that map, the seeds 0 to ``rounds`` - 1."""
-    motion = Motion()
+def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, rounds: int = 4) -> PoseStatistics:
+    """Statistics of simulated rounds of that policy on that map, the seeds 0 to ``rounds`` - 1."""
+    statistics = PoseStatistics()
     finer = config.with_fields(**{"execution.tick_s": _LOOK_S, "execution.check_period_s": _LOOK_S})
     decide_every = round(config.execution.tick_s / _LOOK_S)
     batch = GameBatch(assets, finer, 1)
     for seed in range(rounds):
         batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
         policy.reset(np.ones(1, dtype=np.bool_))
-        motion.forget()
+        statistics.forget()
         game, last_update, last_clyde = batch.games[0], -1, None
         choice: NDArray[np.int64] = np.array([batch.hold])
         for tick in range(round(MOST_S / _LOOK_S)):
@@ -112,14 +112,14 @@ def simulated_motion(assets: MapAssets, config: Config, policy: Policy, rounds: 
             if game["end"] != RUNNING:
                 break
             at_s = float(game["step"]) * config.physics_step_s
-            motion.drive(
+            statistics.drive(
                 (float(game["x"]), float(game["y"]), float(game["heading"])), float(game["left"] + game["right"]) / 2
             )
             if game["amcl_step"] != last_update:
                 last_update = game["amcl_step"]
-                motion.localize(at_s, (float(game["amcl_x"]), float(game["amcl_y"]), float(game["amcl_heading"])))
+                statistics.localize(at_s, (float(game["amcl_x"]), float(game["amcl_y"]), float(game["amcl_heading"])))
             clyde = tuple(batch.obstacles[0, 0, :2].tolist())
             if clyde != last_clyde:
                 last_clyde = clyde
-                motion.see_clyde(at_s, *clyde)
-    return motion
+                statistics.see_clyde(at_s, *clyde)
+    return statistics

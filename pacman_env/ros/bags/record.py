@@ -1,7 +1,7 @@
 """``pacman-env ros record``: the topics of a running game as an MCAP bag that ROS's own tools can play, too.
 
-What could show a home from inside is left out on purpose: no map, no scan, no picture. Poses tell enough where the
-robot has been: docs/robot.md says where bags lie and how they are deleted.
+A home's inside is left out on purpose: no map, no scan, no picture. Poses tell enough where the robot has been:
+docs/robot.md says where bags lie and how they are deleted.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from rosbags.typesys import Stores, get_typestore
 
 from pacman_env import __version__
 from pacman_env.ros import topics
-from pacman_env.ros.node import GameNode, run
+from pacman_env.ros.node import BaseNode, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.ros.supervisor.game_nodes import full_namespace
 
 NAME = "pacman_recorder"
 RECORDED = (
+    topics.CONFIGURATION,
     topics.GAME_STATE,
     topics.GAME_COMMAND,
     topics.GAME_RESULT,
@@ -59,8 +60,8 @@ _DEPTH = 1000  # messages that may wait while the disk is busy
 _FOR_EVER = QosTime(2147483647, 4294967295)  # as rosbag2 writes "no limit"
 
 
-class Recorder(GameNode):
-    """Writes every message of :data:`RECORDED` as it comes; the bag is whole after the farewell."""
+class Recorder(BaseNode):
+    """Writes every message of :data:`RECORDED` as it comes; the bag is whole after the last messages."""
 
     def __init__(self, folder: Path, sim_time: bool) -> None:
         """Begin the bag in ``folder``, which must not exist.
@@ -75,7 +76,7 @@ class Recorder(GameNode):
         self._writer.set_custom_data("pacman_env", __version__)
         self._writer.open()
         self._open = True
-        self._waiting: list[tuple[Any, Any]] = []
+        self._subscribed: list[tuple[Any, Any]] = []
         store = get_typestore(Stores.ROS2_JAZZY)
         for topic in RECORDED:
             package, _, name = topic.type_name.partition("/")
@@ -89,12 +90,12 @@ class Recorder(GameNode):
             subscription = self.create_subscription(
                 topic.type, topic.name, lambda raw, to=connection: self._write(to, raw), deep, raw=True
             )
-            self._waiting.append((subscription, connection))
+            self._subscribed.append((subscription, connection))
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """Write what has arrived already, and finish the bag."""
         if self._open:
-            for subscription, connection in self._waiting:
+            for subscription, connection in self._subscribed:
                 with subscription.handle:
                     while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
                         self._write(connection, taken[0])

@@ -1,6 +1,7 @@
-"""Node ``clyde_ghost_node``: Clyde on the real map, as pose, marker and obstacle (Algorithm 2).
+"""Node ``clyde_ghost_node``: Clyde and the ghosts beside him on the map, as poses, markers and obstacles.
 
-His cells, ways and walk are the rules of ``game/clyde.py`` and ``game/ghosts.py``; here he gets a clock and a voice.
+Where they go and how they walk is the simulator's (``sim/core/map_ghosts.py``); here they get a clock and a voice.
+Those that a policy moves see what the robot's policy sees.
 """
 
 from __future__ import annotations
@@ -13,22 +14,24 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pacman_env.config import MAX_SPEED_MPS, ClydeConfig, PelletConfig
-from pacman_env.game import ghosts as rule
-from pacman_env.game.clyde import ClydeCells, clyde_cells, search_memory
-from pacman_env.rng import below
-from pacman_env.world.maps.occupancy import load_map
+from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.policies.registry import split_ghosts
+from pacman_env.sim.core.map_ghosts import MapGhosts
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 
 from .. import topics
 from ..messages import (
+    GHOST_OBSTACLE,
     GHOSTS,
     BadMessage,
-    Pose,
     Position,
     cloud_message,
     marker_message,
     number_of,
+    pellets_of,
     point_of,
     pose_message,
     pose_of,
@@ -37,83 +40,29 @@ from ..messages import (
 from ..node import GameNode, parameter, run
 
 NAME = "clyde_ghost_node"
-_MARKER_ID = 1  # original
 _DIAMETER_M = 0.35  # of the marker; original
-_ORANGE = (1.0, 0.31, 0.0)  # original
+#: Of the markers, whose ids count from 1: orange is the original's Clyde.
+_COLOURS = ((1.0, 0.31, 0.0), (1.0, 0.0, 0.0), (1.0, 0.6, 0.8), (0.0, 1.0, 1.0))
 _OBSTACLE_Z_M = 0.25  # where the costmap looks for him; original
-#: He and eight points around him: what Nav2's costmap sees of him, at 0.05 m (original).
-_OBSTACLE = 0.05 * np.array(
-    [(0.0, 0.0), *((math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8))], dtype=np.float64
-)
-_CLICK_M = 0.25  # a click this far from where Clyde can be is still meant for the nearest of his cells
 _LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
-_CLEAR_DISTANCE_M = 0.5  # a costmap is not cleared before he has moved this far
+_CLEAR_DISTANCE_M = 0.5  # a costmap is not cleared before a ghost has moved this far
 _ANSWER_S = 10.0  # an answer that is not there by then will not come
-
-
-class Wanderer:
-    """Clyde on the cells of one map, standing until ``step`` is called; the same seed walks the same way."""
-
-    def __init__(self, cells: ClydeCells, seed: int, speed_mps: float, period_s: float) -> None:
-        self.cells = cells
-        self.period_s = period_s
-        self.heading = 0.0
-        self._ghost = np.zeros(1, dtype=np.dtype(rule.GHOST_FIELDS, align=True))
-        self._ghost["stream"] = rule.ghost_stream(seed, 0)
-        self._ghost["speed"] = speed_mps
-        self._path = np.zeros(cells.longest, dtype=np.int32)
-        self._memory = search_memory(len(cells.position), cells.longest)
-        self._ways = (cells.graph, cells.part, cells.part_start, cells.part_cells)
-
-    @property
-    def pose(self) -> Pose:
-        """Where he is and where he last went."""
-        return float(self._ghost["x"][0]), float(self._ghost["y"][0]), self.heading
-
-    def set_speed(self, speed_mps: float) -> None:
-        """From the next step on."""
-        self._ghost["speed"] = speed_mps
-
-    def place(self, cell: int) -> None:
-        """Put him on a cell; the way he was on is forgotten."""
-        rule.spawn(self._ghost[0], cell, self._path, self.cells.position)
-
-    def respawn(self, away_from: Sequence[Position], distance_m: float) -> None:
-        """Put him on a random cell of the robot's area, far from these places; the first is in that area."""
-        part = int(self.cells.part[self.cells.nearest(*away_from[0])[0]]) if away_from else 0
-        allowed = self.cells.away_from(part, away_from, distance_m)
-        self._ghost["stream"], pick = below(self._ghost["stream"][0], len(allowed))
-        self.place(int(allowed[pick]))
-
-    def step(self) -> None:
-        """One period along his way; at its end he chooses the next."""
-        ghost = self._ghost[0]
-        rule.walk(ghost, self._path, self.cells.position, self.period_s)
-        if ghost["vx"] or ghost["vy"]:
-            self.heading = math.atan2(ghost["vy"], ghost["vx"])
-        if rule.at_target(ghost):
-            rule.wander(ghost, self._path, self._ways, *self._memory)
+_ALL = np.ones(1, np.bool_)
 
 
 class ClydeGhostNode(GameNode):
-    """Clyde, who moves only while the game is running.
+    """The ghosts, who move only while the game is running.
 
     Raises:
-        MapError: the map cannot be read.
-        ConfigError: Clyde finds no room on it.
+        MapError: the map cannot be read or played on.
+        ConfigError: the ghosts find no room on it, or there is no such behaviour.
+        ValueError: a ghost's policy cannot be loaded.
     """
 
     def __init__(self) -> None:
-        super().__init__(NAME)
-        config = ClydeConfig()
-        map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
-        speed = parameter(
-            self, "speed_mps", config.speed_mps, "until clyde/speed says another, m/s", 0.0, MAX_SPEED_MPS
-        )
+        super().__init__(NAME, with_map=True)
+        config = self.config
         seed = parameter(self, "seed", -1, "of all that is random; -1: another one at each start", -1, 2**31 - 1)
-        self._distance_m = parameter(
-            self, "spawn_distance_m", config.spawn_distance_m, "from the robot and its home at least, m", 0.0, 100.0
-        )
         self._clear_s = parameter(
             self,
             "clear_costmap_s",
@@ -123,21 +72,28 @@ class ClydeGhostNode(GameNode):
             3600.0,
         )
         seed = secrets.randbelow(2**31) if seed < 0 else seed
+        behaviours, self._policies = split_ghosts(config.clyde.ghosts)
+        config = config.with_fields(**{"clyde.ghosts": behaviours})
+        assets = map_assets(self.map, config)
+        self._view = RobotView(assets, config, seed)
+        self._pellets: Pellets | None = None
+        self._tick_s, self._decided_s, self._began_round_s = config.execution.tick_s, -math.inf, 0.0
+        self._distance_m = config.clyde.spawn_distance_m
 
-        self.clyde = Wanderer(clyde_cells(map, config, PelletConfig().free_grey), seed, speed, config.update_period_s)
-        self.clyde.respawn([], self._distance_m)
-        self.clyde.step()  # compiled now, not while the game waits for his pose
-        self.clyde.respawn([], self._distance_m)
+        self.ghosts = MapGhosts(assets, config, seed)
+        self.ghosts.decide(self._choices())
+        self.ghosts.step()  # compiled now, not while the game waits for a pose
+        self.ghosts.respawn([])
         self._state = "menu"
         self._began_s = monotonic()
         self._home: Position | None = None  # the first pose there is, then where a round starts
         self._robot: Position | None = None
-        self._chosen: int | None = None  # the cell for the coming round, if someone clicked on one
-        self._cleared_at: Position = self.clyde.pose[:2]
+        self._chosen: int | None = None  # Clyde's cell for the coming round, if someone clicked on one
+        self._cleared_at = self._places()
         self._cleared_s = -math.inf
         self._clearing: Any = None
 
-        self._pose = topics.CLYDE_POSE.publisher(self)
+        self._poses = [topic.publisher(self) for topic in topics.GHOST_POSES[: len(behaviours)]]
         self._marker = topics.CLYDE_MARKER.publisher(self)
         self._obstacle = topics.CLYDE_OBSTACLE.publisher(self)
         self._costmap = topics.CLEAR_GLOBAL_COSTMAP.client(self)
@@ -145,92 +101,126 @@ class ClydeGhostNode(GameNode):
         self.listen(topics.CLYDE_SPEED, self._hear_speed, "bad speed")
         self.listen(topics.AMCL_POSE, self._hear_robot, "bad robot pose")
         self.listen(topics.CLICKED_POINT, self._hear_click, "bad click")
+        if self._policies:
+            self.listen(topics.PELLET_MARKERS, self._hear_pellets, "bad pellets")
         topics.RESET_CLYDE.server(self, self._reset)
-        self.create_timer(config.update_period_s, self._update)
-        self.get_logger().info(f"Clyde on {map.name}, seed {seed}")
+        self.create_timer(config.clyde.update_period_s, self._update)
+        self.get_logger().info(f"{', '.join(self.config.clyde.ghosts)} on {self.map.name}, seed {seed}")
 
     def _hear_state(self, message: Any) -> None:
         state = word_of(message, topics.STATE_WORDS)
-        if state == "running":
+        if state == "running" != self._state:
             self._chosen = None
+            self._began_round_s = self.now_s()
+            self._view.begin()
+            for policy in self._policies.values():
+                policy.reset(_ALL)
         if state == "returning_home" != self._state:
-            self._clear_costmap()  # he is no danger on the way home and must not be in it
+            self._clear_costmap()  # they are no danger on the way home and must not be in it
         if state == "starting" != self._state and self._robot is not None:
             self._home = self._robot  # the first pose was no home if this node came in the middle of a game
             self._keep_away()
         self._state = state
 
     def _hear_speed(self, message: Any) -> None:
-        self.clyde.set_speed(number_of(message, 0.0, MAX_SPEED_MPS))
+        self.ghosts.speed_mps = self._view.clyde_speed_mps = number_of(message, 0.0, MAX_SPEED_MPS)
+
+    def _hear_pellets(self, message: Any) -> None:
+        self._pellets = self._view.pellets(pellets_of(message))
 
     def _hear_robot(self, message: Any) -> None:
-        x, y, _ = pose_of(message)
-        first, self._robot = self._robot is None, (x, y)
+        pose = pose_of(message)
+        self.ghosts.see_robot(pose)
+        self._pose = pose
+        first, self._robot = self._robot is None, pose[:2]
         if first:
             self._home = self._robot
             self._keep_away()  # where the robot is was not known before
 
     def _keep_away(self) -> None:
-        """Not beside the robot, unless somebody wanted him there."""
-        if self._robot is None or self._chosen is not None:
+        """Not beside the robot, unless somebody wanted Clyde there."""
+        if self._robot is None:
             return
-        if math.dist(self._robot, self.clyde.pose[:2]) < self._distance_m:
-            self._respawn()
+        beside = [k for k, at in enumerate(self._places()) if math.dist(self._robot, at) < self._distance_m]
+        self._respawn([k for k in beside if k > 0 or self._chosen is None])
 
     def _hear_click(self, message: Any) -> None:
-        cell, distance = self.clyde.cells.nearest(*point_of(message))
+        cell, distance = self.ghosts.cells.nearest(*point_of(message))
         if self._state == "running":
             raise BadMessage("Clyde can be placed only before a round")
-        if distance > _CLICK_M:
+        if distance > self.config.clyde.click_distance_m:
             raise BadMessage(f"Clyde cannot be there: {distance:.2f} m from the nearest place wide enough for him")
         self.once.over("bad click")
         self._chosen = cell
-        self._respawn()
+        self._respawn([0])
 
     def _reset(self, request: Any, response: Any) -> Any:
         del request
-        self._respawn()
-        response.success, response.message = True, "Clyde at ({:.2f}, {:.2f})".format(*self.clyde.pose)
+        self._respawn(range(len(self.ghosts)))
+        response.success, response.message = True, "Clyde at ({:.2f}, {:.2f})".format(*self.ghosts.poses[0])
         return response
 
-    def _respawn(self) -> None:
-        if self._chosen is not None:
-            self.clyde.place(self._chosen)
-        else:
-            self.clyde.respawn([p for p in (self._home, self._robot) if p is not None], self._distance_m)
+    def _respawn(self, numbers: Sequence[int]) -> None:
+        if not numbers:
+            return
+        drawn = [k for k in numbers if k > 0 or self._chosen is None]
+        self.ghosts.respawn([p for p in (self._home, self._robot) if p is not None], drawn)
+        if self._chosen is not None and 0 in numbers:
+            self.ghosts.place(0, self._chosen)
         self._show()
+
+    def _places(self) -> list[Position]:
+        return [pose[:2] for pose in self.ghosts.poses]
 
     def _update(self) -> None:
         if self._robot is None and monotonic() - self._began_s < _LISTEN_S:
-            return  # after a start in the middle of a round he would perhaps appear beside the robot
+            return  # after a start in the middle of a round they would perhaps appear beside the robot
         if self._state == "running":
-            self.clyde.step()
             now = self.now_s()
-            apart = math.dist(self._cleared_at, self.clyde.pose[:2])
+            if not 0 <= now - self._decided_s < self._tick_s - 1e-6:
+                self._decided_s = now
+                self.ghosts.decide(self._choices())
+            self.ghosts.step()
+            apart = max(map(math.dist, self._cleared_at, self._places()))
             if self._clear_s and apart >= _CLEAR_DISTANCE_M and not 0 <= now - self._cleared_s < self._clear_s:
                 self._clear_costmap()
         self._show()
 
+    def _choices(self) -> NDArray[np.int64]:
+        """The candidates that policies send their ghosts to, in their order; the last one: wander on."""
+        choices = np.full(len(self.config.clyde.ghosts), self._view.hold, dtype=np.int64)
+        for number, policy in self._policies.items():
+            if self._pellets is None or self._robot is None:
+                choices[number] = policy.select(self._view.rehearsal(number))[0]  # compiled or loaded now
+                continue
+            seen = Seen(self.now_s() - self._began_round_s, self._pose, self._pellets.known)
+            choices[number] = policy.select(self._view.situation(seen, number))[0]
+        return choices
+
     def _show(self) -> None:
-        stamp = self.get_clock().now().to_msg()
-        pose = self.clyde.pose
-        self._pose.publish(pose_message(*pose, stamp))
-        self._marker.publish(marker_message(GHOSTS, _MARKER_ID, pose[:2], _DIAMETER_M, _ORANGE, stamp))
-        points = _OBSTACLE[:0] if self._state == "returning_home" else _OBSTACLE + pose[:2]
-        self._obstacle.publish(cloud_message(points, stamp, _OBSTACLE_Z_M))
+        now = self.get_clock().now()
+        stamp, poses = now.to_msg(), self.ghosts.poses
+        for number, (pose, publisher) in enumerate(zip(poses, self._poses, strict=True)):
+            self._view.see_ghost(number, *pose[:2], now.nanoseconds)
+            publisher.publish(pose_message(*pose, stamp))
+            self._marker.publish(marker_message(GHOSTS, number + 1, pose[:2], _DIAMETER_M, _COLOURS[number], stamp))
+        around = np.concatenate([GHOST_OBSTACLE + pose[:2] for pose in poses])
+        self._obstacle.publish(
+            cloud_message(around[: 0 if self._state == "returning_home" else None], stamp, _OBSTACLE_Z_M)
+        )
 
     def _clear_costmap(self) -> None:
-        """Have the marks he left behind removed; one request at a time, for a clearing stalls Nav2."""
+        """Have the marks that ghosts left behind removed; one request at a time, for a clearing stalls Nav2."""
         unanswered = self._clearing is not None and not self._clearing.done()
         waiting = unanswered and 0 <= self.now_s() - self._cleared_s < _ANSWER_S
         if self._clear_s and not waiting and self._costmap.service_is_ready():
             self._clearing = self._costmap.call_async(topics.CLEAR_GLOBAL_COSTMAP.type.Request())
-            self._cleared_at = self.clyde.pose[:2]
+            self._cleared_at = self._places()
             self._cleared_s = self.now_s()
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """No obstacle is left behind where nobody is any more."""
-        self._obstacle.publish(cloud_message(_OBSTACLE[:0], self.get_clock().now().to_msg(), _OBSTACLE_Z_M))
+        self._obstacle.publish(cloud_message(GHOST_OBSTACLE[:0], self.get_clock().now().to_msg(), _OBSTACLE_Z_M))
         return ()
 
 

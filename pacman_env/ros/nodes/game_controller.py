@@ -3,7 +3,7 @@
 All that it decides is decided by ``game/round.py``; here its inputs come in as messages and services, and its actions
 go out. What an event looks and sounds like is the event mapper's business.
 
-He alone knows how a game stands, so he keeps it in a file: killed and started again, he goes on with it.
+It alone knows how a game stands, so it saves it in a file: killed and started again, it goes on with it.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from platformdirs import user_state_path
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from pacman_env.config import MAX_SPEED_MPS, ClydeConfig
-from pacman_env.game.round import Action, RoundController, round_complete
+from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.game.round import Action, RoundController
 
 from .. import topics
 from ..messages import number_of, pellets_of, word_of
 from ..node import GameNode, parameter, run
-from .state_file import Memory
+from .state_file import StateFile
 
 NAME = "game_controller"
 _TICK_S = 0.05
-_KEEP_S = 1.0  # of wall time: what is remembered is never older
+_SAVE_S = 1.0  # of wall time: what is saved is never older
 _PUBLISHED = {
     "command": topics.GAME_COMMAND,
     "event": topics.GAME_EVENT,
@@ -49,78 +49,63 @@ class GameController(GameNode):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        clyde = ClydeConfig()
-        self.game = RoundController(
-            clyde=ClydeConfig(
-                speed_mps=parameter(self, "clyde_speed_mps", clyde.speed_mps, "in round 1, m/s", 0.0, MAX_SPEED_MPS),
-                speed_step_mps=parameter(
-                    self, "clyde_speed_step_mps", clyde.speed_step_mps, "faster in each round, m/s", 0.0, MAX_SPEED_MPS
-                ),
-            ),
-            start_show_s=parameter(self, "start_show_s", RoundController.start_show_s, "before a round, s", 0.0, 60.0),
-            death_show_s=parameter(self, "death_show_s", RoundController.death_show_s, "after a death, s", 0.0, 60.0),
-            home_retries=parameter(
-                self, "home_retries", RoundController.home_retries, "more tries to get home", 0, 1000
-            ),
-            home_retry_s=parameter(
-                self, "home_retry_s", RoundController.home_retry_s, "between two of them, s", 0.0, 600.0
-            ),
-        )
-        round_complete(0, 0)  # compiled now, not while a pellet waits for its answer
+        show = self.config.show
+        self.game = RoundController(self.config.clyde, show.start_s, show.death_s, show.home_retries, show.home_retry_s)
         self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: set[str] = set()  # services to call as soon as they are there
-        self._memory = self._open_memory()
-        self._remembered = self._recall()  # a game to go on with, at the first tick: then there is a clock
+        self._file = self._state_file()
+        self._saved = self._load()  # a game to go on with, at the first tick: then there is a clock
         self.listen(topics.GAME_STATUS, self._hear_status, "bad status")
         self.listen(topics.PELLET_MARKERS, self._hear_pellets, "bad pellets")
         self.listen(topics.BASE_CLYDE_SPEED, self._hear_speed, "bad speed")
         topics.START_GAME.server(self, lambda request, response: self._answer(self.game.start(self.now_s()), response))
         topics.RESET_GAME.server(self, lambda request, response: self._answer(self.game.reset(self.now_s()), response))
         self.create_timer(_TICK_S, self._tick)
-        self.create_timer(_KEEP_S, self._keep, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        if self._remembered is None:
+        self.create_timer(_SAVE_S, self._save, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        if self._saved is None:
             self._do(self.game.announce())
 
-    def _open_memory(self) -> Memory:
-        text = "file that a game is kept in, to go on with after a crash; auto: in the user's state folder; empty: none"
-        where = parameter(self, "memory", "auto", text)
-        lasts_s = parameter(self, "memory_s", 60.0, "after this time a game is not gone on with, s", 0.0, 86400.0)
+    def _state_file(self) -> StateFile:
+        text = "a game is saved in it, to go on with after a crash; auto: in the user's state folder; empty: none"
+        where = parameter(self, "state_file", "auto", text)
+        text = "a game that was saved longer ago is not gone on with, s"
+        max_age_s = parameter(self, "state_file_max_age_s", 60.0, text, 0.0, 86400.0)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         namespace = self.get_namespace()
         name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}.json"
         path = user_state_path("pacman_env") / name if where == "auto" else Path(where) if where else None
         simulated = bool(self.get_parameter("use_sim_time").value)
-        return Memory(path, lasts_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
+        return StateFile(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
-    def _recall(self) -> Any:
+    def _load(self) -> Any:
         """The game to go on with, None: none."""
         try:
-            remembered = self._memory.recall()
-            if remembered is not None:
-                RoundController().restore(remembered, 0.0)
+            saved = self._file.load()
+            if saved is not None:
+                RoundController().restore(saved, 0.0)
         except (ValueError, TypeError, OSError) as error:
-            self.get_logger().warning(f"{self._memory.path} is left alone: {error}; nothing is remembered")
-            self._memory.path = None
+            self.get_logger().warning(f"{self._file.path} is left alone: {error}; nothing is saved")
+            self._file.path = None
             return None
-        return remembered
+        return saved
 
-    def _keep(self) -> None:
-        """Remember the game as it is now; in the menu there is none."""
-        if self._remembered is not None:
+    def _save(self) -> None:
+        """Save the game as it is now; in the menu there is none."""
+        if self._saved is not None:
             return
         if self.game.state == "menu":
-            self._memory.forget()
+            self._file.remove()
             return
         try:
-            self._memory.keep(self.game.snapshot(self.now_s()))
+            self._file.save(self.game.snapshot(self.now_s()))
         except OSError as error:
-            self.once.warning("no memory", f"{self._memory.path}: {error.strerror}: a game is lost with this node")
+            self.once.warning("no state file", f"{self._file.path}: {error.strerror}: a game is lost with this node")
 
     def _do(self, actions: Sequence[Action]) -> None:
         """Carry out actions in their order; calls that cannot be made yet are made by the timer."""
         if any(action.kind != "ignored" for action in actions):
-            self._keep()  # first: what was said and not remembered would be said again
+            self._save()  # first: what was said and not saved would be said again
         for action in actions:
             if action.kind == "ignored":
                 self.once.warning(f"ignored in state {self.game.state}", str(action.value))
@@ -156,9 +141,9 @@ class GameController(GameNode):
         return response
 
     def _tick(self) -> None:
-        if self._remembered is not None:
-            remembered, self._remembered = self._remembered, None
-            self._do(self.game.restore(remembered, self.now_s()))
+        if self._saved is not None:
+            saved, self._saved = self._saved, None
+            self._do(self.game.restore(saved, self.now_s()))
             self.get_logger().info(f"goes on in state {self.game.state!r}, score {self.game.score}")
         self._do(self.game.tick(self.now_s()))
 
@@ -171,10 +156,10 @@ class GameController(GameNode):
     def _hear_speed(self, message: Any) -> None:
         self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """Without a referee nobody drives, shakes or shines."""
         self._do([Action("command", "disable"), Action("event", "reset"), Action("state", "menu")])
-        self._memory.forget()
+        self._file.remove()
         return ()
 
 

@@ -63,7 +63,7 @@ class GameEventMapper(GameNode):
             self._stop()
 
     def _move(self) -> None:
-        turn = angular_velocity(self._motion, self.now_s() - self._since_s)
+        turn = angular_velocity(self._motion, self.now_s() - self._since_s, self.config.show)
         if turn is None:
             self._stop()
         else:
@@ -77,7 +77,7 @@ class GameEventMapper(GameNode):
     def _drive(self, w_radps: float) -> None:
         self._velocity.publish(twist_message(0.0, w_radps, self.get_clock().now().to_msg()))
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """The robot stands."""
         self._stop()
         return ()

@@ -32,7 +32,7 @@ class GameLightNode(GameNode):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._lights = LightRing()
+        self._lights = LightRing(self.config.show)
         self._shown: Ring | None = None
         self._shown_s = 0.0
         self._ring = topics.LIGHT_RING.publisher(self)
@@ -81,7 +81,7 @@ class GameLightNode(GameNode):
         header = Header(stamp=self.get_clock().now().to_msg())
         self._ring.publish(LightringLeds(header=header, leds=leds, override_system=ring is not None))
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """The ring is the base's own again."""
         self._publish(None)
         return ()

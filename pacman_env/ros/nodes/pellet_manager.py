@@ -9,13 +9,11 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from pacman_env.config import PelletConfig
 from pacman_env.game.pellets import generate_pellets
-from pacman_env.world.maps.occupancy import load_map
 
 from .. import topics
 from ..messages import markers_of
-from ..node import GameNode, parameter, run
+from ..node import GameNode, run
 
 NAME = "pellet_manager"
 _PERIOD_S = 1.0  # original
@@ -26,20 +24,12 @@ class PelletManager(GameNode):
 
     Raises:
         MapError: the map cannot be read, or no pellet fits on it.
-        ConfigError: a parameter is out of range.
+        ConfigError: a setting is out of range.
     """
 
     def __init__(self) -> None:
-        super().__init__(NAME)
-        rule = PelletConfig()
-        map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
-        config = PelletConfig(
-            spacing_m=parameter(self, "spacing_m", rule.spacing_m, "distance between pellets, m", 0.1, 100.0),
-            wall_clearance_m=parameter(
-                self, "wall_clearance_m", rule.wall_clearance_m, "half-width of the free square, m", 0.0, 10.0
-            ),
-            free_grey=parameter(self, "free_grey", rule.free_grey, "pixels brighter than this are free", 0, 254),
-        )
+        super().__init__(NAME, with_map=True)
+        map, config = self.map, self.config.pellets
         pellets = generate_pellets(map, config)
         self._all = {int(i): (float(x), float(y)) for i, (x, y) in zip(pellets.ids, pellets.position, strict=True)}
         if not self._all:

@@ -1,6 +1,6 @@
-"""What a node remembers beyond its own death: one small JSON file, whole or absent, and worth nothing after a while.
+"""One small JSON file that outlives a node: whole or absent, and worth nothing after a while.
 
-What is remembered, and what it means to go on from it, is the node's business.
+What a node saves, and what it means to go on from it, is the node's business.
 """
 
 from __future__ import annotations
@@ -13,26 +13,26 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-_FORMAT = 1
+_FORMAT = 2
 _LARGEST = 1_000_000  # bytes
 
 
-class Memory:
-    """The file; nothing here is remembered where there is no path.
+class StateFile:
+    """The file.
 
     Args:
-        path: of the file; None: nothing is kept.
-        lasts_s: what was written longer ago, in wall time, is forgotten.
+        path: of the file; None: nothing is saved.
+        max_age_s: what was written longer ago, in wall time, is not loaded.
         owner: plain values that say whose it is; what another one has left behind is ignored.
     """
 
-    def __init__(self, path: Path | None, lasts_s: float, owner: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path | None, max_age_s: float, owner: Mapping[str, Any]) -> None:
         self.path = path
-        self._lasts_s = lasts_s
+        self._max_age_s = max_age_s
         self._owner = dict(owner)
 
-    def recall(self) -> Any:
-        """What was kept last; None: nothing, or nothing of this owner's, or too long ago.
+    def load(self) -> Any:
+        """The state saved last; None: nothing, or nothing of this owner's, or too long ago.
 
         Raises:
             ValueError: the file holds something else, which is not to be lost; says why.
@@ -51,29 +51,29 @@ class Memory:
         try:
             whole = json.loads(text)
             known, written_s = whole["format"] == _FORMAT, float(whole["written_s"])
-            owner, kept = whole["owner"], whole["kept"]
+            owner, state = whole["owner"], whole["state"]
         except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
             raise ValueError("damaged, or something else") from None
         if not known:
             raise ValueError("of another version")
-        return kept if owner == self._owner and abs(time.time() - written_s) <= self._lasts_s else None
+        return state if owner == self._owner and abs(time.time() - written_s) <= self._max_age_s else None
 
-    def keep(self, what: Any) -> None:
-        """Write plain values in place of those kept before.
+    def save(self, state: Any) -> None:
+        """Write plain values in place of those saved before.
 
         Raises:
-            OSError: that cannot be done; what was kept before may still be there.
+            OSError: that cannot be done; what was saved before may still be there.
         """
         if self.path is None:
             return
-        whole = {"format": _FORMAT, "written_s": time.time(), "owner": self._owner, "kept": what}
+        whole = {"format": _FORMAT, "written_s": time.time(), "owner": self._owner, "state": state}
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_name(f".{self.path.name}.tmp")  # one name: a kill leaves at most one behind
         temporary.write_text(json.dumps(whole))
         os.replace(temporary, self.path)
 
-    def forget(self) -> None:
-        """Nothing is to be gone on with; a file that cannot be removed will be too old soon."""
+    def remove(self) -> None:
+        """Remove the file; one that cannot be removed will be too old soon."""
         if self.path is not None:
             with contextlib.suppress(OSError):
                 self.path.unlink(missing_ok=True)

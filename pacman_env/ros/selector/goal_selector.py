@@ -22,14 +22,14 @@ from std_msgs.msg import Int32, String
 
 from pacman_env.config import ConfigError
 from pacman_env.game.execution import CANCELED
-from pacman_env.game.goal_executor import Action
+from pacman_env.game.goal_executor import ExecutorAction
 from pacman_env.game.goals import Home, Place
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
 from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES, as_json, score_markers
-from pacman_env.ros.selector.message_queue import Waiting
+from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.selector.selection import Selection
 from pacman_env.world.maps.occupancy import MapError
@@ -48,18 +48,14 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     """
 
     def __init__(self) -> None:
-        GameNode.__init__(self, NAME)
+        GameNode.__init__(self, NAME, with_map=True)
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        self._map = parameter(self, "map_yaml", "house", "the map: a YAML file, or the name of a shipped map")
         text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
-        self._rate = parameter(self, "decision_rate", 2.0, "decisions per second", 0.5, 10.0)
         self._tell_rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
-        text = "a pellet is pursued at least this long before another is preferred to it, s"
-        self._min_dwell_s = parameter(self, "min_dwell_s", 1.0, text, 0.0, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"
         self._pose_timeout_s = parameter(self, "pose_timeout_s", 1.0, text, 0.1, 10.0)
         self._shadow = parameter(self, "shadow", False, "decide and log beside another planner, send nothing")
@@ -87,10 +83,10 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             if self._home is not None and len(self._home) != 3:
                 raise ValueError(f"parameter home: {len(self._home)} numbers, must be x, y, heading")
             self._selection = Selection(
-                self._map,
+                self.config,
+                self.map,
                 self.get_parameter("policy").value,
                 None if self._home is None else tuple(self._home),
-                self._min_dwell_s,
                 self._pose_timeout_s,
                 self.once.warning,
             )
@@ -107,12 +103,13 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _connect(self, selection: Selection) -> None:
         self._out = {topic.name: topic.publisher(self) for topic in _PUBLISHED}
         self._nav2 = NavigationClient(self, self._on_accepted, self._on_rejected, self._on_finished)
-        heard = (
+        ghosts = topics.GHOST_POSES[: len(self.config.clyde.ghosts)]
+        heard: tuple[tuple[topics.Topic, Callable[[Any, float], list[ExecutorAction]]], ...] = (
             (topics.GAME_STATE, selection.on_state),
             (topics.GAME_COMMAND, selection.on_command),
             (topics.PELLET_MARKERS, selection.on_pellets),
             (topics.PELLETS_COLLECTED, selection.on_collected),
-            (topics.CLYDE_POSE, selection.on_clyde),
+            *((topic, partial(selection.on_ghost, k)) for k, topic in enumerate(ghosts)),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
             (topics.TF_STATIC, selection.on_static_transforms),
@@ -120,7 +117,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         subscriptions = [
             self.listen(topic, partial(self._take, take_in), f"bad {topic.name}") for topic, take_in in heard
         ]
-        self._transforms = Waiting(self, topics.TF, self._take_transforms)
+        self._transforms = MessageQueue(self, topics.TF, self._take_transforms)
         timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
         reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._destroy = [
@@ -132,7 +129,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             *[lambda one=one: self.destroy_publisher(one) for one in self._out.values()],
         ]
 
-    def _take(self, take_in: Callable[[Any, float], list[Action]], message: Any) -> None:
+    def _take(self, take_in: Callable[[Any, float], list[ExecutorAction]], message: Any) -> None:
         self._transforms.catch_up()
         self._do(take_in(message, self.now_s()))
 
@@ -144,8 +141,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         """Begin to decide."""
         assert self._selection is not None
         self._fresh = True
-        self._timer = self.create_timer(1.0 / self._rate, self._tick)
-        what = f"policy {self._selection.spec} on map {self._selection.live.assets.occupancy.name}"
+        self._timer = self.create_timer(self.config.execution.tick_s, self._tick)
+        what = f"policy {self._selection.spec} on map {self._selection.view.assets.occupancy.name}"
         self.get_logger().info(f"{what}{', a shadow: nothing is sent' if self._shadow else ''}")
         return super().on_activate(state)
 
@@ -169,14 +166,14 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self.destroy_timer(self._timer)
             self._timer = None
         if self._selection is not None:
-            self._do(self._selection.pursuit.deactivate(self.now_s()))
+            self._do(self._selection.executor.deactivate(self.now_s()))
 
     def _disconnect(self) -> None:
         for destroy in self._destroy:
             destroy()
         self._destroy, self._selection = [], None
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         """Cancel what runs and stop the wheels."""
         if self._selection is None or self._shadow:
             return ()
@@ -193,7 +190,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         for wanted in parameters:
             if wanted.name != "policy" or self._selection is None:
                 continue
-            state = self._selection.pursuit.game_state
+            state = self._selection.executor.game_state
             if state not in ("menu", None):
                 return SetParametersResult(successful=False, reason=f"policy: the game is in state {state!r}, not menu")
             try:
@@ -213,17 +210,17 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _tick(self) -> None:
         assert self._selection is not None
         self._transforms.catch_up()
-        now, pursuit = self.now_s(), self._selection.pursuit
+        now, executor = self.now_s(), self._selection.executor
         if self._fresh:  # what was latched has been heard by now, and is acted on as a whole
             self._fresh = False
-            self._do(pursuit.activate(now))
+            self._do(executor.activate(now))
         self._cleared = self._cleared or self._shadow or self._nav2.clear()
         there = self._shadow or (self._nav2.ready and self._cleared)
         if self._shadow or self._nav2.ready:
             self.once.over("no Nav2")
         else:
             self.once.warning("no Nav2", "no action server navigate_to_pose")
-        self._do(pursuit.nav2(there, now))
+        self._do(executor.nav2(there, now))
         self._decide()
 
     def _decide(self) -> None:
@@ -236,7 +233,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _on_accepted(self, number: int) -> None:
         assert self._selection is not None
-        self._do(self._selection.pursuit.accepted(number, self.now_s()))
+        self._do(self._selection.executor.accepted(number, self.now_s()))
 
     def _on_rejected(self, number: int) -> None:
         assert self._selection is not None
@@ -255,7 +252,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         """Say again what nobody has answered."""
         assert self._selection is not None
         if self._timer is not None and not self._shadow:
-            self._do([Action("status", word) for word in self._selection.pursuit.reports.open()])
+            self._do([ExecutorAction("status", word) for word in self._selection.executor.statuses.open()])
 
     def _tell_condition(self) -> None:
         assert self._selection is not None
@@ -272,7 +269,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     # What is done
 
-    def _do(self, actions: list[Action]) -> None:
+    def _do(self, actions: list[ExecutorAction]) -> None:
         for action in actions:
             if action.kind == "ignored":
                 self.once.warning(str(action.value), f"{action.value} is ignored")
@@ -296,7 +293,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         if isinstance(place, Home):
             heading = place.heading
         else:
-            x, y = self._selection.pursuit.pose or (place.x, place.y)
+            x, y = self._selection.executor.pose or (place.x, place.y)
             heading = math.atan2(place.y - y, place.x - x)
         self._nav2.send(number, (place.x, place.y, heading))
         self.get_logger().info(f"goal {number}: {_words(place)}")
@@ -307,16 +304,16 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _stamp(self) -> Any:
         return self.get_clock().now().to_msg()
 
-    def _pretend(self, action: Action) -> None:
+    def _pretend(self, action: ExecutorAction) -> None:
         """As a shadow: say what would be done, and believe that Nav2 does it."""
         assert self._selection is not None
-        pursuit, now = self._selection.pursuit, self.now_s()
+        executor, now = self._selection.executor, self.now_s()
         if action.kind == "send":
             self.get_logger().info(f"shadow: goal {action.value}: {_words(action.place)}")
-            self._do(pursuit.accepted(int(action.value), now))
+            self._do(executor.accepted(int(action.value), now))
         elif action.kind == "cancel":
             self.get_logger().info(f"shadow: cancel goal {action.value}")
-            self._do(pursuit.finished(int(action.value), CANCELED, now))
+            self._do(executor.finished(int(action.value), CANCELED, now))
         elif action.kind in ("status", "event"):
             self.get_logger().info(f"shadow: {action.kind} {action.value}")
 

@@ -28,7 +28,7 @@ class _Nobody(CallbackGroup):
         """Nothing to do."""
 
 
-class Waiting:
+class MessageQueue:
     """A subscription that wakes nobody.
 
     Args:

@@ -14,7 +14,7 @@ from unique_identifier_msgs.msg import UUID
 from pacman_env.game.execution import CANCELED
 from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, pose_of
-from pacman_env.ros.selector.message_queue import Waiting
+from pacman_env.ros.selector.message_queue import MessageQueue
 
 _TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
@@ -42,7 +42,7 @@ class NavigationClient:
         # Not rclpy's ActionClient, whom every feedback wakes: Nav2 sends a hundred in a second.
         self._asker, self._results = action.goal_client(node), action.result_client(node)
         self._canceller = action.cancel_client(node)
-        self._feedback = Waiting(node, action.feedback, self._take_feedback)
+        self._feedback = MessageQueue(node, action.feedback, self._take_feedback)
         self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._taken: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended

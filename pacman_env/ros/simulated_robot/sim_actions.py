@@ -30,7 +30,7 @@ LONGEST_S = 600.0  # of a sequence
 class _Server(ABC):
     """An action server whose goals end when they are told to."""
 
-    def __init__(self, node: GameNode, action: topics.Action) -> None:
+    def __init__(self, node: GameNode, action: topics.RosAction) -> None:
         self.node, self.action = node, action
         self._group = ReentrantCallbackGroup()  # a goal that waits for its acceptance holds nothing else up
         self._handles: dict[bytes, Any] = {}  # goals that have not ended

@@ -12,6 +12,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -20,13 +21,11 @@ from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from ...config import PRESETS, make_config, parse_settings
 from ...sim.core.navigate_to_pose import Navigation
 from ...sim.core.poses import Pose
 from ...sim.core.robot import SimulatedRobot
-from ...world.maps.occupancy import load_map
 from .. import topics
-from ..messages import BadMessage, points_of, pose_of
+from ..messages import GHOST_OBSTACLE, BadMessage, points_of, pose_of
 from ..node import GameNode, parameter, run
 from .sim_actions import NavigateServer, NotesServer
 from .sim_faults import Faults
@@ -68,10 +67,8 @@ class SimRobot(GameNode):
     """The node; :meth:`tick` is called at the physics' rate times the speed."""
 
     def __init__(self) -> None:
-        super().__init__(NAME)
-        map_yaml = parameter(self, "map_yaml", "house", "map: YAML file, folder or name of a shipped one")
-        preset = parameter(self, "preset", "robot", f"configuration: one of {', '.join(sorted(PRESETS))}")
-        settings = parameter(self, "settings", "", "fields of the configuration, name=value, separated by blanks")
+        super().__init__(NAME, with_map=True)
+        config = self.config
         seed = parameter(self, "seed", 0, "of all that is drawn", 0, 2**63 - 1)
         home = parameter(self, "home", "", "x,y,heading where the robot stands, m and rad; empty: as in the game")
         localized = parameter(self, "set_initial_pose", True, "AMCL starts at home; false: it waits for initialpose")
@@ -81,15 +78,15 @@ class SimRobot(GameNode):
         self._simulated = bool(self.get_parameter("use_sim_time").value)
         if self._speed != 1.0 and not self._simulated:
             raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
-        config = make_config(preset, **parse_settings(settings.split()))
-        robot = SimulatedRobot(load_map(map_yaml), config, seed, home=_pose(home, "home"), localized=localized)
+        robot = SimulatedRobot(self.map, config, seed, home=_pose(home, "home"), localized=localized)
         self.robot = robot
         _warm_up(robot)
         self._step_ns = round(config.physics_step_s * 1e9)
         self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
         self._start_ns = START_NS if self._simulated else time.time_ns()
         self._began = time.monotonic()  # wall time of step 0
-        self._marked_step: int | None = None  # when Clyde was seen last
+        self._marks: dict[int, tuple[float, float]] = {}  # where ghosts were seen
+        self._marked_step: int | None = None  # when one was seen last
         self._faults = Faults()
         self.navigation = Navigation(robot)
         self._navigate = NavigateServer(self, self.navigation, self._faults)
@@ -112,14 +109,15 @@ class SimRobot(GameNode):
 
     def _listen(self, stamped: bool) -> None:
         velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
-        for topic, take in (
+        heard: tuple[tuple[topics.Topic, Callable[[Any], None]], ...] = (
             (velocity, self._take_velocity),
             (topics.INITIAL_POSE, self._take_initial_pose),
-            (topics.CLYDE_POSE, self._take_clyde),
+            *((topic, partial(self._take_ghost, k)) for k, topic in enumerate(topics.GHOST_POSES)),
             (topics.CLYDE_OBSTACLE, self._take_obstacle),
             (topics.LIGHT_RING, self._take_lights),
             (FAULT, self._take_fault),
-        ):
+        )
+        for topic, take in heard:
             topic.subscription(self, self._checked(topic.name, take))
 
     def _checked(self, name: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -185,22 +183,27 @@ class SimRobot(GameNode):
             raise BadMessage("the pose is lost, by a fault")
         self.robot.set_initial_pose(pose)
 
-    def _take_clyde(self, message: Any) -> None:
-        self._mark(*pose_of(message)[:2])
+    def _take_ghost(self, number: int, message: Any) -> None:
+        self._marks[number] = pose_of(message)[:2]
+        self._mark()
 
     def _take_obstacle(self, message: Any) -> None:
         points = points_of(message)
         if len(points) == 0:
             self._unmark()
-        else:
-            self._mark(*points.mean(axis=0).tolist())
+            return
+        around = len(points) if len(points) % len(GHOST_OBSTACLE) else len(GHOST_OBSTACLE)
+        centres = points.reshape(-1, around, 2).mean(axis=1)
+        self._marks = {number: (x, y) for number, (x, y) in enumerate(centres.tolist())}
+        self._mark()
 
-    def _mark(self, x: float, y: float) -> None:
-        self.robot.set_obstacle((x, y))
+    def _mark(self) -> None:
+        self.robot.set_obstacles(list(self._marks.values()))
         self._marked_step = self.robot.steps
 
     def _unmark(self) -> None:
-        self.robot.set_obstacle(None)
+        self._marks.clear()
+        self.robot.set_obstacles([])
         self._marked_step = None
 
     def _take_lights(self, message: Any) -> None:

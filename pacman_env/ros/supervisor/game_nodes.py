@@ -1,6 +1,6 @@
 """Which nodes make up a game, in the order in which they start and stop, and their parameters.
 
-Read by the command that starts them (``up.py``) and by ``launch/game.launch.py``; imports nothing of ROS.
+Read by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; imports nothing of ROS.
 """
 
 from __future__ import annotations
@@ -23,49 +23,73 @@ GAME = (
     "game_event_mapper",
     REFEREE,
 )
-#: All that can be started, in order: the robot where it is simulated, the game, then who needs a pose.
+#: All that can be started, in order: the robot where it is simulated, the game, then the two that need a pose.
 NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
+_WITH_MAP = (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR)
 _FOLDERS = {SIMULATOR: "simulated_robot", SELECTOR: "selector"}  # all others are in ``nodes``
 #: What moves the robot stops first, then the lights: the others may take their time.
 STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", "audio_node", REFEREE)
 
-QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by who started it
+QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by the process that started it
 
-Value = str | bool | int | float
+Value = str | bool | int | float | list[str]
 
 
 @dataclass(frozen=True)
-class Game:
-    """One game on one robot, as the nodes need to know it."""
+class GameSetup:
+    """One game on one robot, as the nodes need to know it.
+
+    Raises:
+        ValueError: a speed, namespace or configuration that there is not.
+    """
 
     map: str
     policy: str = "ppo"
     namespace: str = NAMESPACE
     sim: bool = False
     speed: float = 1.0  # of the simulated robot's clock
+    preset: str = "robot"
+    execution: str = "robust"
+    settings: tuple[str, ...] = ()  # name=value
     extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: further parameters
 
     def __post_init__(self) -> None:
+        from pacman_env.config import make_config, parse_settings
+
         if not 1.0 <= self.speed <= 10.0:
             raise ValueError(f"speed {self.speed:g}: must be 1 to 10")
         if self.speed != 1.0 and not self.sim:
             raise ValueError(f"speed {self.speed:g}: only a simulated robot (--sim) can be faster than time")
         full_namespace(self.namespace)
+        make_config(self.preset, self.execution, **parse_settings(self.settings))
+
+    @property
+    def first_nodes(self) -> tuple[str, ...]:
+        """The nodes that start at once, in order; the goal selector follows when WAIT has ended well."""
+        return (*((SIMULATOR,) if self.sim else ()), *GAME, WAIT)
 
     def parameters(self, node: str) -> dict[str, Value]:
         """The parameters that ``node`` is started with; all others have their defaults."""
-        own: dict[str, dict[str, Value]] = {
-            SIMULATOR: {"map_yaml": self.map, "speed": self.speed},
-            "pellet_manager": {"map_yaml": self.map},
-            "clyde_ghost_node": {"map_yaml": self.map},
-            SELECTOR: {"map_yaml": self.map, "policy": self.policy},
-        }
-        clock: dict[str, Value] = {"use_sim_time": True} if self.sim else {}
-        return {**own.get(node, {}), **clock, **self.extra.get(node, {})}
+        found: dict[str, Value] = {"map_yaml": self.map} if node in _WITH_MAP else {}
+        if node == SELECTOR:
+            found["policy"] = self.policy
+        if node == SIMULATOR:
+            found["speed"] = self.speed
+        if node != WAIT:
+            played: dict[str, Value] = {
+                "preset": self.preset,
+                "execution": self.execution,
+                "settings": list(self.settings),
+            }
+            standard = {"preset": "robot", "execution": "robust", "settings": []}  # ROS cannot pass an empty list
+            found |= {name: value for name, value in played.items() if value != standard[name]}
+        if self.sim:
+            found["use_sim_time"] = True
+        return found | self.extra.get(node, {})
 
-    def arguments(self, node: str) -> list[str]:
-        """What follows the module on the command line of ``node``."""
-        words = ["--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
+    def command(self, node: str) -> list[str]:
+        """What follows ``python -m`` to start ``node``: its module and arguments."""
+        words = [module_of(node), "--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
         for name, value in self.parameters(node).items():
             words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map may be called 1e3
         return words

@@ -1,7 +1,6 @@
 """The nodes of a game as processes: started in order, started again when they die, stopped one after another.
 
-Nothing here knows ROS: what the processes say to one another is their own business. Which nodes there are, and with
-what parameters, stands in ``game_nodes.py``; the command that uses both is ``up.py``.
+Nothing here knows ROS, or which nodes there are (``game_nodes.py``); ``up.py`` is the command that uses both.
 """
 
 from __future__ import annotations
@@ -17,9 +16,8 @@ from pathlib import Path
 from typing import IO
 
 from . import child
-from .game_nodes import module_of
 
-PATIENCE_S = 12.0  # how long a node may take: its farewell, then a middleware that hangs (``node.py``)
+PATIENCE_S = 12.0  # how long a node may take: its last messages, then a middleware that hangs (``node.py``)
 SLOW_START_S = 10.0  # the pause between two starts of a dying node is doubled up to this
 MANY = 5  # deaths ...
 SOON_S = 60.0  # ... within this time: starting it again does not help
@@ -33,45 +31,44 @@ class Lost(RuntimeError):
 
 @dataclass
 class Member:
-    """One node's process; ``arguments`` are what follows the module on its command line."""
+    """One node's process."""
 
     name: str
-    arguments: Sequence[str] = ()
     process: subprocess.Popen[bytes] | None = None
     due_s: float | None = None  # when it is started again
     deaths: list[float] = field(default_factory=list)
 
 
-class Crew:
+class ProcessGroup:
     """Processes by name, in the order in which they were started.
 
     Args:
+        command: the module that runs a node and its arguments, by the node's name.
         logs: folder for one file per node, with all that it prints.
         environment: of the processes.
-        say: told in one line what happens.
-        module_of: the module that runs a node, by its name.
+        say: called with one line about what happens.
     """
 
     def __init__(
         self,
+        command: Callable[[str], Sequence[str]],
         logs: Path,
         environment: dict[str, str],
         say: Callable[[str], None],
-        module_of: Callable[[str], str] = module_of,
     ) -> None:
+        self._command = command
         self._logs = logs
         self._environment = environment
         self._say = say
-        self._module_of = module_of
         self._members: dict[str, Member] = {}
 
-    def start(self, name: str, arguments: Sequence[str] = ()) -> None:
+    def start(self, name: str) -> None:
         """Start a node as a process of its own.
 
         Raises:
             OSError: its log file cannot be written, or there can be no more processes.
         """
-        member = Member(name, arguments)
+        member = Member(name)
         self._members[name] = member
         self._launch(member, "wb")
 
@@ -83,7 +80,7 @@ class Crew:
         process = self._members[name].process
         return None if process is None else process.poll()
 
-    def processes(self) -> dict[str, int]:
+    def ids(self) -> dict[str, int]:
         """The process ids, by name, of those that have been started and not found dead."""
         return {member.name: member.process.pid for member in self._members.values() if member.process is not None}
 
@@ -152,11 +149,10 @@ class Crew:
         return self._logs / f"{name}.log"
 
     def _launch(self, member: Member, mode: str) -> None:
-        command = [sys.executable, "-m", child.__name__, str(os.getpid()), self._module_of(member.name)]
         log: IO[bytes]
         with self._log(member.name).open(mode) as log:
             member.process = subprocess.Popen(
-                [*command, *member.arguments],
+                [sys.executable, "-m", child.__name__, str(os.getpid()), *self._command(member.name)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

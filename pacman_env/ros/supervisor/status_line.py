@@ -1,6 +1,6 @@
-"""What an operator sees of a running game: the topics that say how it stands, as one line; and the robot's halt.
+"""An operator's view of a running game: the topics that say how it stands, as one line; and the robot's halt.
 
-A participant of its own beside the game's nodes; it says nothing until it is asked to start the game or to halt
+A participant of its own beside the game's nodes; it publishes nothing until it is asked to start the game or to halt
 the robot.
 """
 
@@ -12,11 +12,15 @@ import json
 import time
 from typing import Any
 
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.ros.messages import nanoseconds_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.game_nodes import QUIET, GameSetup, full_namespace
 from pacman_env.ros.topics import (
     AMCL_POSE,
     CMD_VEL,
@@ -33,13 +37,18 @@ from pacman_env.ros.topics import (
 HALT_S = 1.0  # for Nav2's answer
 
 
-class Watcher(Node):
-    """Listens to the game under its namespace; spun by whoever made it."""
+class StatusLine(Node):
+    """Listens to a game while it is spun, in a context of its own, which ``close`` shuts down."""
 
-    def __init__(self, namespace: str, policy: str, sim_time: bool, context: Any = None) -> None:
-        clock = Parameter("use_sim_time", Parameter.Type.BOOL, sim_time)
+    def __init__(self, setup: GameSetup) -> None:
+        context = rclpy.Context()
+        rclpy.init(args=["--ros-args", *QUIET], context=context, signal_handler_options=SignalHandlerOptions.NO)
+        clock = Parameter("use_sim_time", Parameter.Type.BOOL, setup.sim)
+        namespace = full_namespace(setup.namespace)
         super().__init__("pacman_up", namespace=namespace, parameter_overrides=[clock], context=context)
-        self._policy = policy
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self)
+        self._policy = setup.policy
         self._values: dict[str, Any] = {}
         for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED):
             topic.subscription(self, functools.partial(self._on_value, topic.name))
@@ -49,6 +58,15 @@ class Watcher(Node):
         AMCL_POSE.subscription(self, self._on_pose)
         self._cmd_vel: Any = None
         self._starter: Any = None
+
+    def spin(self, timeout_s: float) -> None:
+        """Take in one message, or wait for one that long."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self.destroy_node()
+        rclpy.shutdown(context=self.context)
 
     @property
     def state(self) -> str | None:
@@ -88,25 +106,21 @@ class Watcher(Node):
         self._starter.call_async(START_GAME.type.Request())
         return True
 
-    def halt(self, spin: Any) -> None:
-        """Cancel every goal that Nav2 pursues, whoever sent it, and command zero velocity.
-
-        Args:
-            spin: called with a timeout in seconds until the answer is there.
-        """
+    def halt(self) -> None:
+        """Cancel every goal that Nav2 pursues, whichever node sent it, and command zero velocity."""
         client = NAVIGATE_TO_POSE.cancel_client(self)
         end = time.monotonic() + HALT_S
         while not client.service_is_ready() and time.monotonic() < end:
-            spin(0.05)
+            self.spin(0.05)
         if client.service_is_ready():
             answer = client.call_async(client.srv_type.Request())  # all zero: every goal
             while not answer.done() and time.monotonic() < end:
-                spin(0.05)
+                self.spin(0.05)
         self.destroy_client(client)
         if self._cmd_vel is None:
             self._cmd_vel = CMD_VEL.publisher(self)
         self._cmd_vel.publish(CMD_VEL.type())
-        spin(0.05)
+        self.spin(0.05)
 
     def _on_value(self, name: str, message: Any) -> None:
         self._values[name] = message.data

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...game.clyde import search_memory
-from ...game.ghosts import BEHAVIOURS, POLICY, WANDER
+from ...game.execution import COMPLETE, TIMEOUT
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import PhysicsWorld
 from ...world.navigation.planner import PATH_POINTS, detour_memory
@@ -23,7 +22,8 @@ from ..maps.level_source import FixedMap, LevelSource
 from ..maps.level_stack import LevelStack
 from ..observation.situation import Situation
 from ..observation.situation_kernel import fill_situation
-from . import ghost_kernels, kernels, records
+from . import kernels, records
+from .ghosts import Ghosts
 from .history import History, RoundSoFar
 from .parameters import batch_parameters, draw_episodes, next_seeds
 
@@ -54,18 +54,14 @@ class GameBatch:
         self.hold = slots + self.refuge_slots
         self.candidates = self.hold + 1
         self.substeps = round(config.execution.tick_s / config.physics_step_s)
-        self.behaviours = np.array([BEHAVIOURS.index(name) for name in config.clyde.ghosts], dtype=np.int64)
-        ghosts = len(self.behaviours)
+        self._ghosts = Ghosts(n, config)
         self.games = np.zeros(n, dtype=records.GAME)
-        self.ghosts = np.zeros((n, ghosts), dtype=records.GHOST)
         self.alive = np.zeros((n, slots), dtype=np.bool_)
-        self.obstacles = np.zeros((n, ghosts, 3))
         self._waits = np.zeros((n, self.candidates), dtype=np.int64)
         self._aborts = np.zeros((n, self.candidates), dtype=np.int64)
         self.paths = np.zeros((n, PATH_POINTS, 2), dtype=np.float32)
         self.levels = LevelStack(first, config, source.slots(n))
         self._held = [-1] * n  # the slot of each game's map
-        self._ghost_paths = np.zeros((n, ghosts, 0), dtype=np.int32)
         self.physics = PhysicsWorld(
             first.grid.walls,
             n,
@@ -75,10 +71,9 @@ class GameBatch:
             shared=len(self.levels) == 1,
         )
         self._parameters = batch_parameters(config, self.levels.resolution, slots, self.refuge_slots)
-        self._idle = bool((self.behaviours == WANDER).all())
-        self._told = bool((self.behaviours == POLICY).any())
-        self._wander_on = np.full((n, ghosts), self.hold, dtype=np.int64)
-        self._history = History(n, ghosts, self._told, config)
+        self._sends_ghosts = bool(self._ghosts.sent_from_outside.any())
+        self._wander_on = np.full(self.ghosts.shape, self.hold, dtype=np.int64)
+        self._history = History(n, self.ghosts.shape[1], self._sends_ghosts, config)
         clyde_steps = int(self._parameters[0]["clyde_steps"])
         period = math.gcd(self.substeps, clyde_steps)
         # Games of a batch differ in phase; ghosts can be due at any multiple of this.
@@ -87,6 +82,16 @@ class GameBatch:
         self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
         self._version = -1
         self._bind()
+
+    @property
+    def ghosts(self) -> NDArray[Any]:
+        """(N, G) records of type ``GHOST``."""
+        return self._ghosts.state
+
+    @property
+    def obstacles(self) -> NDArray[np.float64]:
+        """(N, G, 3) where the ghosts are seen, m."""
+        return self._ghosts.obstacles
 
     @property
     def assets(self) -> MapAssets:
@@ -114,7 +119,7 @@ class GameBatch:
         self.__init__(*state["made_from"])  # type: ignore[misc]
         rounds: list[RoundSoFar] = state["rounds"]
         longest = max((len(r.decisions) for r in rounds), default=0)
-        self.games["end"][[r.game for r in rounds]] = records.TIMEOUT  # they stand still until they begin
+        self.games["end"][[r.game for r in rounds]] = TIMEOUT  # they stand still until they begin
         velocity = self.config.action == "velocity"
         actions = np.zeros((self.n, 2)) if velocity else np.full(self.n, self.hold, dtype=np.int64)
         choices = self._wander_on.copy()
@@ -133,7 +138,7 @@ class GameBatch:
                 k = tick - (longest - len(r.decisions))
                 if k >= 0:
                     actions[r.game] = r.decisions[k]
-                    if self._told:
+                    if self._sends_ghosts:
                         choices[r.game] = r.ghost_choices[k]
             self._advance(actions, choices)
 
@@ -147,20 +152,11 @@ class GameBatch:
         self._plan_end = a["plan_end"]
         self._affine, self._clearance = a["affine"], a["clearance_cm"]
         self._nav = tuple(a[k] for k in ("affine", "snap", "neighbours", "cell_xy", "length_cm", "next_step"))
-        self._ghost_xy = a["ghost_xy"]
-        self._ghost_arrays = tuple(a[f"ghost_{k}"] for k in ("graph", "part", "part_start", "part_cells"))
-        self._ghost_places = tuple(a[k] for k in ("affine", "ghost_snap", "ghost_place", "ghost_corner"))
+        self._ghosts.bind(self.levels)
         self._starts = tuple(a[k] for k in ("home", "spawn_cells", "spawn_count", "ghost_xy"))
         seen = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
         self._seen = tuple(a[k] for k in seen)
-        cells, longest = a["ghost_xy"].shape[1], self.levels.longest_ghost_way
-        self._ghost_search = search_memory(cells, longest)
         self._detour_search = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)
-        # A ghost that turns round between two cells walks on to the second one first.
-        room = max(longest + 1, self._ghost_paths.shape[2])
-        paths = np.zeros((*self.ghosts.shape, room), dtype=np.int32)
-        paths[:, :, : self._ghost_paths.shape[2]] = self._ghost_paths
-        self._ghost_paths = paths
 
     def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
         """Start a new episode with its own seed in each of the games ``index`` (M,).
@@ -209,16 +205,16 @@ class GameBatch:
             self._waits,
             self._aborts,
             self.ghosts,
-            self._ghost_paths,
+            self._ghosts.paths,
             self.obstacles,
-            self.behaviours,
+            self._ghosts.wander_first,
             self._starts,
             self._parameters,
         )
 
     def _next_rounds(self) -> None:
         """In an endless game a completed round is followed by another with faster ghosts."""
-        index = np.flatnonzero(self.games["end"] == records.COMPLETE)
+        index = np.flatnonzero(self.games["end"] == COMPLETE)
         if len(index) == 0:
             return
         before = self.games[index]
@@ -246,7 +242,7 @@ class GameBatch:
         """
         if ghost_choices is None:
             ghost_choices = self._wander_on
-        elif self._told:
+        elif self._sends_ghosts:
             self._check_ghost_choices(ghost_choices)
         self._advance(actions, ghost_choices)
         if self.config.endless:
@@ -256,28 +252,24 @@ class GameBatch:
         """A step, but for what follows a completed round."""
         parameters, games, goal_xy = self._parameters, self.games, self._goal_xy
         physics, nav, alive, obstacles = self.physics, self._nav, self.alive, self.obstacles
-        ghosts, ghost_paths = self.ghosts, self._ghost_paths
+        ghosts = self._ghosts
+        waits, aborts = self._waits, self._aborts
         row, state, force = physics.row, physics.state, physics.force
         self._history.make_room(games)
         due = self._decide(actions)
-        if not self._idle:
-            self._decide_ghosts(ghost_choices)
+        ghosts.decide(games, ghost_choices, self._history.ghost_choices, parameters)
         for k in range(self.substeps):
             if self._check_due[k]:
-                kernels.check(games, row, state, goal_xy, alive, obstacles, parameters)
-            if self._ghosts_due[k] and ghost_kernels.move_ghosts(
-                games, ghosts, ghost_paths, obstacles, parameters, self._ghost_xy
-            ):
-                ghost_kernels.retarget_ghosts(
-                    games, ghosts, ghost_paths, parameters, self._ghost_arrays, *self._ghost_search
-                )
+                kernels.check(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
+            if self._ghosts_due[k]:
+                ghosts.move(games, parameters)
             if due & kernels.PLAN_DUE:
                 kernels.plan(games, self.paths, obstacles, parameters, self._plan_end, nav, self._detour_search)
             due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, self._affine, self._clearance)
             if due & kernels.RESULT_DUE:
-                kernels.apply_results(games, goal_xy, alive, self._waits, self._aborts, parameters)
+                kernels.apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters)
             physics.step()
-        kernels.finish(games, row, state, goal_xy, alive, obstacles, parameters)
+        kernels.finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
 
     def _decide(self, actions: NDArray[Any]) -> int:
         """Hand the actions over; returns what is due."""
@@ -287,7 +279,19 @@ class GameBatch:
             if due < 0:
                 raise ValueError(f"action {actions[-1 - due].tolist()} of game {-1 - due}: must be two finite numbers")
             return due
-        due = int(kernels.decide(self.games, actions, decisions, self.alive, self._waits, self._parameters))
+        due = int(
+            kernels.decide(
+                self.games,
+                actions,
+                decisions,
+                self._goal_xy,
+                self.alive,
+                self._waits,
+                self._aborts,
+                self.obstacles,
+                self._parameters,
+            )
+        )
         if due < 0:
             bad = -1 - due
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
@@ -302,20 +306,6 @@ class GameBatch:
                 f"ghost choices {choices[bad[0]].tolist()} of game {bad[0]}: candidates are 0 to {self.hold}"
             )
 
-    def _decide_ghosts(self, choices: NDArray[np.int64]) -> None:
-        ghost_kernels.decide_ghosts(
-            self.games,
-            self.ghosts,
-            self._ghost_paths,
-            choices,
-            self._history.ghost_choices,
-            self.behaviours,
-            self._parameters,
-            self._ghost_places,
-            self._ghost_arrays,
-            *self._ghost_search,
-        )
-
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
         """Let a ghost go on from the cell of his nearest to (x, y), m; returns where that is."""
         cells = self.assets_of(game).clyde.position
@@ -324,7 +314,7 @@ class GameBatch:
             self.games[game : game + 1],
             self.ghosts[game, number : number + 1],
             self.ghosts[game],
-            self._ghost_paths[game, number],
+            self._ghosts.paths[game, number],
             self.obstacles[game],
             cell,
             cells,
@@ -333,11 +323,11 @@ class GameBatch:
 
     def situation(self, seat: int = -1) -> Situation:
         """What a policy sees now, the robot's or (``seat`` k) that of ghost k; new arrays at each call."""
-        situation = Situation.empty(self.n, self.candidates, len(self.behaviours), self.levels)
+        situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels)
         fill_situation(
             self.games,
             self.ghosts,
-            self._ghost_paths,
+            self._ghosts.paths,
             self.obstacles,
             self.alive,
             self._waits,

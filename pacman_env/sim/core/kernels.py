@@ -8,24 +8,25 @@ from __future__ import annotations
 
 import math
 
-from ...game import ghosts as ghost_rule
 from ...game.execution import (
-    BACK_OFF,
     CANCEL,
-    COLLECT,
-    LOSE,
+    CHOICE,
+    COMPLETE,
+    LOOK,
+    NO_CHOICE,
+    RESULT,
+    RUNNING,
     SEND,
-    back_off_ticks,
+    TIMEOUT,
     closing_speed,
-    goal_action,
-    result_action,
-    within,
+    goal_of,
+    transition,
 )
+from ...game.ghosts import ghost_stream, spawn
 from ...jit import kernel
 from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading
-from .records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 
 PLAN_DUE, RESULT_DUE = 1, 2
 _LONG_AGO = -9
@@ -62,13 +63,13 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 @kernel
 def place_ghost(games, ghost, ghosts, path, obstacles, cell, ghost_xy):  # type: ignore[no-untyped-def]
     """Put one ghost of one game on a cell; both are arrays of length 1."""
-    ghost_rule.spawn(ghost[0], cell, path, ghost_xy)
+    spawn(ghost[0], cell, path, ghost_xy)
     see_ghosts(games[0], ghosts, obstacles)
 
 
 @kernel
 def reset_games(  # type: ignore[no-untyped-def]
-    games, index, seeds, fresh, alive, waits, aborts, ghosts, ghost_paths, obstacles, behaviours, maps, parameters
+    games, index, seeds, fresh, alive, waits, aborts, ghosts, ghost_paths, obstacles, wander_first, maps, parameters
 ):
     """Start a new round in the games ``index``; ``fresh`` (M,) holds the per-round parameters already filled in.
 
@@ -91,7 +92,8 @@ def reset_games(  # type: ignore[no-untyped-def]
         g.nav_no_control_step = _LONG_AGO
         g.nav_stuck_step = _LONG_AGO
         g.nav_clear_step = _LONG_AGO
-        g.pursued = -1
+        g.pursued = NO_CHOICE
+        g.catcher = -1
         g.spawned = g.pellets
         for slot in range(alive.shape[1]):
             alive[i, slot] = slot < g.pellets
@@ -101,9 +103,9 @@ def reset_games(  # type: ignore[no-untyped-def]
         for n in range(ghosts.shape[1]):
             ghost = ghosts[i, n]
             ghost.speed = g.clyde_speed
-            ghost.wanders = behaviours[n] == ghost_rule.WANDER or behaviours[n] == ghost_rule.POLICY
-            ghost.stream, pick = below(ghost_rule.ghost_stream(g.seed, n), spawn_count[level])
-            ghost_rule.spawn(ghost, spawn_cells[level, pick], ghost_paths[i, n], ghost_xy[level])
+            ghost.wanders = wander_first[n]
+            ghost.stream, pick = below(ghost_stream(g.seed, n), spawn_count[level])
+            spawn(ghost, spawn_cells[level, pick], ghost_paths[i, n], ghost_xy[level])
         see_ghosts(g, ghosts[i], obstacles[i])
         bx, by, _ = believed(g, p.use_tf)
         _, g.distance = nearest(bx, by, obstacles[i])
@@ -116,19 +118,26 @@ def allowed(g, i, candidate, alive, waits, p):  # type: ignore[no-untyped-def]
     is_refuge = (candidate >= p.pellet_slots) & (candidate - p.pellet_slots < g.refuges)
     is_hold = candidate == p.pellet_slots + p.refuge_slots
     there = is_refuge | is_hold | ((candidate < p.pellet_slots) & alive[i, min(candidate, p.pellet_slots - 1)])
-    return there & (waits[i, candidate] <= g.tick)
+    return there & (waits[i, candidate] <= g.step)
 
 
 @kernel
-def _give_up(g):  # type: ignore[no-untyped-def]
-    """Pursue nothing: cancel the goal and forget the answer."""
-    navigator.cancel(g)
-    g.nav_result = navigator.NO_RESULT
-    g.pursued = -1
+def _follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
+    """Take a game's record over an event of Algorithm 4, and do with the goal what follows; returns what that is."""
+    before = g.collected
+    navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
+    ground = (goal_xy, obstacles, alive[i], waits[i], aborts[i])
+    action = transition(g, event, value, x, y, step, navigating, ground, p)
+    g.score += g.collected - before
+    g.tick_pellets += g.collected - before
+    if action == CANCEL:
+        navigator.cancel(g)
+        g.nav_result = navigator.NO_RESULT
+    return action
 
 
 @kernel
-def decide(games, choices, decisions, alive, waits, parameters):  # type: ignore[no-untyped-def]
+def decide(games, choices, decisions, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
     """Hand each game's choice to the navigator; a candidate that its mask forbids is hold.
 
     ``decisions`` (N, T) remembers them by the tick.
@@ -149,15 +158,12 @@ def decide(games, choices, decisions, alive, waits, parameters):  # type: ignore
         chosen = choices[i]
         decisions[i, g.tick] = chosen
         if chosen == hold or not allowed(g, i, chosen, alive, waits, p):
-            chosen = -1
-        navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
-        action = goal_action(chosen, g.pursued, navigating, p.cancel_then_send)
-        if action == CANCEL:
-            _give_up(g)
-        elif action == SEND:
-            goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
-            navigator.send_goal(g, goal, g.step)
-            g.pursued = chosen
+            chosen = NO_CHOICE
+        bx, by, _ = believed(g, p.use_tf)
+        m = g.level
+        action = _follow(g, i, CHOICE, chosen, bx, by, g.step, goal_xy[m], obstacles[i], alive, waits, aborts, p)
+        if action == SEND:
+            navigator.send_goal(g, goal_of(g, chosen, p), g.step)
         if navigator.plan_due(g, g.step):
             due |= PLAN_DUE
     return due
@@ -185,65 +191,6 @@ def decide_velocity(games, commands, decisions, parameters):  # type: ignore[no-
 
 
 @kernel
-def _collect(g, i, slot, alive):  # type: ignore[no-untyped-def]
-    alive[i, slot] = False
-    g.collected += 1
-    g.score += 1
-    g.tick_pellets += 1
-    if g.pursued == slot:
-        _give_up(g)
-
-
-@kernel
-def _apply_result(g, i, goal_xy, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
-    """Algorithm 4's reaction to the result of the goal pursued."""
-    status = g.nav_result
-    g.nav_result = navigator.NO_RESULT
-    if g.nav_next >= 0:  # the result of a goal given up for the one that waits
-        return
-    slot = g.pursued
-    g.pursued = -1
-    if slot < 0:
-        return
-    bx, by, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
-    goal = g.nav_result_goal
-    dx, dy = goal_xy[goal, 0] - bx, goal_xy[goal, 1] - by
-    is_pellet = slot < p.pellet_slots
-    if status == navigator.ABORTED:
-        g.aborts += 1
-    action = result_action(status, math.sqrt(dx * dx + dy * dy), p.goal_tolerance, is_pellet, p.lose_on_abort)
-    if action == COLLECT:
-        if alive[i, slot]:
-            _collect(g, i, slot, alive)
-        aborts[i, slot] = 0
-    elif action == LOSE:
-        if alive[i, slot]:
-            alive[i, slot] = False
-            g.lost += 1
-    elif action == BACK_OFF:
-        aborts[i, slot] += 1
-        waits[i, slot] = g.tick + 1 + back_off_ticks(p.back_off_ticks, aborts[i, slot])
-    else:
-        aborts[i, slot] = 0
-
-
-@kernel
-def _check(g, i, goal_xy, alive, obstacles, p):  # type: ignore[no-untyped-def]
-    """Pick-up, death and completion on the believed pose, in the order of Algorithm 4."""
-    bx, by, _ = believed(g, p.use_tf)
-    for k in range(g.pellets):
-        if alive[i, k] and within(bx - goal_xy[k, 0], by - goal_xy[k, 1], g.pickup):
-            _collect(g, i, k, alive)
-    k, _ = nearest(bx, by, obstacles)
-    if within(bx - obstacles[k, 0], by - obstacles[k, 1], p.death):
-        g.end = DEAD
-    elif g.collected + g.lost >= g.spawned:
-        g.end = COMPLETE if g.lost == 0 else CLEARED
-    if g.end != RUNNING:
-        _give_up(g)
-
-
-@kernel
 def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
     """Take the true pose and velocity over from the physics; localize."""
     g.x, g.y, g.vx, g.vy = state[r, 0], state[r, 1], state[r, 2], state[r, 3]
@@ -251,6 +198,13 @@ def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
         localization.update(g, g.step)
     elif g.step % p.scan_steps == 0:
         localization.scan(g, g.step)
+
+
+@kernel
+def sense(games, row, state, parameters):  # type: ignore[no-untyped-def]
+    """Take the true poses over and localize, where a step has no :func:`finish`."""
+    for i in range(len(games)):
+        _sense(games[i], state, row[i], parameters[0])
 
 
 @kernel
@@ -298,29 +252,6 @@ def drive(games, first, row, state, force, paths, parameters, affine, clearance)
 
 
 @kernel
-def apply_results(games, goal_xy, alive, waits, aborts, parameters):  # type: ignore[no-untyped-def]
-    """Algorithm 4's reaction where a goal has ended."""
-    p = parameters[0]
-    for i in range(len(games)):
-        if games[i].nav_result != navigator.NO_RESULT:
-            _apply_result(games[i], i, goal_xy[games[i].level], alive, waits, aborts, p)
-
-
-@kernel
-def check(games, row, state, goal_xy, alive, obstacles, parameters):  # type: ignore[no-untyped-def]
-    """Pick-up, death and completion in the middle of a tick, where the rules are tested more often than that."""
-    p = parameters[0]
-    for i in range(len(games)):
-        g = games[i]
-        if g.end == RUNNING:
-            _sense(g, state, row[i], p)
-            _check(g, i, goal_xy[g.level], alive, obstacles[i], p)
-            if g.end != RUNNING:  # its tick ends here
-                g.tick += 1
-                _watch_distance(g, obstacles[i], p)
-
-
-@kernel
 def _watch_distance(g, obstacles, p):  # type: ignore[no-untyped-def]
     """The closing speed since the last decision."""
     bx, by, _ = believed(g, p.use_tf)
@@ -330,7 +261,51 @@ def _watch_distance(g, obstacles, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def finish(games, row, state, goal_xy, alive, obstacles, parameters):  # type: ignore[no-untyped-def]
+def _end_tick(g, obstacles, p):  # type: ignore[no-untyped-def]
+    g.tick += 1
+    _watch_distance(g, obstacles, p)
+
+
+@kernel
+def apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
+    """Algorithm 4's reaction where a goal has ended."""
+    p = parameters[0]
+    for i in range(len(games)):
+        g = games[i]
+        status = g.nav_result
+        if status == navigator.NO_RESULT:
+            continue
+        g.nav_result = navigator.NO_RESULT
+        if g.nav_next >= 0:  # the result of a goal given up for the one that waits
+            continue
+        x, y, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
+        _follow(g, i, RESULT, status, x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+        if g.end != RUNNING:
+            _end_tick(g, obstacles[i], p)
+
+
+@kernel
+def _look(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
+    """Pick-up, completion and death on the believed pose."""
+    bx, by, _ = believed(g, p.use_tf)
+    _follow(g, i, LOOK, 0, bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+
+
+@kernel
+def check(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
+    """The rules in the middle of a tick, where they are tested more often than that."""
+    p = parameters[0]
+    for i in range(len(games)):
+        g = games[i]
+        if g.end == RUNNING:
+            _sense(g, state, row[i], p)
+            _look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
+            if g.end != RUNNING:
+                _end_tick(g, obstacles[i], p)
+
+
+@kernel
+def finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
     """The end of a tick: rules, time limit, closing speed."""
     p = parameters[0]
     for i in range(len(games)):
@@ -338,9 +313,8 @@ def finish(games, row, state, goal_xy, alive, obstacles, parameters):  # type: i
         if g.end != RUNNING:
             continue
         _sense(g, state, row[i], p)
-        g.tick += 1
-        _check(g, i, goal_xy[g.level], alive, obstacles[i], p)
-        _watch_distance(g, obstacles[i], p)
+        _look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
+        _end_tick(g, obstacles[i], p)
         if g.end == RUNNING and g.tick >= p.ticks_max:
             g.end = TIMEOUT
 

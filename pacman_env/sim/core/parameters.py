@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...game.execution import rules
 from ...jit import kernel
 from ...rng import RANDOMIZE, ROUND, stream, uniform
 from ...world.navigation.controller import HORIZON_S
@@ -35,11 +36,7 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
         "plan_steps": steps(nav2.planner_period_s),
         "perfect": loc.perfect,
         "use_tf": execution.pose_source == "tf",
-        "death": execution.death_radius_m,
-        "cancel_then_send": execution.switch == "cancel_then_send",
-        "lose_on_abort": execution.on_abort == "lose_pellet",
-        "back_off_ticks": max(1, round(execution.back_off_s / execution.tick_s)),
-        "goal_tolerance": nav2.goal_tolerance_m,
+        **rules(config, steps),
         "unreachable_tolerance": nav2.unreachable_tolerance_m,
         "clyde_keepout": nav2.clyde_keepout_m,
         "inscribed_cm": math.floor(100 * robot.inscribed_radius_m),

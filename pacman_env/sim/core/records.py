@@ -5,14 +5,17 @@ Fields are named after what they hold; those of a part of the simulator are decl
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
+from ...game.execution import Execution
 from ...game.ghosts import GHOST_FIELDS
 from ...world.navigation.localization import LOCALIZATION_FIELDS
 from ...world.navigation.navigator import NAVIGATOR_FIELDS
 
-RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
-
+#: The record of Algorithm 4, whose time is in physics steps here.
+EXECUTION = tuple(field.name for field in dataclasses.fields(Execution))
 _FIELDS = [
     *NAVIGATOR_FIELDS,
     *LOCALIZATION_FIELDS,
@@ -20,20 +23,13 @@ _FIELDS = [
     ("episode_seed", np.uint64),  # of the first one
     ("step", np.int32),  # physics steps done in this round
     ("tick", np.int32),  # decisions done in this round
-    ("end", np.int32),  # RUNNING or how the game ended
-    ("pursued", np.int32),  # candidate, -1: none
-    ("spawned", np.int32),  # pellets at the start of the round
-    ("collected", np.int32),  # in this round
-    ("lost", np.int32),
-    ("aborts", np.int32),  # goals that Nav2 aborted
+    *((name, np.float64 if name == "pickup" else np.int32) for name in EXECUTION),
     ("tick_pellets", np.int32),  # collected in the last tick
     ("tick_rounds", np.int32),  # rounds completed in the last tick that others follow
     ("round", np.int32),  # from 1
     ("score", np.int32),  # pellets over all rounds
     ("level", np.int32),  # which of the stacked maps
-    ("pellets", np.int32),  # goals of that map: pellets, then refuges
-    ("refuges", np.int32),
-    ("pickup", np.float64),  # m
+    ("refuges", np.int32),  # goals of that map, after its pellets
     ("base_clyde_speed", np.float64),  # of round 1, m/s
     ("clyde_speed", np.float64),  # of this round
     ("command_v", np.float64),  # asked for by a velocity action, m/s
@@ -117,8 +113,10 @@ PARAMETERS = np.dtype(
         ("death", np.float64),
         ("cancel_then_send", np.int64),
         ("lose_on_abort", np.int64),
-        ("back_off_ticks", np.int64),
+        ("back_off", np.int64),  # steps
+        ("min_dwell", np.int64),  # steps
         ("goal_tolerance", np.float64),
+        ("success_distance", np.float64),
         ("unreachable_tolerance", np.float64),
         ("clyde_keepout", np.float64),
         ("inscribed_cm", np.int64),

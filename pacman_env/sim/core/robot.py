@@ -1,26 +1,26 @@
-"""One robot on one map, stepped at the physics' rate: it drives to any place or by velocities, and localizes itself.
+"""The simulator with its rules switched off: one robot that drives to any place or by velocities, and localizes itself.
 
-The same physics, Nav2 stand-in and AMCL as in a batch of games, without a game: goals come one at a time and anywhere
-on the map. Which goals there are and how they end is ``navigation.py``'s business; messages are ``ros/``'s.
+The kernels of a batch, on a batch of one game that has no pellets and whose ghost is far away: goals come one at a time
+and anywhere on the map. Which goals there are and how they end is ``navigate_to_pose.py``'s business; messages are
+``ros/``'s.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...jit import kernel
-from ...rng import LOCALIZATION, NAVIGATION, stream
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
-from ...world.navigation.controller import drive_wheels, limit, refresh_heading
 from ...world.navigation.grid import build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
 from ...world.navigation.physics import PhysicsWorld
 from ...world.navigation.planner import PATH_POINTS, detour_memory
+from . import kernels, records
 from .parameters import batch_parameters, draw_episodes
 from .poses import Pose, compose, inverse, wrap
 
@@ -28,65 +28,9 @@ VELOCITY_TIMEOUT_S = 0.5  # Create 3: a velocity that is not repeated ends
 #: An initial pose farther from the truth than this is where the filter stays [I]: twice RViz's deviations.
 CONVERGES_M, CONVERGES_RAD = 1.0, 0.52
 _LONG_AGO = -1_000_000  # steps
+_NO_DECISIONS = np.zeros((1, 1, 2))
 _FAR_M = 1e6  # where Clyde is while nobody has seen him
 _FIELDS_KEPT = 64  # path fields of the last goals
-
-
-@kernel
-def _set_goal(games, slot):  # type: ignore[no-untyped-def]
-    navigator.send_goal(games[0], slot, games[0].step)
-
-
-@kernel
-def _cancel(games):  # type: ignore[no-untyped-def]
-    navigator.cancel(games[0])
-    games[0].nav_result = navigator.NO_RESULT
-
-
-@kernel
-def _localize(games, shift):  # type: ignore[no-untyped-def]
-    """A filter update that converges ``shift`` (x, y, heading) beside the truth."""
-    g = games[0]
-    localization.update(g, g.step)
-    g.error_x += shift[0]
-    g.error_y += shift[1]
-    g.error_heading += shift[2]
-    g.error_cos, g.error_sin = math.cos(g.error_heading), math.sin(g.error_heading)
-    g.amcl_x, g.amcl_y = g.x + g.error_x, g.y + g.error_y
-    g.amcl_heading = localization.wrap(g.heading + g.error_heading)
-
-
-@kernel
-def _sense(games, state, row, shift, localizing, parameters):  # type: ignore[no-untyped-def]
-    """Take the true pose over from the physics; localize."""
-    g, p = games[0], parameters[0]
-    g.x, g.y, g.vx, g.vy = state[row, 0], state[row, 1], state[row, 2], state[row, 3]
-    if not localizing:
-        return
-    if p.perfect:
-        _localize(games, shift)
-    elif g.step % p.scan_steps == 0:
-        before = g.amcl_step
-        localization.scan(g, g.step)
-        if g.amcl_step != before and (shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0):
-            _localize(games, shift)
-
-
-@kernel
-def _drive(  # type: ignore[no-untyped-def]
-    games, by_hand, v, w, row, force, paths, obstacles, parameters, plan_end, nav, clearance, search
-):
-    """The forces of one step: the navigator's, or those of a velocity (v, w) given by hand."""
-    g, p = games[0], parameters[0]
-    refresh_heading(g)
-    if navigator.plan_due(g, g.step):
-        navigator.plan(g, 0, paths, obstacles, p, plan_end, nav, search)
-    if by_hand:
-        v, w = limit(max(v, 0.0), w, p)  # with its safety on, the base does not back up
-        drive_wheels(g, v, w, force, row, p)
-    else:
-        navigator.control(g, 0, paths, force, row, p, nav[0], clearance)
-    g.step += 1
 
 
 class SimulatedRobot:
@@ -132,40 +76,43 @@ class SimulatedRobot:
             step_s=config.physics_step_s,
         )
         self._paths = np.zeros((1, PATH_POINTS, 2), dtype=np.float32)
-        self._obstacles = np.zeros((1, 3))
-        self._obstacle_count = 0
+        self._obstacles = np.zeros((1, 0, 3))
         # Two goals have a place: the one driven to, and the one that is to replace it.
-        self._length_cm = np.full((cells, 2), UNREACHABLE_CM, dtype=np.uint16)
-        self._next_step = np.full((2, cells), NO_STEP, dtype=np.int16)
-        self._plan_end = np.zeros((2, 2))
+        self._length_cm = np.full((1, cells, 2), UNREACHABLE_CM, dtype=np.uint16)
+        self._next_step = np.full((1, 2, cells), NO_STEP, dtype=np.int16)
+        self._plan_end = np.zeros((1, 2, 2))
         cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
         neighbours = np.ascontiguousarray(grid.neighbours[:, ::2])
-        self._nav = (grid.affine, grid.snap, neighbours, cell_xy, self._length_cm, self._next_step)
+        fixed = (array[None] for array in (grid.affine, grid.snap, neighbours, cell_xy))
+        self._nav = (*fixed, self._length_cm, self._next_step)
         self._longest_cm = 0
         self._search = detour_memory(cells, self._longest_cm, grid.resolution)
-        self._shift = np.zeros(3)
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came
-        self._games = draw_episodes(np.array([seed], dtype=np.uint64), config)
+        self._games = np.zeros(1, dtype=records.GAME)
         self._g = self._games[0]
         x, y, heading = grid.home.tolist()
         self._start: Pose = (x, y, heading)
-        self._put_at(self._start, seed)
+        self._reset(seed)
         self.localizing = localized
-        if localized:
-            _localize(self._games, self._shift)
 
-    def _put_at(self, pose: Pose, seed: int) -> None:
-        """Begin on a pose, at rest and without a goal."""
-        g = self._g
-        g["seed"] = seed
-        g["localization_stream"] = stream(np.uint64(seed), LOCALIZATION)
-        g["nav_stream"] = stream(np.uint64(seed), NAVIGATION)
-        g["x"], g["y"], g["heading"] = pose
-        g["error_cos"] = 1.0
-        g["nav_goal"] = g["nav_next"] = -1
-        g["nav_no_path_step"] = g["nav_no_control_step"] = g["nav_stuck_step"] = g["nav_clear_step"] = -9
-        g["clyde_x"] = g["clyde_y"] = _FAR_M
-        self._physics.place(0, pose[0], pose[1])
+    def _reset(self, seed: int) -> None:
+        """Begin at home, at rest and without a goal."""
+        nothing = np.zeros((1, 1), dtype=np.bool_), np.zeros((1, 1), dtype=np.int64), np.zeros((1, 1), dtype=np.int64)
+        ghosts = np.zeros((1, 1), dtype=records.GHOST), np.zeros((1, 1, 1), dtype=np.int32), np.zeros((1, 1, 3))
+        start_cells = np.zeros((1, 1), dtype=np.int32), np.ones(1, dtype=np.int32), np.full((1, 1, 2), _FAR_M)
+        seeds = np.array([seed], dtype=np.uint64)
+        kernels.reset_games(
+            self._games,
+            np.zeros(1, dtype=np.int64),
+            seeds,
+            draw_episodes(seeds, self.config),
+            *nothing,
+            *ghosts,
+            np.ones(1, dtype=np.bool_),
+            (self.grid.home[None], *start_cells),
+            self._parameters,
+        )
+        self._physics.place(0, *self._start[:2])
 
     # What is
 
@@ -246,7 +193,7 @@ class SimulatedRobot:
         if belief is None:
             return None
         column, row = self.grid.to_cell(belief[0], belief[1])
-        length = int(self._length_cm[self.grid.snap[row, column], slot])
+        length = int(self._length_cm[0, self.grid.snap[row, column], slot])
         return None if length == UNREACHABLE_CM else 0.01 * length
 
     def why_aborted(self) -> str:
@@ -269,29 +216,30 @@ class SimulatedRobot:
         grid, tolerance = self.grid, self.config.nav2.unreachable_tolerance_m
         slot = 1 - max(int(self._g["nav_goal"]), 0) if self._g["nav_state"] == navigator.ACTIVE else 0
         cell = int(grid.cells_under(np.array([[x, y]]))[0])
-        self._plan_end[slot] = x, y
+        self._plan_end[0, slot] = x, y
         if cell < 0:
             cell = grid.nearest_cell(x, y, tolerance)
             if cell >= 0:
-                self._plan_end[slot] = grid.to_world(*grid.cell[cell].tolist())
+                self._plan_end[0, slot] = grid.to_world(*grid.cell[cell].tolist())
         if cell < 0:
-            self._length_cm[:, slot], self._next_step[slot] = UNREACHABLE_CM, NO_STEP
+            self._length_cm[0, :, slot], self._next_step[0, slot] = UNREACHABLE_CM, NO_STEP
         else:
             if len(self._fields_kept) >= _FIELDS_KEPT and cell not in self._fields_kept:
                 self._fields = grid.path_fields()
                 self._fields_kept.clear()
             self._fields_kept.add(cell)
-            self._length_cm[:, slot], self._next_step[slot] = length_cm, _ = self._fields.to(cell)
+            self._length_cm[0, :, slot], self._next_step[0, slot] = length_cm, _ = self._fields.to(cell)
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest
                 self._search = detour_memory(len(grid.cell), longest, grid.resolution)
-        _set_goal(self._games, slot)
+        navigator.send_goal(self._g, slot, self.steps)
         return slot
 
     def cancel(self) -> None:
         """Drive to no goal any more."""
-        _cancel(self._games)
+        navigator.cancel(self._g)
+        self._g["nav_result"] = navigator.NO_RESULT
 
     def set_velocity(self, v: float, omega: float) -> None:
         """A velocity command, m/s and rad/s; it lasts half a second, beside a navigator that drives one step.
@@ -303,18 +251,20 @@ class SimulatedRobot:
             raise ValueError(f"velocity ({v}, {omega}): must be two finite numbers")
         self._velocity = (float(v), float(omega), self.steps)
 
-    def set_obstacle(self, place: tuple[float, float] | None) -> None:
-        """Where Clyde is, m; None: nowhere.
+    def set_obstacles(self, places: Sequence[tuple[float, float]]) -> None:
+        """Where the ghosts are, m.
 
         Raises:
             ValueError: a number is not finite.
         """
-        if place is not None and not all(map(math.isfinite, place)):
-            raise ValueError(f"obstacle at {place}: must be two finite numbers")
-        self._obstacle_count = 0 if place is None else 1
-        x, y = place or (_FAR_M, _FAR_M)
-        self._obstacles[0] = x, y, 0.0
-        self._g["clyde_x"], self._g["clyde_y"] = x, y
+        for place in places:
+            if not all(map(math.isfinite, place)):
+                raise ValueError(f"obstacle at {place}: must be two finite numbers")
+        self._obstacles = np.zeros((1, len(places), 3))
+        self._obstacles[0, :, :2] = np.array(places).reshape(-1, 2)
+        x, y = self.pose[:2]
+        nearest = min(places, key=lambda place: math.dist(place, (x, y)), default=(_FAR_M, _FAR_M))
+        self._g["clyde_x"], self._g["clyde_y"] = nearest
 
     def set_initial_pose(self, pose: Pose) -> None:
         """Tell the filter where the robot is: near the truth it converges to that, otherwise it stays beside it.
@@ -338,9 +288,8 @@ class SimulatedRobot:
         """
         if not all(map(math.isfinite, shift)):
             raise ValueError(f"shift {shift}: must be three finite numbers")
-        self._shift[:] = shift
-        if self.localizing:
-            _localize(self._games, self._shift)
+        self._g["bias_x"], self._g["bias_y"], self._g["bias_heading"] = shift
+        localization.update(self._g, self.steps)
 
     def step(self) -> tuple[int, int]:
         """One physics step.
@@ -354,24 +303,15 @@ class SimulatedRobot:
         timeout = VELOCITY_TIMEOUT_S / self.config.physics_step_s
         # The last command counts, and a navigator that drives gives one at each step.
         by_hand = age == 0 or (age < timeout and g["nav_state"] != navigator.ACTIVE)
-        physics, row = self._physics, int(self._physics.row[0])
-        _drive(
-            self._games,
-            by_hand,
-            v,
-            omega,
-            row,
-            physics.force,
-            self._paths,
-            self._obstacles[: self._obstacle_count],
-            self._parameters,
-            self._plan_end,
-            self._nav,
-            self.grid.clearance_cm,
-            self._search,
-        )
+        games, physics, parameters = self._games, self._physics, self._parameters
+        parameters["velocity_actions"] = by_hand
+        if by_hand:
+            kernels.decide_velocity(games, np.array([[v, omega]]), _NO_DECISIONS, parameters)
+        kernels.plan(games, self._paths, self._obstacles, parameters, self._plan_end, self._nav, self._search)
+        state, clearance = physics.state, self.grid.clearance_cm[None]
+        kernels.drive(games, True, physics.row, state, physics.force, self._paths, parameters, self._nav[0], clearance)
         physics.step()
-        _sense(self._games, physics.state, row, self._shift, self.localizing, self._parameters)
+        kernels.sense(games, physics.row, state, parameters)
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)

@@ -17,14 +17,14 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Config, ConfigError
-from ...game.clyde import ClydeCells, clyde_cells
+from ...config import Config
 from ...game.pellets import generate_pellets
 from ...jit import source_hash
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
+from .ghost_cells import ClydeCells, clyde_cells
 from .ghost_targets import GhostTargets, find_ghost_targets
 from .refuges import choose_refuges
 
@@ -92,7 +92,7 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
     Raises:
         MapError: the map cannot be read, or has no place for the robot or no pellet to play for.
-        ConfigError: Clyde's spawn rule leaves him no cell.
+        ConfigError: Clyde finds no room on the map.
     """
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     if home is not None:
@@ -118,7 +118,7 @@ def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, floa
 
     Raises:
         MapError: the map has no place for the robot or no pellet to play for.
-        ConfigError: Clyde's spawn rule leaves him no cell.
+        ConfigError: Clyde finds no room on the map.
     """
     return _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
 
@@ -162,7 +162,7 @@ def _build(
         grid=grid,
         clyde=clyde,
         clyde_part=part,
-        spawn_cells=_spawn_cells(grid, clyde, part, config),
+        spawn_cells=clyde.start_cells(config.clyde, part, [tuple(grid.home[:2])]),
         clyde_drive=clyde_drive,
         pellet_ids=pellets.ids[keep],
         dropped_ids=pellets.ids[~keep],
@@ -203,19 +203,3 @@ def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str
     if shared.max() == 0:
         raise MapError(f"{name}: no place of the robot's area is wide enough for Clyde")
     return int(shared.argmax())
-
-
-def _spawn_cells(grid: DriveGrid, clyde: ClydeCells, part: int, config: Config) -> NDArray[np.int32]:
-    """Cells that Clyde may start from: the rule's parts, far enough from the robot's home pose."""
-    cells = clyde.cells_in(part) if config.clyde.spawn == "connected" else clyde.part_cells
-    offset = clyde.position[cells] - grid.home[:2]
-    distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
-    close = np.abs(distance - config.clyde.spawn_distance_m) < 1e-9
-    distance[close] = np.hypot(offset[close, 0], offset[close, 1])  # slower, to the last bit where that decides
-    allowed = cells[distance >= config.clyde.spawn_distance_m]
-    if len(allowed) == 0:
-        raise ConfigError(
-            f"clyde.spawn_distance_m = {config.clyde.spawn_distance_m}: Clyde's farthest cell is"
-            f" {distance.max():.2f} m from the robot's home pose"
-        )
-    return np.sort(allowed)

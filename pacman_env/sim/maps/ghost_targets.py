@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...game.clyde import ClydeCells
 from ...world.navigation.grid import DriveGrid, nearest_numbers
+from .ghost_cells import ClydeCells
 
 _NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to
 #: In units of half the part's extent: Clyde's arcade corner is the lower left one, Blinky's the upper right.

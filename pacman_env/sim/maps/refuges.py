@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import RefugeConfig
-from ...game.clyde import ClydeCells
 from ...world.navigation.grid import DriveGrid, clearance_m, connected_parts
 from ...world.navigation.paths import PathFields
-
-_ROOMY_M = 0.30  # spread-out places keep this clearance where the map has such cells
+from .ghost_cells import ClydeCells
 
 
 def choose_refuges(
@@ -28,23 +26,23 @@ def choose_refuges(
     """
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     nooks = _nooks(grid, clyde, part, config)
-    spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config.spread)
+    spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config)
     places = [(float(grid.home[0]), float(grid.home[1]))]
     places += [grid.to_world(*grid.cell[k]) for k in (*nooks, *spread)]
     return np.array(places, dtype=np.float64)
 
 
-def _spread(grid: DriveGrid, fields: PathFields, given: list[int], count: int) -> list[int]:
+def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: RefugeConfig) -> list[int]:
     """Farthest-point sampling by path length, from the given cells on."""
-    if count == 0:
+    if config.spread == 0:
         return []
     clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
-    roomy = clearance >= _ROOMY_M
+    roomy = clearance >= config.clearance_m
     if not roomy.any():
         roomy = clearance >= clearance.max()
     nearest = np.full(len(grid.cell), np.inf)
     chosen = list(given)
-    for k in range(len(given) + count - 1):
+    for k in range(len(given) + config.spread - 1):
         length_cm, _ = fields.to(chosen[k])
         np.minimum(nearest, length_cm, out=nearest)
         if k + 1 == len(chosen):

@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
 from ...game.execution import closing_speed
+from ...game.ghosts import GHOST_NAMES
+from ...game.goals import Goals
 from ...game.pellets import generate_pellets
 from ...world.navigation.grid import cell_of
 from ..core import kernels, records
@@ -44,7 +47,7 @@ class Pellets:
     """What a report of pellets shows, as this map knows it."""
 
     known: dict[int, tuple[float, float]]  # the map's own, m; those that the robot cannot reach included
-    strange: tuple[int, ...]  # ids that the map does not have, or elsewhere
+    unknown: tuple[int, ...]  # ids that the map does not have, or elsewhere
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,11 @@ class Seen:
     left: Collection[int]  # ids of the pellets on the map
     velocity: tuple[float, float] = (0.0, 0.0)  # m/s, rad/s
     pose_age_s: float = 0.0
-    barred: Collection[int] = ()  # candidates that may not be chosen now
+    masked: Collection[int] = ()  # candidates that may not be chosen now
     pursued: int = -1  # candidate, -1: none
 
 
-class LiveGame:
+class RobotView:
     """One game on a prepared map, as its robot sees it.
 
     Candidates are numbered as in a simulation of the map: pellets, refuges, hold.
@@ -87,16 +90,20 @@ class LiveGame:
         positions = map(tuple, pellets.position.tolist())
         self._pellets: dict[int, tuple[float, float]] = dict(zip(pellets.ids.tolist(), positions, strict=True))
         self._slot = {number: slot for slot, number in enumerate(assets.pellet_ids.tolist())}
+        candidates = {number: self._pellets[number] for number in self._slot}
+        others = {number: xy for number, xy in self._pellets.items() if number not in candidates}
+        self.goals = Goals(candidates, others, assets.goal_xy[assets.pellets :].tolist())
         self._games = np.zeros(1, dtype=records.GAME)
         self._games["seed"] = seed
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
-        self._ghosts = np.zeros((1, 1), dtype=records.GHOST)
+        count = len(config.clyde.ghosts)
+        self._ghosts = np.zeros((1, count), dtype=records.GHOST)
         self._ghosts["place"] = -1
-        self._cells = np.zeros((1, 1, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
-        self._obstacles = np.zeros((1, 1, 3))
+        self._cells = np.zeros((1, count, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
+        self._obstacles = np.zeros((1, count, 3))
         self._alive = np.zeros((1, assets.pellets), dtype=np.bool_)
         self._waits = np.zeros((1, self.hold + 1), dtype=np.int64)
-        self._stamp_ns: int | None = None
+        self._stamp_ns: list[int | None] = [None] * count
         self._looked_s: float | None = None
 
     def begin(self) -> None:
@@ -106,33 +113,39 @@ class LiveGame:
         self._looked_s = None
 
     @property
-    def clyde(self) -> tuple[float, float] | None:
-        """Where Clyde was seen last, m; None: never."""
-        if self._stamp_ns is None:
-            return None
-        return float(self._ghosts[0, 0]["x"]), float(self._ghosts[0, 0]["y"])
+    def unseen(self) -> list[str]:
+        """Names of the ghosts that have not been seen yet."""
+        return [GHOST_NAMES[k] for k, stamp_ns in enumerate(self._stamp_ns) if stamp_ns is None]
 
-    def see_clyde(self, x: float, y: float, stamp_ns: int) -> None:
-        """Clyde is at (x, y), m, at that instant; his velocity is that of his last move."""
-        ghost = self._ghosts[0, 0]
-        if self._stamp_ns == stamp_ns:
+    @property
+    def ghosts(self) -> list[tuple[float, float]]:
+        """Where the ghosts were seen last, m, by number; NaN: never."""
+        return [
+            (math.nan, math.nan) if stamp_ns is None else (float(ghost["x"]), float(ghost["y"]))
+            for ghost, stamp_ns in zip(self._ghosts[0], self._stamp_ns, strict=True)
+        ]
+
+    def see_ghost(self, number: int, x: float, y: float, stamp_ns: int) -> None:
+        """A ghost is at (x, y), m, at that instant; his velocity is that of his last move."""
+        ghost, before_ns = self._ghosts[0, number], self._stamp_ns[number]
+        if before_ns == stamp_ns:
             return
-        period = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
+        period = 0.0 if before_ns is None else (stamp_ns - before_ns) / 1e9
         dx, dy = x - ghost["x"], y - ghost["y"]
         if period > 0 and math.hypot(dx, dy) <= 2 * self.clyde_speed_mps * period + _JUMP_M:
             ghost["vx"], ghost["vy"] = dx / period, dy / period
         else:  # seen for the first time, put elsewhere, or a clock was set back
             ghost["vx"] = ghost["vy"] = 0.0
         ghost["x"], ghost["y"] = x, y
-        self._obstacles[0, 0, :2] = x, y
-        self._stamp_ns = stamp_ns
-        self._cells[0, 0, 0] = self._cell_passed(np.array((x, y)))
+        self._obstacles[0, number, :2] = x, y
+        self._stamp_ns[number] = stamp_ns
+        self._cells[0, number, 0] = self._cell_passed(ghost)
 
-    def _cell_passed(self, at: NDArray[np.float64]) -> int:
-        """The last of his cells that Clyde has passed, who goes straight from cell to cell."""
-        cells = self.assets.clyde.position
+    def _cell_passed(self, ghost: NDArray[Any]) -> int:
+        """The last of his cells that a ghost has passed, who goes straight from cell to cell."""
+        cells, at = self.assets.clyde.position, np.array((ghost["x"], ghost["y"]))
         nearest = _nearest(cells, at)
-        ghost, ahead = self._ghosts[0, 0], cells[nearest] - at
+        ahead = cells[nearest] - at
         distance = math.hypot(*ahead)
         if distance < 1e-6 or ahead[0] * ghost["vx"] + ahead[1] * ghost["vy"] <= 0:
             return nearest
@@ -141,14 +154,14 @@ class LiveGame:
 
     def pellets(self, shown: Mapping[int, tuple[float, float]]) -> Pellets:
         """Compare a report, positions by id, with the map: a pellet is its own within a cell's edge."""
-        known, strange = {}, []
+        known, unknown = {}, []
         for number, (x, y) in shown.items():
             own = self._pellets.get(number)
             if own is not None and math.hypot(own[0] - x, own[1] - y) <= self.assets.grid.resolution:
                 known[number] = own
             else:
-                strange.append(number)
-        return Pellets(known, tuple(strange))
+                unknown.append(number)
+        return Pellets(known, tuple(unknown))
 
     def is_candidate(self, pellet: int) -> bool:
         """Whether the robot can be sent to that pellet of the map."""
@@ -169,14 +182,14 @@ class LiveGame:
         is_pellet = candidate < self.assets.pellets
         return Goal(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
 
-    def situation(self, seen: Seen) -> Situation:
-        """The situation (N = 1, with maps) at a decision, which is counted.
+    def situation(self, seen: Seen, player: int = -1) -> Situation:
+        """What the robot's policy, or that of ghost ``player``, sees at a decision, which is counted (N = 1).
 
         Raises:
-            ValueError: Clyde has not been seen yet.
+            ValueError: a ghost has not been seen yet.
         """
-        if self._stamp_ns is None:
-            raise ValueError("Clyde has not been seen yet")
+        if self.unseen:
+            raise ValueError(f"{self.unseen[0]} has not been seen yet")
         g = self._games[0]
         g["x"], g["y"], g["heading"] = seen.pose
         g["pursued"] = seen.pursued
@@ -185,9 +198,9 @@ class LiveGame:
         self._alive[0, [self._slot[number] for number in seen.left if number in self._slot]] = True
         g["spawned"] = self._alive.sum()
         self._waits[:] = 0
-        self._waits[0, list(seen.barred)] = g["tick"] + 1
+        self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
-        situation = Situation.empty(1, self.hold + 1, maps=self._levels)
+        situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
         fill_situation(
             self._games,
             self._ghosts,
@@ -195,7 +208,7 @@ class LiveGame:
             self._obstacles,
             self._alive,
             self._waits,
-            -1,
+            player,
             self._parameters,
             self._maps,
             situation.arrays(),
@@ -206,13 +219,14 @@ class LiveGame:
         g["tick"] += 1
         return situation
 
-    def rehearsal(self) -> Situation:
+    def rehearsal(self, player: int = -1) -> Situation:
         """A situation at the home pose with every pellet, for a policy to warm up on; nothing is remembered of it."""
-        other = LiveGame(self.assets, self._config, levels=self._levels)
+        other = RobotView(self.assets, self._config, levels=self._levels)
         x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()
-        other.see_clyde(x, y, 0)
+        for number in range(len(self._stamp_ns)):
+            other.see_ghost(number, x, y, 0)
         hx, hy, heading = self.assets.grid.home.tolist()
-        return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()))
+        return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()), player)
 
     def _watch_distance(self, seen: Seen) -> None:
         """The closing speed since the last look; a second look within half a tick keeps the one before."""

@@ -72,7 +72,7 @@ def fill_situation(  # type: ignore[no-untyped-def]
         pellets_left[i] = g.spawned - g.collected - g.lost
         column, row = cell_of(affines[g.level], rows, columns, bx, by)
         here = snaps[g.level, row, column]
-        ghost_cell = ghost_paths[i, lead, ghosts[i, lead].at]
+        ghost_cell = ghost_paths[i, lead, ghosts[i, lead].path_index]
         there = drive[ghost_cell]
         for c in range(hold + 1):
             goal = -1
@@ -106,7 +106,7 @@ def fill_situation(  # type: ignore[no-untyped-def]
         if seat < 0:
             for k in range(ghosts.shape[1]):
                 if k != lead:
-                    there = drive[ghost_paths[i, k, ghosts[i, k].at]]
+                    there = drive[ghost_paths[i, k, ghosts[i, k].path_index]]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets
                         path_clyde[i, c] = min(path_clyde[i, c], _metres(there, goal, length_cm))

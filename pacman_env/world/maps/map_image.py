@@ -1,7 +1,7 @@
 """Decoding a map's image to brightness and opacity as GraphicsMagick does for Nav2: PGM, PNG and BMP.
 
-OpenCV decodes PNG and BMP; it would not rescale a binary PGM with a maxval other than 255, so PGM is read
-here.
+OpenCV decodes PNG and BMP, and is imported when it has to; it would not rescale a binary PGM with a maxval other than
+255, so PGM is read here.
 What brightness means is :mod:`pacman_env.world.maps.occupancy`'s business.
 """
 
@@ -12,7 +12,6 @@ import struct
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,6 +55,8 @@ def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]
 
 
 def _decode(data: bytes, width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
+    import cv2
+
     try:
         planes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:

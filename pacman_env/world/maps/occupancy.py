@@ -18,7 +18,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
@@ -181,6 +180,8 @@ class OccupancyMap:
             MapError: ``image`` is no such name, or no such image yields this grey and occupancy.
             OSError: a file cannot be written.
         """
+        import cv2  # 16 MB, which who only reads a PGM does without
+
         path = Path(yaml_path)
         pixels = 255 - self.grey if self.negate else self.grey.copy()
         hidden = self._nav2_table()[pixels] != self.occupancy  # needs alpha

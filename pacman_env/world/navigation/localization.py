@@ -19,6 +19,9 @@ LOCALIZATION_FIELDS = [
     ("error_heading", np.float64),  # rad
     ("error_cos", np.float64),  # its unit vector
     ("error_sin", np.float64),
+    ("bias_x", np.float64),  # the filter converges so far beside the truth, m
+    ("bias_y", np.float64),
+    ("bias_heading", np.float64),  # rad
     ("amcl_x", np.float64),  # the latched pose: m, m, rad
     ("amcl_y", np.float64),
     ("amcl_heading", np.float64),
@@ -44,14 +47,15 @@ def wrap(angle):  # type: ignore[no-untyped-def]
 def update(g, step):  # type: ignore[no-untyped-def]
     """A filter update of game ``g``: draw the error, publish the pose."""
     stream = g.localization_stream
+    g.error_x, g.error_y, g.error_heading = g.bias_x, g.bias_y, g.bias_heading
     if g.sigma_xy > 0.0:
         stream, a = normal(stream)
         stream, b = normal(stream)
-        g.error_x = a * g.sigma_xy
-        g.error_y = b * g.sigma_xy
+        g.error_x += a * g.sigma_xy
+        g.error_y += b * g.sigma_xy
     if g.sigma_heading > 0.0:
         stream, c = normal(stream)
-        g.error_heading = c * g.sigma_heading
+        g.error_heading += c * g.sigma_heading
     g.error_cos, g.error_sin = math.cos(g.error_heading), math.sin(g.error_heading)
     g.localization_stream = stream
     g.odom_x, g.odom_y, g.odom_heading = g.x, g.y, g.heading

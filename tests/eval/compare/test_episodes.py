@@ -5,10 +5,10 @@ import pytest
 
 from eval.compare.episodes import MOST_ROUNDS, allowed, episode_seeds, play
 from eval.compare.scenarios import open_place
+from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies import registry
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
 from tests.eval.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels

@@ -12,15 +12,15 @@ from pacman_env.policies.metadata import read_planner
 from tests.train.planners import random_planner
 
 
-def test_facts_are_those_of_the_sidecar_flat_and_short(tmp_path: Path) -> None:
+def test_facts_are_those_of_the_metadata_flat_and_short(tmp_path: Path) -> None:
     path = random_planner(tmp_path, dropped_kinds=(1,))
-    shown, sidecar = model_facts(str(path)), read_planner(path)[0]
-    assert shown["sha256"] == sidecar.sha256
-    assert shown["metrics.completion"] == str(sidecar.metrics["completion"])
+    shown, metadata = model_facts(str(path)), read_planner(path)[0]
+    assert shown["sha256"] == metadata.sha256
+    assert shown["metrics.completion"] == str(metadata.metrics["completion"])
     assert shown["training.clyde_speeds_mps"] == "0.2, 0.5"
     assert shown["dropped_kinds"] == "is_refuge"
     assert len(shown["candidate_features"]) == 80
-    assert shown["candidate_features"].startswith(", ".join(sidecar.candidate_features[:3]))
+    assert shown["candidate_features"].startswith(", ".join(metadata.candidate_features[:3]))
 
 
 def test_other_policies_have_no_facts() -> None:

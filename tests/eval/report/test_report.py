@@ -14,7 +14,7 @@ from eval.replay.__main__ import main as replay
 from eval.report.__main__ import main
 from eval.report.page import headline, render_page
 from pacman_env import __version__
-from pacman_env.sim.core.records import COMPLETE
+from pacman_env.game.execution import COMPLETE
 from pacman_env.world.maps.occupancy import load_map
 from tests.eval.helpers import CONFIG, refused_in_one_line
 

@@ -22,9 +22,9 @@ from pacman_env.cli.main import main
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag import BagError
-from pacman_env.ros.bags.bag_replay import chosen_of, replay
-from pacman_env.ros.bags.pose_statistics import Motion, simulated_motion
+from pacman_env.ros.bags.bag import BagError, open_bag
+from pacman_env.ros.bags.bag_replay import chosen_of, recorded_config, replay_bag
+from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
 from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.poses import compose, relative
@@ -184,7 +184,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_policy_that_played_chooses_as_recorded(bag: Path) -> None:
-    report = replay(bag, "house", "nearest")
+    report = replay_bag(bag, "house", "nearest")
     assert (report.namespace, report.rounds, report.statuses) == ("/robot_15", 1, {"pellet_collected": 1})
     assert abs(report.decisions - TICKS) <= 1
     assert report.unknown == 0
@@ -194,15 +194,15 @@ def test_the_policy_that_played_chooses_as_recorded(bag: Path) -> None:
 
 def test_decisions_that_the_goal_selector_told_are_met_exactly(tmp_path: Path) -> None:
     write_round(tmp_path / "game", "nearest", plans=False, scores=True)
-    report = replay(tmp_path / "game", "house", "nearest")
+    report = replay_bag(tmp_path / "game", "house", "nearest")
     assert report.same == report.decisions == TICKS
-    other = replay(tmp_path / "game", "house", "random")
+    other = replay_bag(tmp_path / "game", "house", "random")
     assert other.decisions == TICKS
     assert other.same < TICKS
 
 
 def test_another_policy_is_reported_where_it_differs(bag: Path) -> None:
-    report = replay(bag, "house", "random")
+    report = replay_bag(bag, "house", "random")
     other = report.decisions - report.same - report.unknown
     assert other > 0
     assert sum(one.decisions for one in report.otherwise) == other
@@ -215,7 +215,7 @@ def test_another_policy_is_reported_where_it_differs(bag: Path) -> None:
 
 
 def test_the_recorded_simulator_moves_as_the_simulator(bag: Path) -> None:
-    report = replay(bag, "house", "nearest")
+    report = replay_bag(bag, "house", "nearest")
     for name in ("speed", "jump"):  # how often poses come depends on how much it turned in this half minute
         ours, theirs = report.robot[name], report.simulator[name]
         assert ours is not None
@@ -229,7 +229,7 @@ def test_the_recorded_simulator_moves_as_the_simulator(bag: Path) -> None:
 
 def test_without_plans_choices_are_unknown_and_without_odometry_jumps_are(tmp_path: Path) -> None:
     write_round(tmp_path / "game", "nearest", plans=False, odometry=False)
-    report = replay(tmp_path / "game", "house", "nearest")
+    report = replay_bag(tmp_path / "game", "house", "nearest")
     assert report.unknown == report.decisions > 0
     assert report.otherwise == []
     assert report.robot["jump"] is None
@@ -258,7 +258,7 @@ def test_the_command_prints_text_or_json(bag: Path, capsys: pytest.CaptureFixtur
 def test_what_does_not_fit_the_bag_is_one_clear_line(bag: Path, change: dict[str, str], words: str) -> None:
     arguments = {"map": "house", "policy": "nearest", "namespace": "robot_15"} | change
     with pytest.raises(ValueError, match=words) as caught:
-        replay(bag, **arguments)
+        replay_bag(bag, **arguments)
     assert "\n" not in str(caught.value)
 
 
@@ -266,7 +266,27 @@ def test_a_bag_without_a_round_says_so(tmp_path: Path) -> None:
     with Bagged(tmp_path / "idle") as idle:
         idle.say(topics.GAME_STATE, 0.0, data="menu")
     with pytest.raises(BagError, match="no round was played"):
-        replay(tmp_path / "idle", "house", "nearest")
+        replay_bag(tmp_path / "idle", "house", "nearest")
+
+
+def test_a_game_is_replayed_under_the_configuration_of_its_goal_selector(tmp_path: Path) -> None:
+    played = make_config(**{"clyde.speed_mps": 0.35, "clyde.ghosts": ("wander", "chase"), "max_pellets": 20})
+
+    def said(node: str, configuration: Any) -> str:
+        return json.dumps({"node": node, "hash": "", "map": None, "configuration": configuration})
+
+    with Bagged(tmp_path / "game") as bagged:
+        bagged.say(topics.GAME_STATE, 0.0, data="menu")
+        bagged.say(topics.CONFIGURATION, 0.0, data=said("goal_selector", played.as_dict()))
+        bagged.say(topics.CONFIGURATION, 0.1, data=said("sim_robot", make_config("ideal").as_dict()))
+    with open_bag(tmp_path / "game") as bag:
+        assert recorded_config(bag) == played
+    for number, bad in enumerate(("no json", said("goal_selector", {"clyde": {"hue": "orange"}}), "[]")):
+        with Bagged(tmp_path / f"bad{number}") as bagged:
+            bagged.say(topics.GAME_STATE, 0.0, data="menu")
+            bagged.say(topics.CONFIGURATION, 0.0, data=bad)
+        with open_bag(tmp_path / f"bad{number}") as bag, pytest.raises(BagError, match="configuration"):
+            recorded_config(bag)
 
 
 def test_the_candidate_shown_as_chosen_is_the_one_read() -> None:
@@ -296,7 +316,7 @@ def test_a_step_taken_back_leads_where_it_came_from(start: Any, end: Any) -> Non
 
 
 def test_odometry_carries_a_pose_until_the_next_and_the_rest_is_its_jump() -> None:
-    motion = Motion()
+    motion = PoseStatistics()
     assert motion.believed is None
     motion.drive((10.0, 0.0, math.pi / 2), 0.0)
     motion.localize(1.0, (0.0, 0.0, 0.0))
@@ -313,7 +333,7 @@ def test_odometry_carries_a_pose_until_the_next_and_the_rest_is_its_jump() -> No
 
 def test_simulated_poses_jump_by_the_error_that_is_drawn_anew() -> None:
     config = make_config()
-    motion = simulated_motion(map_assets("house", config), config, make_policy("nearest"), rounds=2)
+    motion = simulated_statistics(map_assets("house", config), config, make_policy("nearest"), rounds=2)
     quantiles = motion.quantiles()
     assert quantiles["jump"] is not None
     # Two errors of 0.035 m per axis apart: Rayleigh with sigma 0.035 * sqrt(2), median 1.18 sigma.

@@ -15,12 +15,12 @@ pytest.importorskip("rclpy")
 from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
-from pacman_env.config import ClydeConfig, PelletConfig
-from pacman_env.game.clyde import ClydeCells, clyde_cells
+from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import points_of, pose_of
-from pacman_env.ros.nodes.clyde_ghost_node import Wanderer
-from pacman_env.world.maps.occupancy import load_map
+from pacman_env.sim.core.map_ghosts import MapGhosts
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.ghost_cells import ClydeCells
 from tests.shared import shared_path
 
 if TYPE_CHECKING:
@@ -28,12 +28,16 @@ if TYPE_CHECKING:
 
 NODE = "pacman_env.ros.nodes.clyde_ghost_node"
 MAP = "loop"
-PERIOD = ClydeConfig().update_period_s
+CONFIG = make_config("robot", **{"clyde.speed_mps": 1.0})
 
 
 @cache
 def cells() -> ClydeCells:
-    return clyde_cells(load_map(MAP), ClydeConfig(), PelletConfig().free_grey)
+    return map_assets(MAP, CONFIG).clyde
+
+
+def fast_ghost(seed: int) -> MapGhosts:
+    return MapGhosts(map_assets(MAP, CONFIG), CONFIG, seed)
 
 
 def up(probe: Probe, system: System, **parameters: Any) -> Process:
@@ -103,7 +107,7 @@ def test_he_moves_only_while_the_game_is_running_and_then_at_his_speed(probe: Pr
     next_pose(probe, 5)
     poses = np.array([pose_of(m)[:2] for m in probe.messages(topics.CLYDE_POSE)])
     steps = np.hypot(*np.diff(poses, axis=0).T)
-    assert steps.max() == pytest.approx(0.8 * PERIOD, abs=1e-6)
+    assert steps.max() == pytest.approx(0.8 * CONFIG.clyde.update_period_s, abs=1e-6)
     assert (steps[-4:] > 0.01).all()
     probe.publish(topics.GAME_STATE, "dying")
     next_pose(probe, 3)
@@ -156,16 +160,19 @@ def test_a_first_pose_beside_him_makes_him_go_elsewhere_fault_11(probe: Probe, s
 
 
 def test_planning_does_not_stall_his_pose_on_a_large_map_fault_11() -> None:
-    large = clyde_cells(load_map(shared_path("maps/mit_stata_basement")), ClydeConfig(), PelletConfig().free_grey)
-    clyde = Wanderer(large, seed=1, speed_mps=5.0, period_s=PERIOD)
-    clyde.respawn([], 1.5)
-    clyde.step()
-    longest = 0.0
+    config = make_config("robot", **{"clyde.speed_mps": 5.0, "pellets.spacing_m": 20.0})
+    large = map_assets(shared_path("maps/mit_stata_basement"), config)
+    clyde = MapGhosts(large, config, seed=1)
+    settled = clyde._ghosts._search[0][:, 3]
+    ways = 0
     for _ in range(400):
-        before = time.thread_time()
+        before = int(settled.max())
         clyde.step()
-        longest = max(longest, time.thread_time() - before)
-    assert longest < PERIOD / 2
+        searches = int(settled.max()) - before
+        assert searches <= 1  # one way in a step, and no cell of it is looked at twice
+        ways += searches
+        assert np.count_nonzero(settled == settled.max()) <= len(large.clyde.cells_in(large.clyde_part))
+    assert ways > 5
 
 
 def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(probe: Probe, system: System) -> None:
@@ -176,7 +183,7 @@ def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(probe: Prob
         return response
 
     topics.CLEAR_GLOBAL_COSTMAP.server(probe.node, clear)
-    up(probe, system, clear_costmap_s=1.5, speed_mps=2.0)
+    up(probe, system, clear_costmap_s=1.5, settings=["clyde.speed_mps=2.0"])
     next_pose(probe, 5)
     assert cleared == []
     probe.publish(topics.GAME_STATE, "running")
@@ -230,12 +237,11 @@ def test_clicks_that_make_no_sense_are_ignored_and_said_once(probe: Probe, syste
 
 def test_the_same_seed_walks_the_same_way_and_another_another() -> None:
     def walk(seed: int) -> list[tuple[float, float, float]]:
-        clyde = Wanderer(cells(), seed, 1.0, PERIOD)
-        clyde.respawn([], 1.5)
+        clyde = fast_ghost(seed)
         poses = []
         for _ in range(100):
             clyde.step()
-            poses.append(clyde.pose)
+            poses.append(clyde.poses[0])
         return poses
 
     assert walk(3) == walk(3)
@@ -243,11 +249,10 @@ def test_the_same_seed_walks_the_same_way_and_another_another() -> None:
 
 
 def test_he_looks_where_he_goes() -> None:
-    clyde = Wanderer(cells(), 5, 1.0, PERIOD)
-    clyde.respawn([], 1.5)
+    clyde = fast_ghost(5)
     for _ in range(50):
-        x, y, _ = clyde.pose
+        x, y, _ = clyde.poses[0]
         clyde.step()
-        nx, ny, heading = clyde.pose
+        nx, ny, heading = clyde.poses[0]
         if (nx, ny) != (x, y):
             assert heading == pytest.approx(math.atan2(ny - y, nx - x))

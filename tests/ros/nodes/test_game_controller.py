@@ -30,8 +30,9 @@ SAID = (
 )
 
 
-def up(probe: Probe, system: System, **parameters: Any) -> Process:
-    process = system.start(NODE, **{"start_show_s": 0.2, "death_show_s": 0.2, "home_retry_s": 0.1, **parameters})
+def up(probe: Probe, system: System, *settings: str, **parameters: Any) -> Process:
+    quick = ["show.start_s=0.2", "show.death_s=0.2", "show.home_retry_s=0.1"]
+    process = system.start(NODE, settings=[*quick, *settings], **parameters)
     probe.record(*SAID)
     probe.wait_for(
         lambda: all(probe.values(topic) for topic in SAID if topic is not topics.GAME_EVENT), what="the announcement"
@@ -74,7 +75,7 @@ def running(probe: Probe, count: int = 3) -> None:
 
 
 def test_everything_latched_is_there_for_whoever_comes_late(probe: Probe, system: System) -> None:
-    up(probe, system, clyde_speed_mps=0.3)
+    up(probe, system, "clyde.speed_mps=0.3")
     latest = {topic.name: probe.values(topic)[-1] for topic in SAID if topic is not topics.GAME_EVENT}
     assert latest.pop("clyde/speed") == pytest.approx(0.3)
     assert latest == {
@@ -146,7 +147,7 @@ def test_a_stale_report_of_pellets_does_not_keep_the_round_from_completing_fault
 
 
 def test_a_way_home_that_fails_is_tried_again_and_in_the_end_reported_fault_9(probe: Probe, system: System) -> None:
-    up(probe, system, home_retries=2)
+    up(probe, system, "show.home_retries=2")
     running(probe)
     status(probe, "death_detected")
     wait_state(probe, "returning_home")
@@ -207,7 +208,7 @@ def test_a_show_is_not_prolonged_by_a_clock_that_is_set_back(probe: Probe, syste
         clock.publish(Clock(clock=Time(seconds=now).to_msg()))
 
     probe.node.create_timer(0.01, tick)
-    up(probe, system, use_sim_time=True, start_show_s=2.0)
+    up(probe, system, "show.start_s=2.0", use_sim_time=True)
     assert probe.call(topics.START_GAME).success
     wait_state(probe, "returning_home")
     status(probe, "home_reached")
@@ -282,9 +283,9 @@ def a_game(**changes: Any) -> dict[str, Any]:
     game = RoundController()
     game.start(0.0)
     game.pellets_left([0, 1, 2])
-    kept = game.snapshot(0.0)
+    state = game.snapshot(0.0)
     domain = {"namespace": "/robot_15", "domain": "", "simulated": False}
-    return {"format": 1, "written_s": time.time(), "owner": domain, "kept": kept} | changes
+    return {"format": 2, "written_s": time.time(), "owner": domain, "state": state} | changes
 
 
 @pytest.mark.parametrize(
@@ -292,9 +293,9 @@ def a_game(**changes: Any) -> dict[str, Any]:
     [
         ({"written_s": 1.0}, ""),
         ({"owner": {"namespace": "/robot_7"}}, ""),
-        ({"kept": {"state": "running"}}, "must have the fields"),
-        ({"kept": [1]}, "must have the fields"),
-        ({"format": 2}, "another version"),
+        ({"state": {"state": "running"}}, "must have the fields"),
+        ({"state": [1]}, "must have the fields"),
+        ({"format": 1}, "another version"),
     ],
 )
 def test_a_game_that_is_old_or_strange_is_not_gone_on_with(
@@ -306,7 +307,7 @@ def test_a_game_that_is_old_or_strange_is_not_gone_on_with(
         game["owner"]["domain"] = str(domain)
     text = json.dumps(game)
     file.write_text(text)
-    process = up(probe, system, memory=str(file))
+    process = up(probe, system, state_file=str(file))
     wait_state(probe, "menu")
     assert process.output.count("is left alone") == bool(complaint)
     assert complaint in process.output
@@ -320,12 +321,12 @@ def test_a_game_that_is_old_or_strange_is_not_gone_on_with(
 def test_nothing_is_kept_where_none_is_wanted_and_no_folder_stops_a_game(
     probe: Probe, system: System, tmp_path: Path
 ) -> None:
-    process = up(probe, system, memory="''")
+    process = up(probe, system, state_file="''")
     running(probe)
     assert not list(tmp_path.rglob("*.json"))
     assert process.stop() == 0
     (tmp_path / "file").touch()
-    process = up(probe, system, memory=str(tmp_path / "file" / "game.json"))
+    process = up(probe, system, state_file=str(tmp_path / "file" / "game.json"))
     probe.wait_for(lambda: probe.values(topics.GAME_STATE)[-1] == "menu", what="the menu")
     running(probe)
     status(probe, "pellet_collected:1")

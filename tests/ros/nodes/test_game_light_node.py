@@ -9,13 +9,15 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.game.lights import ANIMATIONS, COLOURS
+from pacman_env.config import ShowConfig
+from pacman_env.game.lights import COLOURS, animations
 from pacman_env.ros import topics
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
 
 NODE = "pacman_env.ros.nodes.game_light_node"
+ANIMATIONS = animations(ShowConfig())
 RELEASED = (((0, 0, 0),) * 6, False)
 
 

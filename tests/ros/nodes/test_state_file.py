@@ -10,41 +10,41 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from pacman_env.ros.nodes.state_file import Memory
+from pacman_env.ros.nodes.state_file import StateFile
 
 ME = {"namespace": "/robot_15", "simulated": False}
 
 
 def test_what_was_kept_comes_back_and_what_was_forgotten_does_not(tmp_path: Path) -> None:
     path = tmp_path / "new" / "game.json"
-    memory = Memory(path, 60.0, ME)
-    assert memory.recall() is None
+    file = StateFile(path, 60.0, ME)
+    assert file.load() is None
     for score in (1, 2):
-        memory.keep({"score": score})
-    assert Memory(path, 60.0, ME).recall() == {"score": 2}
+        file.save({"score": score})
+    assert StateFile(path, 60.0, ME).load() == {"score": 2}
     assert os.listdir(path.parent) == ["game.json"]
-    memory.forget()
-    memory.forget()
-    assert memory.recall() is None
+    file.remove()
+    file.remove()
+    assert file.load() is None
 
 
 def test_what_another_owner_kept_or_too_long_ago_does_not_come_back(tmp_path: Path) -> None:
     path = tmp_path / "game.json"
-    Memory(path, 60.0, ME).keep(1)
-    assert Memory(path, 60.0, {**ME, "simulated": True}).recall() is None
-    assert Memory(path, 0.0, ME).recall() is None
+    StateFile(path, 60.0, ME).save(1)
+    assert StateFile(path, 60.0, {**ME, "simulated": True}).load() is None
+    assert StateFile(path, 0.0, ME).load() is None
     written = path.read_text()
     for written_s in (1.0, 9e9):  # or the clock was set back
         path.write_text(written.replace(written.split('"written_s": ')[1].split(",")[0], str(written_s)))
-        assert Memory(path, 60.0, ME).recall() is None
+        assert StateFile(path, 60.0, ME).load() is None
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        *("no json", "[]", "3", "{}", '{"format": 1}', "[" * 100_000, "\0", "1" * 1_000_001),
-        '{"format": 2, "written_s": 0, "owner": {}, "kept": 0}',
-        '{"format": 1, "written_s": "x", "owner": {}, "kept": 0}',
+        *("no json", "[]", "3", "{}", '{"format": 2}', "[" * 100_000, "\0", "1" * 1_000_001),
+        '{"format": 1, "written_s": 0, "owner": {}, "state": 0}',
+        '{"format": 2, "written_s": "x", "owner": {}, "state": 0}',
     ],
     ids=range(10),
 )
@@ -52,13 +52,13 @@ def test_a_file_of_something_else_is_an_error_and_stays(tmp_path: Path, text: st
     path = tmp_path / "game.json"
     path.write_text(text)
     with pytest.raises(ValueError, match=r"damaged|another version|more than"):
-        Memory(path, 60.0, ME).recall()
+        StateFile(path, 60.0, ME).load()
     assert path.read_text() == text
 
 
 def test_a_cut_off_write_leaves_what_was_kept_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    memory = Memory(tmp_path / "game.json", 60.0, ME)
-    memory.keep("old")
+    file = StateFile(tmp_path / "game.json", 60.0, ME)
+    file.save("old")
 
     def cut_off(source: Any, target: Any) -> None:
         raise OSError("killed")
@@ -66,22 +66,22 @@ def test_a_cut_off_write_leaves_what_was_kept_before(tmp_path: Path, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", cut_off)
         with pytest.raises(OSError, match="killed"):
-            memory.keep("new")
-    assert memory.recall() == "old"
-    memory.keep("newer")
-    assert memory.recall() == "newer"
+            file.save("new")
+    assert file.load() == "old"
+    file.save("newer")
+    assert file.load() == "newer"
     assert os.listdir(tmp_path) == ["game.json"]
 
 
 def test_an_empty_file_and_no_path_are_nothing(tmp_path: Path) -> None:
     (tmp_path / "game.json").touch()
-    assert Memory(tmp_path / "game.json", 60.0, ME).recall() is None
-    memory = Memory(None, 60.0, ME)
-    memory.keep(1)
-    memory.forget()
-    assert memory.recall() is None
+    assert StateFile(tmp_path / "game.json", 60.0, ME).load() is None
+    file = StateFile(None, 60.0, ME)
+    file.save(1)
+    file.remove()
+    assert file.load() is None
 
 
 def test_a_folder_in_its_place_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not a file"):
-        Memory(tmp_path, 60.0, ME).recall()
+        StateFile(tmp_path, 60.0, ME).load()

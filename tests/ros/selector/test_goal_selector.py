@@ -11,6 +11,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from std_msgs.msg import Header, String  # noqa: E402
 
+from pacman_env.config import make_config  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import markers_of, pose_message, transform_message  # noqa: E402
 from pacman_env.ros.selector.selection import Selection  # noqa: E402
@@ -160,21 +161,21 @@ def test_transforms_are_believed_before_the_latched_pose(game: Game) -> None:
 @pytest.mark.parametrize("policy", ["ppo", "lookahead", "clyde_aware"])
 def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
     troubles: list[str] = []
-    selection = Selection("house", policy, None, 0.0, 1.0, lambda kind, text: troubles.append(text))
-    pursuit, took, sent = selection.pursuit, [], []
+    selection = Selection(make_config(), "house", policy, None, 1.0, lambda kind, text: troubles.append(text))
+    executor, took, sent = selection.executor, [], []
     stamp = pose_message(0.0, 0.0, 0.0, rclpy.time.Time().to_msg()).header.stamp
     amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
     amcl.pose.pose.orientation.w = 1.0
     selection.on_amcl(amcl, 0.0)
     selection.on_pellets(markers_of({int(n): pellet(k) for k, n in enumerate(house().pellet_ids)}, stamp), 0.0)
-    pursuit.activate(0.0)
-    pursuit.nav2(True, 0.0)
+    executor.activate(0.0)
+    executor.nav2(True, 0.0)
     selection.on_state(String(data="running"), 0.0)
     selection.on_command(String(data="enable"), 0.0)
     cells = house().clyde.position[house().clyde.cells_in(0)]
     for k in range(1000):
         now = 0.5 * k
-        selection.live.see_clyde(*cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
+        selection.live.see_ghost(0, *cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
         before = time.thread_time()
         selection.decide(now, sent.extend)
         took.append(time.thread_time() - before)
@@ -183,7 +184,7 @@ def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
                 selection.on_command(String(data=word), now)
         for action in sent[-3:]:
             if action.kind == "send":
-                pursuit.accepted(int(action.value), now)
+                executor.accepted(int(action.value), now)
     took.sort()
     assert sum(action.kind == "send" for action in sent) > 10
     assert took[989] < 0.020, "99 of 100 decisions"

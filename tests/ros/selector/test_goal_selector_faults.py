@@ -59,7 +59,7 @@ def test_fault_6_a_goal_accepted_after_disable_is_cancelled_at_once(game: Game) 
 
 
 def test_fault_8_goals_do_not_alternate_at_a_boundary(game: Game) -> None:
-    game.start(min_dwell_s=1.0)
+    game.start()
     game.begin()
     a, b = pellet(0), pellet(1)
     middle = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2

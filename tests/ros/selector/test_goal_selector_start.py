@@ -133,7 +133,7 @@ def test_the_policy_changes_in_menu_alone_and_only_to_one_that_can_be_used(game:
 
 
 def test_the_node_follows_the_lifecycle(game: Game) -> None:
-    process = game.system.start(NODE, policy="nearest", autostart=False)
+    process = game.system.start(NODE, policy="nearest", map_yaml="house", autostart=False)
 
     def change(transition: int) -> bool:
         service = topics.Service("goal_selector/change_state", "lifecycle_msgs/ChangeState")
@@ -168,11 +168,11 @@ def test_the_node_follows_the_lifecycle(game: Game) -> None:
         ({"policy": "bold"}, "unknown policy 'bold'"),
         ({"map_yaml": "nowhere.yaml"}, "nowhere.yaml"),
         ({"home": "[1.0, 2.0]"}, "home: 2 numbers"),
-        ({"decision_rate": 99.0}, "decision_rate"),
+        ({"settings": ["execution.tick_s=0"]}, "execution.tick_s"),
     ],
 )
 def test_what_cannot_be_used_is_said_at_the_start(system: System, parameters: dict[str, Any], complaint: str) -> None:
-    process = system.start(NODE, **parameters)
+    process = system.start(NODE, **{"map_yaml": "house", **parameters})
     assert process.wait(LONG) == 2
     system.processes.clear()
     assert complaint in process.output

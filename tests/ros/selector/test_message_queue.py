@@ -9,7 +9,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.selector.message_queue import Waiting  # noqa: E402
+from pacman_env.ros.selector.message_queue import MessageQueue  # noqa: E402
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def test_they_wake_nobody_and_are_taken_in_order_with_how_long_they_waited(probe: Probe) -> None:
     node = rclpy.create_node("sleeper", namespace=probe.system.namespace, context=probe.context)
     taken: list[tuple[str, float]] = []
-    waiting = Waiting(node, topics.GAME_COMMAND, lambda message, waited_s: taken.append((message.data, waited_s)))
+    waiting = MessageQueue(node, topics.GAME_COMMAND, lambda message, waited_s: taken.append((message.data, waited_s)))
     probe.executor.add_node(node)
     for word in ("first", "second", "third"):
         probe.publish(topics.GAME_COMMAND, word)

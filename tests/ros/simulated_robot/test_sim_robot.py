@@ -280,7 +280,7 @@ def test_a_signal_ends_it_cleanly_while_it_drives(probe: Probe, system: System, 
     [
         ({"speed": 2.0}, "needs use_sim_time"),
         ({"map_yaml": "nowhere.yaml"}, "nowhere.yaml"),
-        ({"settings": "robot.speed_mps=fast"}, "robot.speed_mps"),
+        ({"settings": "[robot.speed_mps=fast]"}, "robot.speed_mps"),
         ({"preset": "lunar"}, "lunar"),
         ({"home": "1,2"}, "must be x,y,heading"),
         ({"fault": "explode"}, "explode"),

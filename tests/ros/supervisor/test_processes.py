@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.ros.supervisor import processes as crew_module
-from pacman_env.ros.supervisor.processes import Crew, Lost
+from pacman_env.ros.supervisor import processes as module
+from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 
 ROOT = Path(__file__).resolve().parents[3]
 GOOD = """
@@ -53,11 +53,11 @@ def said() -> list[str]:
 
 
 @pytest.fixture
-def crew(folder: Path, said: list[str]) -> Iterator[Crew]:
+def group(folder: Path, said: list[str]) -> Iterator[ProcessGroup]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
-    crew = Crew(folder, environment, said.append, module_of="nodes.{}".format)
-    yield crew
-    crew.stop()
+    group = ProcessGroup(lambda name: [f"nodes.{name}", str(folder / "order")], folder, environment, said.append)
+    yield group
+    group.stop()
 
 
 def wait_for(condition: Callable[[], object], what: str) -> None:
@@ -67,67 +67,71 @@ def wait_for(condition: Callable[[], object], what: str) -> None:
         time.sleep(0.02)
 
 
-def ready(crew: Crew, *names: str) -> None:
+def ready(group: ProcessGroup, *names: str) -> None:
     for name in names:
-        wait_for(lambda name=name: crew.last_words(name).startswith("ready"), f"{name} ready")
+        wait_for(lambda name=name: group.last_words(name).startswith("ready"), f"{name} ready")
 
 
-def test_nodes_stop_one_after_another_the_named_ones_first_then_the_last_started(crew: Crew, folder: Path) -> None:
+def test_nodes_stop_one_after_another_the_named_ones_first_then_the_last_started(
+    group: ProcessGroup, folder: Path
+) -> None:
     order = folder / "order"
     for name in ("first", "second", "third"):
-        crew.start(name, [str(order)])
-    ready(crew, "first", "second", "third")
+        group.start(name)
+    ready(group, "first", "second", "third")
     between: list[str] = []
-    assert crew.stop(["second", "absent"], between.append) == []
+    assert group.stop(["second", "absent"], between.append) == []
     assert order.read_text().split() == between == ["second", "third", "first"]
 
 
-def test_a_node_that_ignores_the_end_is_killed_and_named(crew: Crew, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(crew_module, "PATIENCE_S", 0.2)
-    crew.start("stubborn")
-    ready(crew, "stubborn")
-    assert crew.stop() == ["stubborn"]
+def test_a_node_that_ignores_the_end_is_killed_and_named(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PATIENCE_S", 0.2)
+    group.start("stubborn")
+    ready(group, "stubborn")
+    assert group.stop() == ["stubborn"]
 
 
-def test_a_dead_node_is_started_again_and_its_reason_is_said(crew: Crew, folder: Path, said: list[str]) -> None:
-    crew.start("first", [str(folder / "order")])
-    ready(crew, "first")
-    process = crew._members["first"].process
+def test_a_dead_node_is_started_again_and_its_reason_is_said(
+    group: ProcessGroup, folder: Path, said: list[str]
+) -> None:
+    group.start("first")
+    ready(group, "first")
+    process = group._members["first"].process
     assert process is not None
     process.kill()
-    wait_for(lambda: crew.tend() == ["first"], "the death is seen")
+    wait_for(lambda: group.tend() == ["first"], "the death is seen")
     assert "first ended with status -9: ready" in said[0]
-    wait_for(lambda: crew.tend() == [] and crew._members["first"].process is not None, "started again")
-    assert crew._members["first"].process is not process
+    wait_for(lambda: group.tend() == [] and group._members["first"].process is not None, "started again")
+    assert group._members["first"].process is not process
 
 
 def test_a_node_that_keeps_dying_is_given_up_with_its_last_words(
-    crew: Crew, said: list[str], monkeypatch: pytest.MonkeyPatch
+    group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(crew_module, "SLOW_START_S", 0.0)
-    crew.start("dies")
+    monkeypatch.setattr(module, "SLOW_START_S", 0.0)
+    group.start("dies")
 
     def tend_for_ever() -> None:
-        wait_for(lambda: crew.tend() and False, "it is given up")
+        wait_for(lambda: group.tend() and False, "it is given up")
 
     with pytest.raises(Lost, match="dies died 5 times within 60 s: RuntimeError: out of luck"):
         tend_for_ever()
     assert len(said) == 4
 
 
-def test_a_node_that_refuses_its_arguments_is_not_started_again(crew: Crew, said: list[str]) -> None:
-    crew.start("refuses")
+def test_a_node_that_refuses_its_arguments_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:
+    group.start("refuses")
     with pytest.raises(Lost, match="refuses does not start: refuses: no such map"):
-        wait_for(lambda: crew.tend() and False, "it is given up")
+        wait_for(lambda: group.tend() and False, "it is given up")
     assert said == []
 
 
-def test_a_node_whose_work_is_done_can_be_dismissed(crew: Crew) -> None:
-    crew.start("done")
-    wait_for(lambda: crew.status("done") == 0, "done")
-    crew.dismiss("done")
-    assert "done" not in crew
-    assert crew.tend() == []
+def test_a_node_whose_work_is_done_can_be_dismissed(group: ProcessGroup) -> None:
+    group.start("done")
+    wait_for(lambda: group.status("done") == 0, "done")
+    group.dismiss("done")
+    assert "done" not in group
+    assert group.tend() == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent is gone")
@@ -136,10 +140,10 @@ def test_no_node_outlives_a_killed_parent(folder: Path) -> None:
     parent = f"""
 import time
 from pathlib import Path
-from pacman_env.ros.supervisor.processes import Crew
+from pacman_env.ros.supervisor.processes import ProcessGroup
 import os
-crew = Crew(Path({str(folder)!r}), dict(os.environ), print, module_of=lambda name: "nodes." + name)
-crew.start("first", [{str(order)!r}])
+group = ProcessGroup(lambda name: ["nodes." + name, {str(order)!r}], Path({str(folder)!r}), dict(os.environ), print)
+group.start("first")
 time.sleep(60)
 """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}

@@ -16,10 +16,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, Game, module_of
-from pacman_env.ros.supervisor.up import MEANINGS, NODE_LOST, Screen, environment
+from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup, module_of
+from pacman_env.ros.supervisor.up import MEANINGS, NODE_LOST, LineWriter, environment
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
 PATIENCE_S = 240.0  # the first nodes may have to compile
@@ -93,8 +94,8 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
         "import sys\nif any(word.endswith('audio_node') for word in sys.orig_argv): sys.exit('no ears')\n"
     )
     code = (
-        "import sys; from pacman_env.ros import crew; crew.SLOW_START_S = 0.0; from pacman_env.cli.main import main; "
-        "sys.exit(main(sys.argv[1:]))"
+        "import sys; from pacman_env.ros.supervisor import processes; processes.SLOW_START_S = 0.0; "
+        "from pacman_env.cli.main import main; sys.exit(main(sys.argv[1:]))"
     )
     words = ["ros", "up", "--map", "house", "--policy", "nearest", "--sim", "--logs", str(tmp_path / "logs")]
     environment = f"PYTHONPATH={broken}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
@@ -113,6 +114,9 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
         (["--map", "house", "--speed", "2"], "only a simulated robot"),
         (["--map", "house", "--sim", "--speed", "11"], "speed 11: must be 1 to 10"),
         (["--map", "house", "--domain-id", "102"], "domain id 102"),
+        (["--map", "house", "--preset", "lunar"], "unknown preset 'lunar'"),
+        (["--map", "house", "--set", "clyde.speed_mps=fast"], "clyde.speed_mps = 'fast': must be a number"),
+        (["--map", "house", "--set", "clyde.sped=1"], "unknown configuration field 'clyde.sped'"),
     ],
 )
 def test_what_cannot_be_played_is_one_line_before_anything_starts(
@@ -128,6 +132,7 @@ def test_what_cannot_be_played_is_one_line_before_anything_starts(
 def test_without_ros_the_command_says_what_to_install(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(ros, "supervisor", ros.supervisor)  # is put back: the command imports another one
     for name in [name for name in sys.modules if name.startswith("pacman_env.ros.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "rclpy", None)  # as if it were not there
@@ -139,9 +144,9 @@ def test_without_ros_the_command_says_what_to_install(
 
 
 def test_a_simulated_game_stays_on_this_machine() -> None:
-    assert environment(Game("house", sim=True), 7)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in environment(Game("house"), None)
-    assert environment(Game("house"), 7)["ROS_DOMAIN_ID"] == "7"
+    assert environment(GameSetup("house", sim=True), 7)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in environment(GameSetup("house"), None)
+    assert environment(GameSetup("house"), 7)["ROS_DOMAIN_ID"] == "7"
 
 
 def test_lines_are_written_when_something_changes_and_over_one_another_on_a_terminal(
@@ -149,10 +154,10 @@ def test_lines_are_written_when_something_changes_and_over_one_another_on_a_term
 ) -> None:
     monkeypatch.setattr("pacman_env.ros.supervisor.up.LINE_S", 0.0)
     plain = io.StringIO()
-    screen = Screen(plain)
+    writer = LineWriter(plain)
     for number, state in enumerate(["menu", "menu", "running"]):
-        screen.show(lambda with_age, number=number, state=state: f"{state} {number}" if with_age else state)
-    screen.say("stopping")
+        writer.show(lambda with_age, number=number, state=state: f"{state} {number}" if with_age else state)
+    writer.say("stopping")
     assert plain.getvalue() == "menu 0\nrunning 2\nstopping\n"
 
     class Terminal(io.StringIO):
@@ -160,9 +165,9 @@ def test_lines_are_written_when_something_changes_and_over_one_another_on_a_term
             return True
 
     terminal = Terminal()
-    screen = Screen(terminal)
+    writer = LineWriter(terminal)
     for number in range(3):
-        screen.show(lambda with_age, number=number: f"menu {number}")
+        writer.show(lambda with_age, number=number: f"menu {number}")
     assert terminal.getvalue().count("\r") == 3
     assert "\n" not in terminal.getvalue()
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.game.execution import COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from tests.drawn import drawn
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.game.clyde import find_path, search_memory
+from pacman_env.game.execution import DEAD, RUNNING
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import DEAD, RUNNING
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.ghost_cells import find_path, search_memory
 from tests.drawn import drawn
-from tests.game.test_clyde import POCKETS
+from tests.sim.maps.test_ghost_cells import POCKETS
 from tests.world.navigation.test_navigator import batch_to, drive, watch
 
 HARMLESS = {"execution.death_radius_m": 1e-6}
@@ -37,7 +37,7 @@ def stands_at(batch: GameBatch, ghost: int = 0) -> np.ndarray:
 
 def heads_for(batch: GameBatch, game: int, ghost: int = 0) -> int:
     """The cell at the end of his path."""
-    return int(batch._ghost_paths[game, ghost, batch.ghosts["length"][game, ghost] - 1])
+    return int(batch._ghosts.paths[game, ghost, batch.ghosts["path_length"][game, ghost] - 1])
 
 
 def way_m(batch: GameBatch, game: int, target: int, ghost: int = 0) -> float:
@@ -45,7 +45,7 @@ def way_m(batch: GameBatch, game: int, target: int, ghost: int = 0) -> float:
     cells = batch.assets.clyde
     node, queue = search_memory(len(cells.position), cells.longest)
     path = np.zeros(cells.longest, dtype=np.int32)
-    here = int(batch._ghost_paths[game, ghost, batch.ghosts["at"][game, ghost]])
+    here = int(batch._ghosts.paths[game, ghost, batch.ghosts["path_index"][game, ghost]])
     count = find_path(here, target, cells.graph, node, queue, path)
     return float(np.hypot(*np.diff(cells.position[path[:count]], axis=0).T).sum())
 
@@ -88,7 +88,7 @@ def test_told_otherwise_he_turns_at_the_next_cell() -> None:
         assert heads_for(batch, 0) == target
         moved = np.hypot(*(stands_at(batch)[0] - beyond))
         assert moved <= 0.25 * 0.6 + 1e-9  # three updates at most
-        rest = batch._ghost_paths[0, 0, batch.ghosts["at"][0, 0] : batch.ghosts["length"][0, 0]]
+        rest = batch._ghosts.paths[0, 0, batch.ghosts["path_index"][0, 0] : batch.ghosts["path_length"][0, 0]]
         way = np.hypot(*np.diff(batch.assets.clyde.position[rest], axis=0).T).sum()
         assert way == pytest.approx(way_m(batch, 0, target), abs=0.12)  # two cells for turning round
 
@@ -110,7 +110,7 @@ def test_from_a_pocket_there_is_no_way_so_he_wanders_there_and_pursues_no_place(
     changes = {"pellets.spacing_m": 1.0, "clyde.spawn": "anywhere", "clyde.spawn_distance_m": 4.4, **HARMLESS}
     source = drawn(POCKETS, square_m=0.55, origin=(-2.5, -2.0, 0.0))
     told, free = (games(300, "policy", source=source, **changes) for _ in range(2))
-    part = told.assets.clyde.part[told._ghost_paths[:, 0, 0]]
+    part = told.assets.clyde.part[told._ghosts.paths[:, 0, 0]]
     pocket = part != told.assets.clyde_part
     assert pocket.any()
     assert not pocket.all()
@@ -217,7 +217,7 @@ def test_other_ghosts_do_not_change_the_way_clyde_wanders() -> None:
 def test_ghosts_draw_from_streams_of_their_own() -> None:
     batch = games(3000, *["wander"] * 4)
     assert len(np.unique(batch.ghosts["stream"])) == batch.ghosts.size
-    pick = np.argsort(np.argsort(batch._ghost_paths[:, :, 0], axis=0), axis=0)  # ranks of the cells they start on
+    pick = np.argsort(np.argsort(batch._ghosts.paths[:, :, 0], axis=0), axis=0)  # ranks of the cells they start on
     correlation = np.corrcoef(pick.T)[np.triu_indices(4, 1)]
     assert np.abs(correlation).max() < 4 / np.sqrt(3000)
 
@@ -260,12 +260,12 @@ def test_no_ghost_ever_leaves_the_lines_between_neighbouring_cells() -> None:
         batch.step(rng.integers(0, batch.candidates, 4), rng.integers(0, batch.candidates, (4, 4)))
         for i, k in np.ndindex(4, 4):
             ghost = batch.ghosts[i, k]
-            path = batch._ghost_paths[i, k, : ghost["length"]]
-            assert 0 <= ghost["at"] < len(path)
+            path = batch._ghosts.paths[i, k, : ghost["path_length"]]
+            assert 0 <= ghost["path_index"] < len(path)
             for here, following in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
                 assert following in cells.neighbours[here]
-            a = cells.position[path[ghost["at"]]]
-            b = cells.position[path[min(ghost["at"] + 1, len(path) - 1)]]
+            a = cells.position[path[ghost["path_index"]]]
+            b = cells.position[path[min(ghost["path_index"] + 1, len(path) - 1)]]
             place = np.array([ghost["x"], ghost["y"]])
             assert np.hypot(*(place - a)) + np.hypot(*(b - place)) == pytest.approx(np.hypot(*(b - a)), abs=1e-9)
         if decision > 0:
@@ -297,7 +297,7 @@ def test_the_nearest_is_called_clyde_and_ways_are_the_shortest_of_all() -> None:
             np.testing.assert_array_equal(seen.clyde[i], seen.ghosts[i, lead, :2])
             np.testing.assert_array_equal(seen.clyde_velocity[i], seen.ghosts[i, lead, 2:4])
             for k, seat in enumerate(seats):
-                cell = assets.clyde_drive[batch._ghost_paths[i, k, batch.ghosts["at"][i, k]]]
+                cell = assets.clyde_drive[batch._ghosts.paths[i, k, batch.ghosts["path_index"][i, k]]]
                 own = np.append(assets.length_cm[cell] * 0.01, np.inf)
                 np.testing.assert_array_equal(seat.path_clyde[i], own)
                 np.testing.assert_array_equal(seat.clyde[i], seen.ghosts[i, k, :2])

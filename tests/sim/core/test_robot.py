@@ -66,11 +66,11 @@ def test_a_goal_that_nothing_reachable_is_near_is_given_up_after_eleven_seconds(
 
 def test_clyde_in_the_doorway_leaves_no_path() -> None:
     robot = a_robot()
-    robot.set_obstacle(DOOR)
+    robot.set_obstacles([DOOR])
     robot.set_goal(*RIGHT)
     assert run(robot, 20.0) == ABORTED
     assert robot.why_aborted() == "no path"
-    robot.set_obstacle(None)
+    robot.set_obstacles([])
     robot.set_goal(*RIGHT)
     assert run(robot, 60.0) == SUCCEEDED
 
@@ -260,7 +260,7 @@ def test_the_same_seed_and_commands_are_the_same_motion() -> None:
             if k == 20:
                 robot.set_goal(*RIGHT)
             if k == 100:
-                robot.set_obstacle((3.5, 0.5))
+                robot.set_obstacles([(3.5, 0.5)])
             if k == 200:
                 robot.cancel()
             if k > 240:
@@ -278,7 +278,7 @@ def test_what_is_no_number_is_refused_and_changes_nothing(bad: float) -> None:
     with pytest.raises(ValueError, match="velocity"):
         robot.set_velocity(0.1, bad)
     with pytest.raises(ValueError, match="obstacle"):
-        robot.set_obstacle((bad, 0.0))
+        robot.set_obstacles([(bad, 0.0)])
     with pytest.raises(ValueError, match="initial pose"):
         robot.set_initial_pose((0.0, bad, 0.0))
     with pytest.raises(ValueError, match="shift"):

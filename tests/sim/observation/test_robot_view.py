@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, make_config
+from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.records import RUNNING
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.robot_view import Goal, LiveGame, Seen
+from pacman_env.sim.observation.robot_view import Goal, RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
 from tests.drawn import drawn
 
@@ -48,7 +48,7 @@ class Robot:
 
     def __init__(self, batch: GameBatch, way: np.ndarray) -> None:
         self.batch, self.way = batch, way
-        self.live = LiveGame(batch.assets, batch.config, seed=int(batch.games[0]["seed"]))
+        self.live = RobotView(batch.assets, batch.config, seed=int(batch.games[0]["seed"]))
         self.live.begin()
         self.seen_updates = -1
 
@@ -58,7 +58,7 @@ class Robot:
         steps = round(config.clyde.update_period_s / config.physics_step_s)
         period_ns = round(config.clyde.update_period_s * 1e9)
         for update in range(self.seen_updates + 1, -(-int(game["step"]) // steps) + 1):
-            self.live.see_clyde(*self.way[update].tolist(), update * period_ns)
+            self.live.see_ghost(0, *self.way[update].tolist(), update * period_ns)
             self.seen_updates = update
         wheels = float(game["left"]), float(game["right"])
         per_base = 1.0 / config.robot.wheel_base_m
@@ -72,7 +72,7 @@ class Robot:
             ),
             left=alive.tolist(),
             velocity=(0.5 * (wheels[0] + wheels[1]), (wheels[1] - wheels[0]) * per_base),
-            barred=np.flatnonzero(self.batch._waits[0] > game["tick"]).tolist(),
+            masked=np.flatnonzero(self.batch._waits[0] > game["step"]).tolist(),
             pursued=int(game["pursued"]),
         )
         return self.live.situation(seen)
@@ -142,13 +142,13 @@ def test_so_it_is_with_goals_that_wait_after_an_abort_and_a_faster_clyde() -> No
 
 
 @cache
-def house() -> LiveGame:
+def house() -> RobotView:
     config = config_of()
-    return LiveGame(map_assets("house", config), config)
+    return RobotView(map_assets("house", config), config)
 
 
 def test_a_situation_needs_a_clyde() -> None:
-    game = LiveGame(house().assets, config_of())
+    game = RobotView(house().assets, config_of())
     with pytest.raises(ValueError, match="Clyde has not been seen yet"):
         game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
 
@@ -159,45 +159,45 @@ def test_pellets_are_known_by_id_and_place_and_all_others_are_strange() -> None:
     x, y = game.assets.goal_xy[0].tolist()
     own = game.pellets({number: (x + 0.01, y), 9999: (x, y), number + 1: (x + 50.0, y)})
     assert own.known == {number: (x, y)}
-    assert own.strange == (9999, number + 1)
+    assert own.unknown == (9999, number + 1)
 
 
 def test_pellets_out_of_reach_are_known_but_no_candidates() -> None:
     config = config_of()
     rows = ["#" * 14, "#.......######", "#.......#....#", "#.......#....#", "#.......#....#", "#" * 14]
     assets = map_assets(drawn(rows, origin=(-1.5, -1.5, 0.0)), config.with_fields(**{"pellets.spacing_m": 0.5}))
-    game = LiveGame(assets, config.with_fields(**{"pellets.spacing_m": 0.5}))
+    game = RobotView(assets, config.with_fields(**{"pellets.spacing_m": 0.5}))
     assert len(assets.dropped_ids) > 0
     far = int(assets.dropped_ids[0])
     everything = game._pellets
-    assert not game.pellets(everything).strange
+    assert not game.pellets(everything).unknown
     assert not game.is_candidate(far)
-    game.see_clyde(0.0, 0.0, 0)
+    game.see_ghost(0, 0.0, 0.0, 0)
     situation = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=list(everything)))
     assert situation.pellets_left[0] == assets.pellets
     assert situation.mask[0].all()
 
 
 def test_a_clyde_put_elsewhere_has_no_velocity_and_a_repeated_message_changes_nothing() -> None:
-    game = LiveGame(house().assets, config_of())
+    game = RobotView(house().assets, config_of())
     cells = game.assets.clyde.position
     here = cells[game.assets.clyde.cells_in(0)[0]]
-    game.see_clyde(*here.tolist(), 10**9)
-    game.see_clyde(here[0] + 0.05, here[1], 12 * 10**8)
+    game.see_ghost(0, *here.tolist(), 10**9)
+    game.see_ghost(0, here[0] + 0.05, here[1], 12 * 10**8)
     seen = Seen(0.0, (0.0, 0.0, 0.0), left=())
     assert game.situation(seen).clyde_velocity[0] == pytest.approx((0.25, 0.0))
-    game.see_clyde(here[0] + 0.05, here[1], 12 * 10**8)
+    game.see_ghost(0, here[0] + 0.05, here[1], 12 * 10**8)
     assert game.situation(seen).clyde_velocity[0] == pytest.approx((0.25, 0.0))
-    game.see_clyde(here[0] + 3.0, here[1], 14 * 10**8)
+    game.see_ghost(0, here[0] + 3.0, here[1], 14 * 10**8)
     assert game.situation(seen).clyde_velocity[0].tolist() == [0.0, 0.0]
-    game.see_clyde(here[0] + 3.0, here[1], 10**8)
+    game.see_ghost(0, here[0] + 3.0, here[1], 10**8)
     assert game.situation(seen).clyde_velocity[0].tolist() == [0.0, 0.0]
     assert game.clyde == (here[0] + 3.0, here[1])
 
 
 def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_look() -> None:
-    game = LiveGame(house().assets, config_of())
-    game.see_clyde(2.0, 0.0, 0)
+    game = RobotView(house().assets, config_of())
+    game.see_ghost(0, 2.0, 0.0, 0)
     looks = [(0.0, 0.0), (0.5, 0.1), (0.6, 0.12), (1.0, 0.15), (0.2, 0.2)]
     closing = [game.situation(Seen(time, (x, 0.0, 0.0), left=())).closing_speed[0] for time, x in looks]
     assert closing == pytest.approx([0.0, 0.2, 0.2, 0.1, 0.0])
@@ -207,9 +207,9 @@ def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_look(
 
 def test_what_may_not_be_chosen_now_is_masked_for_one_decision() -> None:
     game = house()
-    game.see_clyde(2.0, 0.0, 0)
+    game.see_ghost(0, 2.0, 0.0, 0)
     left = game.assets.pellet_ids.tolist()
-    seen = Seen(0.0, (0.0, 0.0, 0.0), left=left, barred={0, game.hold - 1}, pursued=2)
+    seen = Seen(0.0, (0.0, 0.0, 0.0), left=left, masked={0, game.hold - 1}, pursued=2)
     situation = game.situation(seen)
     assert np.flatnonzero(~situation.mask[0]).tolist() == [0, game.hold - 1]
     assert situation.current[0] == 2
@@ -233,12 +233,12 @@ def test_a_pose_far_from_all_that_can_be_driven_on_is_off_the_map() -> None:
 
 
 def test_a_rehearsal_leaves_nothing_behind() -> None:
-    game = LiveGame(house().assets, config_of())
+    game = RobotView(house().assets, config_of())
     rehearsed = game.rehearsal()
     assert rehearsed.mask.all()
     assert game.clyde is None
     make_policy("lookahead").select(rehearsed)
-    game.see_clyde(2.0, 0.0, 0)
+    game.see_ghost(0, 2.0, 0.0, 0)
     first = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
     assert first.tick[0] == 0
     assert first.maps is rehearsed.maps

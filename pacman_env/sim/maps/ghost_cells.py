@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bucket_queue import Queue, clear, new_queue, pop, push
-from ..config import ClydeConfig, ConfigError
-from ..jit import kernel
-from .pellets import FreeSpace, pixel_to_world
+from ...bucket_queue import Queue, clear, new_queue, pop, push
+from ...config import ClydeConfig, ConfigError
+from ...game.pellets import FreeSpace, pixel_to_world
+from ...jit import kernel
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 6
@@ -66,14 +66,14 @@ class ClydeCells:
         cell = int(distance.argmin())
         return cell, float(distance[cell])
 
-    def away_from(self, part: int, places: Iterable[tuple[float, float]], distance_m: float) -> NDArray[np.int32]:
-        """Cells of a part that are at least so far from all the places; where there are none, the farthest one."""
-        cells = self.cells_in(part)
+    def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
+        """Cells where a ghost may start: ``spawn_distance_m`` from all the places, m; if none are, the farthest one."""
+        cells = self.cells_in(part) if config.spawn == "connected" else self.part_cells
         nearest = np.full(len(cells), np.inf)
         for place in places:
             nearest = np.minimum(nearest, np.hypot(*(self.position[cells] - place).T))
-        far = cells[nearest >= distance_m]
-        return far if len(far) else cells[[nearest.argmax()]]
+        far = cells[nearest >= config.spawn_distance_m]
+        return np.sort(far) if len(far) else cells[[nearest.argmax()]]
 
 
 def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> ClydeCells:

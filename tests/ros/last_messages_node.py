@@ -1,4 +1,4 @@
-"""A node for the tests of ``run``: greets when it is up, and says how it was told to part."""
+"""A node for the tests of ``run``: greets when it is up, and says its last messages."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Any
 from std_msgs.msg import String
 
 from pacman_env.ros import topics
-from pacman_env.ros.node import GameNode, parameter, run
+from pacman_env.ros.node import BaseNode, parameter, run
 
 
-class FarewellNode(GameNode):
+class LastMessagesNode(BaseNode):
     """Says where it is on ``game_state``; on stop a burst of commands, and a call that is worth waiting for."""
 
     def __init__(self) -> None:
-        super().__init__("farewell_node")
-        words = parameter(self, "words", 1, "how many words the farewell has", 0, 20)
+        super().__init__("last_messages_node")
+        words = parameter(self, "words", 1, "how many words the last messages are", 0, 20)
         self.pause_s = parameter(self, "pause_s", 0.0, "how long the making takes, s", 0.0, 60.0)
         parameter(self, "offset", 0.0, "a number without a range")
-        self.call = parameter(self, "call", False, "whether the farewell calls a service")
+        self.call = parameter(self, "call", False, "whether a service is called at the end")
         self.commands = topics.GAME_COMMAND.publisher(self)
         self.words = words
         self.state = topics.GAME_STATE.publisher(self)
@@ -45,14 +45,14 @@ class FarewellNode(GameNode):
         if message.data == "fail":
             raise ZeroDivisionError("a callback that fails")
 
-    def farewell(self) -> Iterable[Any]:
+    def last_messages(self) -> Iterable[Any]:
         for i in range(self.words):
             self.commands.publish(String(data=f"last {i}"))
         return [self.reset.call_async(topics.RESET_GAME.type.Request())] if self.call else []
 
 
 def main() -> int:
-    return run(FarewellNode, "farewell_node")
+    return run(LastMessagesNode, "last_messages_node")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import ClydeConfig, ConfigError
-from pacman_env.game.clyde import (
+from pacman_env.sim.maps.ghost_cells import (
     DIAGONAL,
     STRAIGHT,
     ClydeCells,

@@ -1,0 +1,59 @@
+"""GoalExecutors to begin a test with, and places to send them to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pacman_env.config import make_config
+from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
+from pacman_env.game.goals import Goals, Home
+
+CONFIG = make_config("robot")
+
+
+@dataclass(frozen=True)
+class Spot:
+    candidate: int
+    x: float
+    y: float
+    pellet: int | None = None
+
+
+NEAR, FAR = Spot(0, 1.0, 0.0, 10), Spot(1, 5.0, 0.0, 11)
+REFUGE = Spot(2, 0.0, 3.0)
+PELLETS = {10: (1.0, 0.0), 11: (5.0, 0.0)}
+
+
+def words(actions: list[ExecutorAction]) -> list[str]:
+    """``send 1`` and the like."""
+    return [f"{action.kind} {action.value}".strip() for action in actions]
+
+
+GOALS = Goals(PELLETS, {}, [(0.0, 3.0)])
+
+
+def make_executor(home: Home, min_dwell_s: float = 1.0, goals: Goals = GOALS, **options: float) -> GoalExecutor:
+    config = CONFIG.with_fields(**{"execution.min_dwell_s": min_dwell_s})
+    return GoalExecutor(config, goals, home, **options)  # type: ignore[arg-type]
+
+
+def running(goals: Goals = GOALS, shown: Iterable[int] | None = None, **options: Any) -> GoalExecutor:
+    """Enabled and running at t = 0, at the home pose, Nav2 there."""
+    executor = make_executor(Home(0.0, 0.0, 0.0), goals=goals, **options)
+    executor.activate(0.0)
+    executor.nav2(True, 0.0)
+    executor.command("enable", 0.0)
+    executor.state("running", 0.0)
+    executor.pellets(goals.positions if shown is None else shown, 0, 0.0)
+    executor.look((0.0, 0.0), (), 0.0)
+    return executor
+
+
+def homing(pose: tuple[float, float] = (4.0, 0.0)) -> GoalExecutor:
+    executor = running()
+    executor.look(pose, (), 0.0)
+    executor.command("disable", 1.0)
+    executor.command("return_home", 1.0)
+    return executor

@@ -1,0 +1,278 @@
+"""The two sides of one game, fed with the same events: the simulator's kernels, the goal executor with the referee."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config
+from pacman_env.game.execution import (
+    ABORTED,
+    CANCELED,
+    CLEARED,
+    COMPLETE,
+    DEAD,
+    NO_CHOICE,
+    REJECTED,
+    RUNNING,
+    SUCCEEDED,
+)
+from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
+from pacman_env.game.goals import Goals, Home
+from pacman_env.game.round import RoundController
+from pacman_env.jit import kernel
+from pacman_env.sim.core import kernels
+from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
+from pacman_env.world.navigation import navigator
+
+Position = tuple[float, float]
+_look = kernel(kernels._look.py_func)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A candidate."""
+
+    candidate: int
+    x: float
+    y: float
+    pellet: int | None
+
+
+class SimulatorSide:
+    """One game of the simulator whose robot is put where the events say, and whose Nav2 answers as they say."""
+
+    def __init__(self, config: Config, pellets: NDArray[np.float64], refuges: NDArray[np.float64]) -> None:
+        self.goal_xy = np.concatenate([pellets, refuges])[None]
+        self.pellets, self.hold = len(pellets), len(pellets) + len(refuges)
+        self.p = batch_parameters(config, 0.05, len(pellets), len(refuges))
+        self.game = draw_episodes(np.array([1], dtype=np.uint64), config)
+        self.score = 0
+        self.alive = np.ones((1, len(pellets)), np.bool_)
+        self.waits = np.zeros((1, self.hold + 1), np.int64)
+        self.aborts = np.zeros((1, self.hold + 1), np.int64)
+        self.obstacles = np.full((1, 1, 3), 99.0)
+        self.decisions = np.zeros((1, 10_000), np.int16)
+        self.began = self.game.copy()
+        self.reset()
+
+    def reset(self) -> None:
+        self.score = int(self.game["score"][0]) if self.game["end"][0] in (COMPLETE, CLEARED) else 0
+        self.game[:] = self.began
+        for name in ("nav_goal", "nav_next", "pursued"):
+            self.game[name] = NO_CHOICE
+        self.game["pellets"] = self.game["spawned"] = self.pellets
+        self.game["refuges"], self.game["score"] = self.hold - self.pellets, self.score
+        self.alive[:], self.waits[:], self.aborts[:] = True, 0, 0
+
+    def at(self, step: int, pose: Position, ghost: Position = (99.0, 99.0)) -> None:
+        self.game["step"], self.game["x"], self.game["y"] = step, *pose
+        self.game["amcl_x"], self.game["amcl_y"] = pose
+        self.obstacles[0, 0, :2] = ghost
+
+    def choose(self, candidate: int) -> None:
+        kernels.decide(
+            self.game, np.array([candidate]), self.decisions, self.goal_xy, self.alive, self.waits, self.aborts,
+            self.obstacles, self.p,
+        )  # fmt: skip
+
+    def accept(self) -> None:
+        """The waiting goal becomes the one driven to."""
+        if self.game["nav_next"][0] >= 0:
+            self.game["nav_goal"], self.game["nav_next"] = self.game["nav_next"], -1
+            self.game["nav_state"] = navigator.ACTIVE
+
+    def pre_empt(self) -> None:
+        """A goal that is cancelled as soon as it is accepted has ended the one driven to."""
+        self.game["nav_state"], self.game["nav_goal"] = navigator.IDLE, -1
+
+    def result(self, status: int) -> None:
+        """Of the goal driven to, or of one that was not accepted."""
+        if status == REJECTED:
+            self.game["nav_next"] = -1
+        else:
+            self.game["nav_state"], self.game["nav_goal"] = navigator.IDLE, -1
+        self.game["nav_result"] = status
+        kernels.apply_results(
+            self.game, self.goal_xy, self.alive, self.waits, self.aborts, self.obstacles, self.p
+        )  # fmt: skip
+
+    def look(self) -> None:
+        if self.game["end"][0] == RUNNING:
+            kernels.check(
+                self.game, np.zeros(1, np.int64), self._state(), self.goal_xy, self.alive, self.waits, self.aborts,
+                self.obstacles, self.p,
+            )  # fmt: skip
+
+    def _state(self) -> NDArray[np.float64]:
+        state = np.zeros((1, 8))
+        state[0, :2] = self.game["x"][0], self.game["y"][0]
+        return state
+
+    def seen(self) -> dict[str, Any]:
+        """What has to be the same on both sides."""
+        g, step = self.game[0], int(self.game["step"][0])
+        running = int(g["end"]) == RUNNING
+        driven = int(g["nav_next"]) if g["nav_next"] >= 0 else int(g["nav_goal"])
+        return {
+            "end": int(g["end"]),
+            "left": np.flatnonzero(self.alive[0]).tolist(),
+            "score": int(g["score"]),
+            "pursued": int(g["pursued"]) if running else NO_CHOICE,
+            "goal": driven if running else NO_CHOICE,
+            "masked": np.flatnonzero(self.waits[0] > step).tolist() if running else [],
+        }
+
+
+@dataclass
+class RobotSide:
+    """The goal executor and the referee, joined by their messages, and a Nav2 that answers when it is told to."""
+
+    config: Config
+    pellets: NDArray[np.float64]
+    refuges: NDArray[np.float64]
+    now: float = 0.0
+    sent: dict[int, int] = field(default_factory=dict)  # candidate by the number of the goal
+    live: list[int] = field(default_factory=list)  # goals that Nav2 has not ended
+    unanswered: list[int] = field(default_factory=list)  # those of them that it has not accepted
+
+    def __post_init__(self) -> None:
+        own = {number: (x, y) for number, (x, y) in enumerate(self.pellets.tolist())}
+        goals = Goals(own, {}, self.refuges.tolist())
+        self.home = (-50.0, -50.0)
+        self.executor = GoalExecutor(self.config, goals, Home(*self.home, 0.0))
+        self.referee = RoundController(self.config.clyde)
+        self.shown = set(own)
+        self.executor.activate(0.0)
+        self.executor.nav2(True, 0.0)
+        self.end = RUNNING
+        self.reset()
+
+    def reset(self) -> None:
+        """From wherever the game is to the first moment of a round."""
+        self._hear(self.referee.reset(self.now)) if self.end == RUNNING and self.referee.state == "running" else None
+        for _ in range(6):
+            if self.referee.state == "running":
+                break
+            self.now += self.referee.start_show_s + self.referee.death_show_s
+            self._do(self.executor.look(self.home, (), self.now))
+            for number in list(self.live):  # among them the way home
+                self.finish(number, SUCCEEDED, self.home)
+            self._hear(self.referee.tick(self.now))
+            self._hear(self.referee.start(self.now)) if self.referee.state == "menu" else None
+        assert self.referee.state == "running"
+        self.shown = set(range(len(self.pellets)))
+        self.report()
+        self.end = RUNNING
+        self.sent.clear()
+        self.live.clear()
+        self.unanswered.clear()
+
+    def report(self) -> None:
+        """The pellets as they are shown."""
+        self._do(self.executor.pellets(self.shown, 0, self.now))
+        self._hear(self.referee.pellets_left(self.shown))
+
+    def choose(self, candidate: int) -> bool:
+        """Whether the choice was acted on."""
+        if not self.executor.wants_choice(self.now):
+            return False
+        place = None
+        if candidate < len(self.pellets):
+            place = Place(candidate, *self.pellets[candidate].tolist(), candidate)
+        elif candidate < len(self.pellets) + len(self.refuges):
+            place = Place(candidate, *self.refuges[candidate - len(self.pellets)].tolist(), None)
+        self._do(self.executor.choose(place, self.now))
+        return True
+
+    def accept(self, number: int) -> None:
+        """Nav2 takes a goal up, which ends those before it."""
+        known = number in self.unanswered
+        if known:
+            self.unanswered.remove(number)
+        self._do(self.executor.accepted(number, self.now))
+        for earlier in [n for n in self.live if known and n < number]:
+            self.unanswered = [n for n in self.unanswered if n != earlier]
+            self.finish(earlier, ABORTED, self.executor.pose or self.home)
+
+    def reject(self, number: int) -> None:
+        for known in (self.unanswered, self.live):
+            if number in known:
+                known.remove(number)
+        self._do(self.executor.rejected(number, self.now))
+
+    def finish(self, number: int, status: int, pose: Position) -> None:
+        if number in self.live:
+            self.live.remove(number)
+        self._do(self.executor.finished(number, status, self.now, at=pose))
+
+    def look(self, pose: Position, ghosts: list[Position]) -> None:
+        self._do(self.executor.look(pose, ghosts, self.now))
+
+    def look_at(self, pose: Position) -> None:
+        """Move there, far from all ghosts and past no pellet."""
+        self._do(self.executor.look(pose, (), self.now)) if pose == (1.0, 1.5) else None
+        self.executor.pose = pose
+
+    def let_go(self, number: int) -> bool:
+        """Whether nobody wants a goal any more."""
+        sent = self.executor._open.get(number)
+        return sent is None or sent.let_go
+
+    def gives_up(self) -> bool:
+        """Whether the current goal has been without an answer for too long."""
+        current = self.executor._open.get(self.executor._current or 0)
+        return self.executor.playing and current is not None and self.executor._unanswered(current, self.now)
+
+    def driven(self) -> int | None:
+        """The goal that Nav2 drives to: the last that it has accepted."""
+        accepted = [number for number in self.live if number not in self.unanswered]
+        return accepted[-1] if accepted else None
+
+    def _do(self, actions: list[ExecutorAction]) -> None:
+        for action in actions:
+            if action.kind == "send":
+                assert action.place is not None
+                self.sent[int(action.value)] = action.place.candidate
+                self.live.append(int(action.value))
+                self.unanswered.append(int(action.value))
+            elif action.kind == "cancel":
+                number = int(action.value)
+                for known in (self.live, self.unanswered):
+                    if number in known:
+                        known.remove(number)
+                self._do(self.executor.finished(number, CANCELED, self.now))
+            elif action.kind == "status":
+                self._hear(self.referee.status(str(action.value), self.now))
+            elif action.kind == "remove":
+                self.shown.discard(int(action.value))
+
+    def _hear(self, actions: list[Any]) -> None:
+        for action in actions:
+            if action.kind == "state":
+                if action.value == "dying":
+                    self.end, self.score = DEAD, self.referee.score
+                elif action.value == "complete":
+                    all_counted = self.referee.collected == len(self.pellets)  # else some were lost, as built
+                    self.end, self.score = COMPLETE if all_counted else CLEARED, self.referee.score
+                self._do(self.executor.state(str(action.value), self.now))
+            elif action.kind == "command":
+                self._do(self.executor.command(str(action.value), self.now))
+            elif action.kind == "reset_pellets":
+                self.shown = set(range(len(self.pellets)))
+
+    def seen(self) -> dict[str, Any]:
+        """What has to be the same on both sides."""
+        running = self.end == RUNNING
+        wanted = [number for number in self.live if not self.let_go(number)]
+        return {
+            "end": self.end,
+            "left": sorted(self.executor.left),
+            "score": self.referee.score if running else self.score,
+            "pursued": self.executor.pursued if running else NO_CHOICE,
+            "goal": self.sent[wanted[-1]] if running and wanted else NO_CHOICE,
+            "masked": sorted(self.executor.masked(self.now)) if running else [],
+        }
