@@ -20,18 +20,20 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
 
-from eval.files import replaced
 from pacman_env import config
 from pacman_env.cli import main as cli
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command
 from pacman_env.config import Config, composition, make_config, sections
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.files import replaced
+from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation import robot_features as observation
+from pacman_env.sim.observation.kinds import KINDS, MASK, Features, Part, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,13 +49,6 @@ EVENTS = {
     "completion": "the round is complete",
     "tick": "each decision",
     "timeout": "the time limit is reached",
-}
-COLUMNS = {
-    "robot": observation.ROBOT_COLUMNS,
-    "clyde": observation.CLYDE_COLUMNS,
-    "candidates": observation.CANDIDATE_COLUMNS,
-    "round": observation.ROUND_COLUMNS,
-    "ghosts": observation.GHOST_COLUMNS,
 }
 
 
@@ -107,6 +102,8 @@ def _code(value: object) -> str:
 
 def _values(unit: str, kind: Any) -> str:
     """The unit, and what may be given where the default does not show it."""
+    if kind == sections.Ghosts:
+        return "each one of " + ", ".join(map(_code, BEHAVIOURS)) + ", or a plug-in's"
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
         return _values(unit, inner[0])
@@ -114,9 +111,7 @@ def _values(unit: str, kind: Any) -> str:
         return f"{_values(unit, inner[0])} or `None`"
     if origin is typing.Literal:
         return " or ".join(map(_code, inner))
-    if origin is tuple:
-        return f"{unit} (low, high)".strip() if inner[-1] is not ... else f"each {_values(unit, inner[0])}"
-    return unit or _KINDS.get(kind, "")
+    return f"{unit} (low, high)".strip() if origin is tuple else unit or _KINDS.get(kind, "")
 
 
 def configuration() -> str:
@@ -161,33 +156,33 @@ def _value(owner: Any, dotted: str) -> Any:
     return owner
 
 
-def _everything() -> PacManBotEnv:
-    return PacManBotEnv("house", ghosts=2, observation=("features", "scan", "grid"))
+def _parts(kind: str) -> dict[str, Part]:
+    """Of one kind of observation on the map ``house`` with two ghosts."""
+    return KINDS.find(kind)().parts(PacManBotEnv("house", ghosts=2).batch)
 
 
 def keys() -> str:
     """Keys of the observation on the map ``house`` with two ghosts."""
-    when = {"ghosts": "several ghosts", "scan": '`observation="scan"`', "grid": '`observation="grid"`'}
-    when["action_mask"] = '`action="goal"`'
+    batch = PacManBotEnv("house").batch
+    entries = [(MASK, mask_part(batch), '`action="goal"`')]
+    for kind in ("features", "planner", "scan", "grid"):
+        when = "features, the default" if kind == Features.name else f'`observation="{kind}"`'
+        entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
     rows = []
-    for key, space in _everything().observation_space.items():
-        bounds = "0 or 1" if isinstance(space, spaces.MultiBinary) else "see below"
-        if isinstance(space, spaces.Box) and key not in COLUMNS:
-            bounds = f"{_number(space.low.min())} to {_number(space.high.max())}"
-        rows.append([f"`{key}`", f"{space.shape}", f"{space.dtype}", bounds, when.get(key, "features, the default")])
+    for key, part, when in entries:
+        values = "see below" if part.columns else f"{_number(part.low)} to {_number(part.high)}"
+        rows.append([f"`{key}`", f"{part.shape}", np.dtype(part.dtype).name, values, when])
     return table(("Key", "Shape", "dtype", "Values", "There with"), rows)
 
 
 def columns() -> str:
     """Columns of the features on the map ``house``."""
     text = ""
-    for key, named in COLUMNS.items():
-        box = _everything().observation_space[key]
-        assert isinstance(box, spaces.Box)
-        low, high = (bound.reshape(-1, bound.shape[-1])[0] for bound in (box.low, box.high))
+    for key, part in _parts(Features.name).items():
+        low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
         rows = [
             [str(k), f"`{name}`", _number(low[k]), _number(high[k]), meaning]
-            for k, (name, _, _, meaning) in enumerate(named)
+            for k, (name, _, _, meaning) in enumerate(part.columns)
         ]
         text += f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
     return text
@@ -232,14 +227,14 @@ def maps() -> str:
 
 
 def map_check() -> str:
-    """What ``pacman-env map check`` says of the shipped house."""
+    """The output of ``pacman-env map check`` for the shipped house."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
         cli.main(["map", "check", "house"])
     return f"```text\n{output.getvalue()}```\n"
 
 
-def _number(value: float) -> str:
+def _number(value: Any) -> str:
     return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
 
 
@@ -275,22 +270,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.reference", description="Write the tables of the documentation.")
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="which Markdown files (all below docs)")
     parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
-    arguments: argparse.Namespace = parser.parse_args(argv)
+    return run_command(parser, argv, _fill_pages)
+
+
+def _fill_pages(arguments: argparse.Namespace) -> int:
     status = 0
     for path in arguments.pages or sorted((ROOT / "docs").rglob("*.md")):
+        page = path.read_text(encoding="utf-8")
         try:
-            page = path.read_text(encoding="utf-8")
             filled = fill(page)
-            if filled != page and not arguments.check:
-                with replaced(path) as temporary:
-                    temporary.write_text(filled, encoding="utf-8")
-        except (OSError, ValueError) as error:
-            print(f"{parser.prog}: {path}: {error}", file=sys.stderr)
-            return ERROR_STATUS
-        if filled != page and arguments.check:
-            print(f"{path} has other tables than the code: run scripts/reference")
-            status = 1
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        status |= update(path, page, filled, arguments.check, "has other tables than the code: run scripts/reference")
     return status
+
+
+def update(path: Path, before: str, after: str, check: bool, complaint: str) -> int:
+    """Write a page that has changed, or complain where it is only to be checked; the exit status."""
+    if after == before:
+        return 0
+    if check:
+        print(f"{path} {complaint}")
+        return 1
+    with replaced(path) as temporary:
+        temporary.write_text(after, encoding="utf-8")
+    return 0
 
 
 if __name__ == "__main__":

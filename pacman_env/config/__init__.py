@@ -5,7 +5,7 @@ dotted name, ``parse_settings`` reads such fields from text.
 """
 
 from .composition import Config, differences
-from .presets import EXECUTIONS, PRESETS, make_config
+from .presets import EXECUTIONS, PRESETS, make_config, preset_names
 from .sections import (
     MAX_SPEED_MPS,
     ClydeConfig,
@@ -45,4 +45,5 @@ __all__ = [
     "differences",
     "make_config",
     "parse_settings",
+    "preset_names",
 ]

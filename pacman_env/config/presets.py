@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from ..plugins import PluginError, Registry
 from .composition import Config
 from .validation import ConfigError
 
@@ -31,6 +33,9 @@ _IDEAL: dict[str, Any] = {
     "execution.check_period_s": 0.05,
 }
 PRESETS = {"robot": _ROBOT, "ideal": _IDEAL}
+#: Those, and what other packages add as entry points: fields by dotted name.
+_ALL_PRESETS: Registry[Mapping[str, Any]] = Registry("preset", "pacman_env.presets", dict(sorted(PRESETS.items())))
+preset_names = _ALL_PRESETS.names
 
 
 def make_config(preset: str = "robot", execution: str = "robust", **changes: Any) -> Config:
@@ -39,8 +44,12 @@ def make_config(preset: str = "robot", execution: str = "robust", **changes: Any
     Raises:
         ConfigError: an unknown preset, execution or field, or a value out of range.
     """
-    if not isinstance(preset, str) or preset not in PRESETS:
-        raise ConfigError(f"unknown preset {preset!r}: choose one of {sorted(PRESETS)}")
+    try:
+        fields = _ALL_PRESETS.find(preset) if isinstance(preset, str) else None
+    except PluginError as error:
+        raise ConfigError(str(error)) from error
+    if not (isinstance(fields, Mapping) and all(isinstance(name, str) for name in fields)):
+        raise ConfigError(f"unknown preset {preset!r}: must be the name of values by the dotted names of fields")
     if not isinstance(execution, str) or execution not in EXECUTIONS:
         raise ConfigError(f"unknown execution {execution!r}: choose one of {sorted(EXECUTIONS)}")
-    return Config().with_fields(**{**PRESETS[preset], **EXECUTIONS[execution], **changes})
+    return Config().with_fields(**{**fields, **EXECUTIONS[execution], **changes})

@@ -211,14 +211,16 @@ class RandomizeConfig(Checked, group="randomize"):
         return [(name, *value) for name, value in named if value is not None]
 
 
+Kinds = Annotated[tuple[str, ...], Meta(min_length=1)]
+
+
 @dataclass(frozen=True)
 class ObservationConfig(Checked, group="observation"):
     """What an observation holds; any combination of the kinds."""
 
-    features: bool = True  # robot, Clyde, candidates and round as numbers
-    scan: bool = False  # the lidar
-    grid: bool = False  # picture around the robot
-    planner: bool = False  # what the learned planner reads (sim/observation/planner_features.py)
+    #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), grid (picture around the
+    #: robot), planner (what the learned planner reads); in any order.
+    kinds: Kinds = ("features",)
     scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: Positive = 0.15  # RPLIDAR A1
     scan_maximum_m: Positive = 12.0  # RPLIDAR A1
@@ -228,8 +230,7 @@ class ObservationConfig(Checked, group="observation"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kinds = (self.features, self.scan, self.grid, self.planner)
-        require(any(kinds), "observation", kinds, "at least one of features, scan, grid and planner must be True")
+        object.__setattr__(self, "kinds", tuple(sorted(set(self.kinds))))
         require(
             self.scan_maximum_m > self.scan_minimum_m,
             "observation.scan_maximum_m",

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.game.execution import COMPLETE, DEAD, TIMEOUT
-
 from ..config import RewardConfig
+from ..game.execution import COMPLETE, DEAD, TIMEOUT
 from ..sim.core.kernels import summarize
 
 #: ``info["outcome"]`` by the game's end code.

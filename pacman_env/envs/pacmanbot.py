@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -10,20 +9,16 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..config import Config
-from ..render.display import Screen
-from ..sim.maps.assets import MapSource
-from ..sim.observation.situation import Situation
-from .arguments import RENDER_FPS, Ghosts, check_render_mode
-from .core import Game
+from ..render.display import RENDER_FPS, Display
+from ..sim.observation.robot_features import Observation
+from .arguments import EnvArguments, takes_env_arguments
+from .core import CoreEnv
 from .spaces import action_space, checked_action, observation_space
-
-Observation = dict[str, NDArray[Any]]
 
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
+class PacManBotEnv(Display, CoreEnv, gym.Env[dict[str, Any], Any]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
@@ -100,12 +95,13 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
     ```
     - `map`: a shipped map's name, a map_server YAML file, or an `OccupancyMap`; `"generated"` or `"generated:test"`:
       a new house for each episode, its level drawn uniformly from the episode's seed.
-    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays) or `ideal` (perfect localization).
+    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays), `ideal` (perfect localization), or
+      one of your own.
     - `execution`: `robust`, or `as_built` as the original executor was.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
-      (the numbers of `sim/observation/planner_features.py`).
+      (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
     - `action`: `"goal"` (the default) or `"velocity"`.
     - `endless`: round follows round.
     - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to
@@ -128,44 +124,11 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
     action_space: spaces.Discrete | spaces.Box
     observation_space: spaces.Dict
 
-    def __init__(
-        self,
-        map: MapSource = "house",
-        preset: str = "robot",
-        execution: str = "robust",
-        *,
-        ghosts: Ghosts | None = None,
-        observation: str | Sequence[str] | None = None,
-        action: str | None = None,
-        endless: bool | None = None,
-        start_level: int | None = None,
-        num_levels: int | None = None,
-        settings: Mapping[str, Any] | None = None,
-        config: Config | None = None,
-        home: tuple[float, float, float] | None = None,
-        render_mode: str | None = None,
-    ) -> None:
+    @takes_env_arguments
+    def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
-        check_render_mode(render_mode, self.metadata["render_modes"])
-        self._game = Game(
-            1,
-            map,
-            preset,
-            execution,
-            ghosts=ghosts,
-            observation=observation,
-            action=action,
-            endless=endless,
-            start_level=start_level,
-            num_levels=num_levels,
-            settings=settings,
-            config=config,
-            home=home,
-        )
-        self.batch = self._game.batch
-        self.config = self._game.config
-        self.render_mode = render_mode
-        self.observation_space = observation_space(self.batch)
+        self._make_core(1, arguments)
+        self.observation_space = observation_space(self._core.parts)
         self.action_space = action_space(self.batch)
 
     def reset(
@@ -174,7 +137,7 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
         """Start a new episode; its own seed is drawn from the environment's generator."""
         super().reset(seed=seed)
         round_seed = self.np_random.integers(2**63, dtype=np.uint64)
-        self._game.reset(_ONE, np.array([round_seed], dtype=np.uint64))
+        self._core.reset(_ONE, np.array([round_seed], dtype=np.uint64))
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info()
@@ -186,42 +149,16 @@ class PacManBotEnv(Screen, gym.Env[dict[str, Any], Any]):
             ValueError: the action is no element of the action space (a velocity beyond the limits is cut to them).
             ResetNeeded: before the first reset.
         """
-        if not self._game.started:
-            raise gym.error.ResetNeeded("call reset() before step()")
-        reward, terminated, truncated = self._game.step(checked_action(self.action_space, action)[None])
+        reward, terminated, truncated = self._core.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()
-        return (
-            self._observation(),
-            float(reward[0]),
-            bool(terminated[0]),
-            bool(truncated[0]),
-            self._info(),
-        )
-
-    @property
-    def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
-        """``action_masks()``: (C,) bool, which candidates may be chosen now; the name that sb3-contrib looks for.
-
-        Raises:
-            AttributeError: velocities have no mask.
-        """
-        if self.config.action != "goal":
-            raise AttributeError("velocity actions have no masks")
-        return self._masks
+        return self._observation(), float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
 
     def _masks(self) -> NDArray[np.bool_]:
         return self.situation.mask[0].copy()
 
-    @property
-    def situation(self) -> Situation:
-        """What a policy of this package sees now: one situation."""
-        if not self._game.started:
-            raise gym.error.ResetNeeded("call reset() first")
-        return self._game.situation
-
     def _observation(self) -> Observation:
-        return {key: array[0] for key, array in self._game.observe().items()}
+        return {key: array[0] for key, array in self._core.observe().items()}
 
     def _info(self) -> dict[str, Any]:
-        return {key: array.tolist()[0] for key, array in self._game.infos().items()}
+        return {key: array.tolist()[0] for key, array in self._core.infos().items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -12,20 +12,15 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from pacman_env.game.execution import RUNNING
-
-from ..config import Config
-from ..render.frames import render_frame
-from ..sim.maps.assets import MapSource
-from ..sim.observation.situation import Situation
-from .arguments import RENDER_FPS, Ghosts, check_render_mode
-from .core import Game
+from ..game.execution import RUNNING
+from ..render.display import RENDER_FPS
+from ..sim.observation.robot_features import Observation
+from .arguments import EnvArguments, takes_env_arguments
+from .core import CoreEnv
 from .spaces import action_space, observation_space
 
-Observation = dict[str, NDArray[Any]]
 
-
-class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
+class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     """Many games of :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` at once.
 
     They share one map, or with ``map="generated"`` each is in a house of its own.
@@ -46,52 +41,23 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
     }
     single_action_space: spaces.Discrete | spaces.Box
 
+    @takes_env_arguments
     def __init__(
         self,
         num_envs: int = 64,
-        map: MapSource = "house",
-        preset: str = "robot",
-        execution: str = "robust",
         *,
-        ghosts: Ghosts | None = None,
-        observation: str | Sequence[str] | None = None,
-        action: str | None = None,
-        endless: bool | None = None,
-        start_level: int | None = None,
-        num_levels: int | None = None,
-        settings: Mapping[str, Any] | None = None,
-        config: Config | None = None,
-        home: tuple[float, float, float] | None = None,
-        render_mode: str | None = None,
+        arguments: EnvArguments,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
-        check_render_mode(render_mode, self.metadata["render_modes"])
         if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
             raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
         num_envs = int(num_envs)
-        self._game = Game(
-            num_envs,
-            map,
-            preset,
-            execution,
-            ghosts=ghosts,
-            observation=observation,
-            action=action,
-            endless=endless,
-            start_level=start_level,
-            num_levels=num_levels,
-            settings=settings,
-            config=config,
-            home=home,
-        )
-        self.batch = self._game.batch
-        self.config = self._game.config
+        self._make_core(num_envs, arguments)
         self.num_envs = num_envs
-        self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(self.batch)
+        self.single_observation_space = observation_space(self._core.parts)
         self.single_action_space = action_space(self.batch)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -115,10 +81,15 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
             ResetNeeded: the first reset is not of all games.
         """
         index = self._reset_index(options)
+        if seed is None or isinstance(seed, (int, np.integer)):
+            seed = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds for {self.num_envs} games")
         for i in index.tolist():
-            self._seed(i, self._seed_of(seed, i))
+            if seed[i] is not None or self._generators[i] is None:
+                self._generators[i], _ = gym.utils.seeding.np_random(seed[i])
         self._new_rounds(index)
-        return self._game.observe(), self._infos(index)
+        return self._core.observe(), self._infos(index)
 
     def step(
         self, actions: NDArray[np.int64]
@@ -129,12 +100,9 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
             ValueError: the actions are not N integers of the action space.
             ResetNeeded: before the first reset.
         """
-        game, batch = self._game, self.batch
-        if not game.started:
-            raise gym.error.ResetNeeded("call reset() before step()")
-        checked = self._checked(actions)
-        over = batch.games["end"] != RUNNING
-        reward, terminated, truncated = game.step(checked)
+        core = self._core
+        over = self.batch.games["end"] != RUNNING
+        reward, terminated, truncated = core.step(self._checked(actions))
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
             self._new_rounds(np.flatnonzero(over))
@@ -144,33 +112,14 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
             if len(ended):
                 final = self._final(ended)
                 self._new_rounds(ended)
-        return game.observe(), reward, terminated, truncated, {**final, **self._infos(self._all)}
-
-    @property
-    def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
-        """``action_masks()``: (N, C) bool, which candidates may be chosen now.
-
-        Raises:
-            AttributeError: velocities have no mask.
-        """
-        if self.config.action != "goal":
-            raise AttributeError("velocity actions have no masks")
-        return self._masks
-
-    def _masks(self) -> NDArray[np.bool_]:
-        return self.situation.mask.copy()
-
-    @property
-    def situation(self) -> Situation:
-        """What a policy of this package sees now: N situations."""
-        if not self._game.started:
-            raise gym.error.ResetNeeded("call reset() first")
-        return self._game.situation
+        return core.observe(), reward, terminated, truncated, {**final, **self._infos(self._all)}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per game."""
         if self.render_mode is None:
             return None
+        from ..render.frames import render_frame
+
         return tuple(render_frame(self.batch, i) for i in range(self.num_envs))
 
     def _checked(self, actions: NDArray[Any]) -> NDArray[Any]:
@@ -192,33 +141,20 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
             raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},)")
         if not mask.any():
             raise ValueError("options['reset_mask'] must have at least one True value")
-        if not self._game.started and not mask.all():
+        if not self._core.started and not mask.all():
             raise gym.error.ResetNeeded("the first reset() must be of all games")
         return np.flatnonzero(mask)
 
-    def _seed_of(self, seed: int | Sequence[int | None] | None, i: int) -> int | None:
-        if seed is None:
-            return None
-        if isinstance(seed, (int, np.integer)):
-            return int(seed) + i
-        if len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds for {self.num_envs} games")
-        return seed[i]
-
-    def _seed(self, i: int, seed: int | None) -> None:
-        if seed is not None or self._generators[i] is None:
-            self._generators[i], _ = gym.utils.seeding.np_random(seed)
-
     def _new_rounds(self, index: NDArray[np.int64]) -> None:
         seeds = [self._generators[i].integers(2**63, dtype=np.uint64) for i in index.tolist()]
-        self._game.reset(index, np.array(seeds, dtype=np.uint64))
+        self._core.reset(index, np.array(seeds, dtype=np.uint64))
 
     def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Gymnasium's layout: an array per key and a mask of the games that have it."""
         present = np.zeros(self.num_envs, dtype=np.bool_)
         present[index] = True
         result: dict[str, Any] = {}
-        for key, array in self._game.infos().items():
+        for key, array in self._core.infos().items():
             if len(index) < self.num_envs:
                 array[~present] = None if array.dtype == object else 0
             result[key], result[f"_{key}"] = array, present.copy()
@@ -226,7 +162,7 @@ class PacManBotVectorEnv(gym.vector.VectorEnv[Observation, NDArray[Any], NDArray
 
     def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:
         """Last observation and info of the games that have just ended."""
-        last = self._game.observe()
+        last = self._core.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
             final_obs[i] = {key: array[i].copy() for key, array in last.items()}

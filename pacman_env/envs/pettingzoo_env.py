@@ -1,13 +1,12 @@
-"""The multi-agent PettingZoo environment: the same game with the ghosts' seats filled from outside."""
+"""The multi-agent PettingZoo environment: the same game with ghosts that are agents."""
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import seeding
@@ -16,20 +15,19 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from ..config import Config, ConfigError
+from ..config import ConfigError
 from ..game.ghosts import GHOST_NAMES
-from ..render.display import Screen
-from ..sim.maps.assets import MapSource
+from ..render.display import RENDER_FPS, Display
 from ..sim.observation.robot_features import FAST_MPS, observe
-from .arguments import RENDER_FPS, Ghosts, check_render_mode
-from .core import Game
+from .arguments import EnvArguments, takes_env_arguments
+from .core import CoreEnv
 from .spaces import (
     action_space,
     checked_action,
     ghost_action_space,
     ghost_observation_space,
     observation_space,
-    state_space,
+    state_limits,
 )
 
 PACMAN = "pacman"
@@ -39,7 +37,7 @@ Observations = dict[str, dict[str, Any]]
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
+class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], Any]):
     """
     ## Description
     The game of `pacman_env/PacManBot-v0` for two players and more: `pacman` names the robot's next goal, `clyde` the
@@ -91,65 +89,33 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
         "is_parallelizable": True,
     }
 
+    @takes_env_arguments
     def __init__(
-        self,
-        map: MapSource = "house",
-        preset: str = "robot",
-        execution: str = "robust",
-        *,
-        rewards: Rewards = "zero_sum",
-        max_cycles: int | None = None,
-        ghosts: Ghosts | None = None,
-        observation: str | Sequence[str] | None = None,
-        action: str | None = None,
-        endless: bool | None = None,
-        start_level: int | None = None,
-        num_levels: int | None = None,
-        settings: Mapping[str, Any] | None = None,
-        config: Config | None = None,
-        home: tuple[float, float, float] | None = None,
-        render_mode: str | None = None,
+        self, *, arguments: EnvArguments, rewards: Rewards = "zero_sum", max_cycles: int | None = None
     ) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
-        check_render_mode(render_mode, self.metadata["render_modes"])
         if rewards not in ("zero_sum", "separate"):
             raise ConfigError(f"rewards = {rewards!r}: choose zero_sum or separate")
         if max_cycles is not None and (not isinstance(max_cycles, int) or max_cycles < 1):
             raise ConfigError(f"max_cycles = {max_cycles!r}: must be a whole number of at least 1")
-        if ghosts is None and config is None and "clyde.ghosts" not in (settings or {}):
-            ghosts = ("policy",)
-        self._game = Game(
-            1,
-            map,
-            preset,
-            execution,
-            ghosts=ghosts,
-            observation=observation,
-            action=action,
-            endless=endless,
-            start_level=start_level,
-            num_levels=num_levels,
-            settings=settings,
-            config=config,
-            home=home,
-            seats=True,
-        )
-        self.batch, self.config = self._game.batch, self._game.config
-        self._seats = {GHOST_NAMES[k]: k for k in self._game.seats}
-        if not self._seats:
+        if arguments.ghosts is None and arguments.config is None and "clyde.ghosts" not in (arguments.settings or {}):
+            arguments = replace(arguments, ghosts=("policy",))
+        self._make_core(1, arguments, ghost_agents=True)
+        self._ghosts = {GHOST_NAMES[k]: k for k in self._core.ghost_agents}
+        if not self._ghosts:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
         self.rewards = rewards
         self.max_cycles = max_cycles
         self._cycles = 0
-        self.render_mode = render_mode
-        self.possible_agents = [PACMAN, *self._seats]
+        self.possible_agents = [PACMAN, *self._ghosts]
         self.agents: list[str] = []
-        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: observation_space(self.batch)}
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: observation_space(self._core.parts)}
         self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: action_space(self.batch)}
-        for name in self._seats:
+        for name in self._ghosts:
             self.observation_spaces[name] = ghost_observation_space(self.batch)
             self.action_spaces[name] = ghost_action_space(self.batch)
-        self.state_space = state_space(self.batch)
+        low, high = np.array(list(state_limits(self.batch).values())).T
+        self.state_space = spaces.Box(low, high, dtype=np.float64)
         self._generator: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
@@ -167,7 +133,7 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
         round_seed = self._generator.integers(2**63, dtype=np.uint64)
-        self._game.reset(_ONE, np.array([round_seed], dtype=np.uint64))
+        self._core.reset(_ONE, np.array([round_seed], dtype=np.uint64))
         self.agents = list(self.possible_agents)
         self._cycles = 0
         if self.render_mode == "human":
@@ -183,16 +149,15 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
             ValueError: an agent has no action, or one that :meth:`checked` refuses; nothing has been changed then.
             ResetNeeded: before the first reset.
         """
-        if not self._game.started:
-            raise gym.error.ResetNeeded("call reset() before step()")
+        self._core.require_reset()
         if not self.agents:
             return {}, {}, {}, {}, {}
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise ValueError(f"no action of {', '.join(missing)}")
         checked = {agent: self.checked(agent, actions[agent]) for agent in self.agents}
-        told = {seat: checked[name] for name, seat in self._seats.items()}
-        reward, terminated, truncated = self._game.step(np.array([checked[PACMAN]]), told)
+        choices = {number: checked[name] for name, number in self._ghosts.items()}
+        reward, terminated, truncated = self._core.step(np.array([checked[PACMAN]]), choices)
         self._cycles += 1
         if self.max_cycles is not None and self._cycles >= self.max_cycles and not terminated[0]:
             truncated[0] = True
@@ -224,12 +189,10 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
         Raises:
             ResetNeeded: before the first reset.
         """
-        if not self._game.started:
-            raise gym.error.ResetNeeded("call reset() before state()")
-        batch = self.batch
+        batch, believed = self.batch, self.situation.robot[0]
         g, ghosts = batch.games[0], batch.ghosts[0]
         heading = math.remainder(g["heading"], 2 * math.pi)
-        robot = [g["x"], g["y"], heading, *self._game.situation.robot[0]]
+        robot = [g["x"], g["y"], heading, *believed]
         velocity = [0.5 * (g["left"] + g["right"]), (g["right"] - g["left"]) / batch.config.robot.wheel_base_m]
         each = []
         for ghost in ghosts:
@@ -240,29 +203,25 @@ class PacManBotParallelEnv(Screen, ParallelEnv[str, dict[str, Any], Any]):
 
     @property
     def state_names(self) -> list[str]:
-        """What each number of ``state()`` is."""
-        names = ["x", "y", "heading", "believed_x", "believed_y", "believed_heading", "v", "omega"]
-        for ghost in GHOST_NAMES[: self.batch.ghosts.shape[1]]:
-            names += [f"{ghost}_{part}" for part in ("x", "y", "vx", "vy", "speed", "place")]
-        names += [f"pellet_{k}" for k in range(self.batch.pellet_slots)]
-        return [*names, "goal", "time", "round", "score"]
+        """The names of the numbers of ``state()``."""
+        return list(state_limits(self.batch))
 
     def _observations(self) -> Observations:
-        result = {PACMAN: {key: array[0] for key, array in self._game.observe().items()}}
-        for name, seat in self._seats.items():
-            seen = observe(self.batch.situation(seat))
+        result = {PACMAN: {key: array[0] for key, array in self._core.observe().items()}}
+        for name, number in self._ghosts.items():
+            seen = observe(self.batch.situation(number))
             result[name] = {key: array[0] for key, array in seen.items()}
         return result
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        info = {key: array.tolist()[0] for key, array in self._game.infos().items()}
+        info = {key: array.tolist()[0] for key, array in self._core.infos().items()}
         return {agent: dict(info) for agent in self.possible_agents}
 
     def _ghost_rewards(self, pacman: float) -> list[float]:
-        count = len(self._seats)
+        count = len(self._ghosts)
         if self.rewards == "zero_sum":
             return [-pacman / count] * count
-        return [float(self._game.ghost_reward()[0])] * count
+        return [float(self._core.ghost_reward()[0])] * count
 
 
 class _InTurn(parallel_to_aec_wrapper):

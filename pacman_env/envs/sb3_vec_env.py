@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -20,12 +20,12 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
+from ..sim.observation.robot_features import Observation
 from .arguments import check_render_mode
 from .pacmanbot_vector import PacManBotVectorEnv
 
-Observation = dict[str, NDArray[Any]]
-
 _FINAL = ("final_obs", "final_info")
+_METHODS = ("action_masks", "render")  # those that a single environment has too
 _SPACES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 
 
@@ -122,11 +122,9 @@ class PacManBotVecEnv(VecEnv):
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """One picture per game; None, with a warning, where ``render_mode`` is None."""
-        images = self.env.render()
-        if images is None:
+        if self.env.render_mode is None:
             warnings.warn("the render mode is None, pass render_mode='rgb_array' to get pictures", stacklevel=2)
-            return [None] * self.num_envs
-        return images
+        return self._of_games("render")
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute as each single environment has it; what games do not have of their own they share.
@@ -137,7 +135,7 @@ class PacManBotVecEnv(VecEnv):
         chosen = self._indices(indices)
         if attr_name in _METHODS:
             getattr(self.env, attr_name)  # velocity actions have no masks
-            return [partial(_game_method, self.env, attr_name, i) for i in chosen]
+            return [partial(self._of_game, attr_name, i) for i in chosen]
         value = getattr(self.env, _SPACES.get(attr_name, attr_name))
         if attr_name == "situation":
             return [value.rows(np.array([i])) for i in chosen]
@@ -165,35 +163,25 @@ class PacManBotVecEnv(VecEnv):
         Raises:
             AttributeError: another method.
         """
-        method = _METHODS.get(method_name)
-        if method is None:
+        if method_name not in _METHODS:
             raise AttributeError(f"games of a batch have no method {method_name!r}, only {sorted(_METHODS)}")
-        results = method(self.env, *method_args, **method_kwargs)
-        return list(results) if indices is None else [results[i] for i in self._indices(indices)]
+        results = self._of_games(method_name, *method_args, **method_kwargs)
+        return [results[i] for i in self._indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """Whether the wrapper is ``Monitor``, whose work is done here."""
         return [wrapper_class is Monitor] * len(self._indices(indices))
 
+    def _of_games(self, method: str, *arguments: Any, **named: Any) -> Sequence[Any]:
+        results = getattr(self.env, method)(*arguments, **named)
+        return [None] * self.num_envs if results is None else results
+
+    def _of_game(self, method: str, game: int) -> Any:
+        return self._of_games(method)[game]
+
     def _indices(self, indices: VecEnvIndices) -> list[int]:
         chosen = np.arange(self.num_envs)
         return (chosen if indices is None else chosen[np.atleast_1d(np.asarray(indices, dtype=np.int64))]).tolist()
-
-
-def _render(env: PacManBotVectorEnv) -> Sequence[NDArray[np.uint8] | None]:
-    return env.render() or [None] * env.num_envs
-
-
-def _masks(env: PacManBotVectorEnv) -> NDArray[np.bool_]:
-    return env.action_masks()
-
-
-#: Methods that a single environment has too: results for all games by the vector environment.
-_METHODS: dict[str, Callable[..., Any]] = {"action_masks": _masks, "render": _render}
-
-
-def _game_method(env: PacManBotVectorEnv, name: str, game: int) -> Any:
-    return _METHODS[name](env)[game]
 
 
 def _rows(infos: dict[str, Any], **more: NDArray[Any]) -> list[dict[str, Any]]:

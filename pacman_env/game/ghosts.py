@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..config import Config, ConfigError
+from ..plugins import PluginError, Registry
 from ..rng import CLYDE, GHOSTS, below, stream
 
 #: By number; the original has Clyde alone, its events know all four.
@@ -102,17 +103,23 @@ BEHAVIOURS = {
         Behaviour(POLICY, None),
     )
 }
+_ALL_BEHAVIOURS = Registry("ghost behaviour", "pacman_env.ghosts", BEHAVIOURS)
+behaviour_names = _ALL_BEHAVIOURS.names
 
 
 def find_behaviour(name: str) -> Behaviour:
-    """The table's entry.
+    """The entry of that name, of the table or of another package.
 
     Raises:
-        ConfigError: there is none of that name.
+        ConfigError: there is none.
     """
-    if name not in BEHAVIOURS:
-        raise ConfigError(f"clyde.ghosts: {name!r} is no behaviour, choose among {', '.join(BEHAVIOURS)}")
-    return BEHAVIOURS[name]
+    try:
+        entry = _ALL_BEHAVIOURS.find(name)
+    except PluginError as error:
+        raise ConfigError(f"clyde.ghosts: {error}") from error
+    if not isinstance(entry, Behaviour):
+        raise ConfigError(f"clyde.ghosts: {name!r} is {entry!r}, must be a Behaviour")
+    return entry
 
 
 def ghost_stream(seed, number):  # type: ignore[no-untyped-def]

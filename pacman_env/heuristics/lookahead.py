@@ -1,4 +1,4 @@
-"""A rule over Clyde's futures, without learning: the nearest pellet whose way is safe enough, else a place to wait.
+"""A rule over predictions of Clyde, without learning: the nearest pellet with a safe way, else a place to wait.
 
 Every candidate has a cost in seconds: the time to get there beyond that to the nearest pellet, what being caught or
 approached on the way costs by its probability (``prediction.py``), and for refuges and hold what waiting costs. The

@@ -1,1 +1,1 @@
-"""What a policy is, and how one is found by name; the handcrafted scorers live in ``heuristics``."""
+"""The protocol of policies, and how one is found by name; the handcrafted scorers live in ``heuristics``."""

@@ -1,4 +1,4 @@
-"""What the environments of one game show: a picture, or a window that is opened when it is first needed."""
+"""An environment of one game shows a picture, or a window that is opened when it is first needed."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from ..envs.arguments import RENDER_FPS
 from ..sim.core.batch import GameBatch
-from .frames import render_frame
+
+RENDER_FPS = 2  # one frame per decision, in real time
 
 
-class Screen:
+class Display:
     """``render``, ``close`` and copies of an environment with ``batch`` and ``render_mode``."""
 
     batch: GameBatch
@@ -25,6 +25,8 @@ class Screen:
         if self.render_mode is None:
             gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")
             return None
+        from .frames import render_frame
+
         frame = render_frame(self.batch, 0)
         if self.render_mode == "rgb_array":
             return frame

@@ -65,7 +65,7 @@ def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
 
 
 class MapView:
-    """What all frames of one map, configuration and height share.
+    """The common part of all frames of one map, configuration and height.
 
     Attributes:
         width: of a frame, px; ``height`` likewise.
@@ -244,25 +244,21 @@ def _draw_map(assets: MapAssets, config: Config, crop: tuple[int, int, int, int]
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     played = cv2.dilate(np.flipud(grid.cell_id >= 0).astype(np.uint8), around)
     c0, r0, c1, r1 = crop
-    colours = np.empty((r1 - r0, c1 - c0, 3), dtype=np.uint8)
-    colours[:] = UNKNOWN
     # The crop and the grid can both reach beyond the image.
-    top, left = max(r0, 0), max(c0, 0)
-    bottom, right = min(r1, occupancy.height), min(c1, occupancy.width)
-    inner = colours[top - r0 : bottom - r0, left - c0 : right - c0]
-    free, wall = free[top:bottom, left:right], wall[top:bottom, left:right]
-    reachable = np.zeros((r1 - r0, c1 - c0), dtype=np.uint8)
-    grid_top = occupancy.height - grid.offset[1] - grid.shape[0] - r0
-    grid_left = grid.offset[0] - c0
-    reachable[grid_top : grid_top + grid.shape[0], grid_left : grid_left + grid.shape[1]] = played
-    reachable = reachable[top - r0 : bottom - r0, left - c0 : right - c0]
-    width, height = size
-    factor = max(width / (c1 - c0), height / (r1 - r0))
+    columns, rows = np.arange(c0, c1), np.arange(r0, r1)[:, None]
+    inside = (columns >= 0) & (columns < occupancy.width) & (rows >= 0) & (rows < occupancy.height)
+    at = rows.clip(0, occupancy.height - 1), columns.clip(0, occupancy.width - 1)
+    free, wall = free[at] & inside, wall[at] & inside
+    reachable = np.zeros(free.shape, dtype=np.bool_)
+    top, left = occupancy.height - grid.offset[1] - grid.shape[0] - r0, grid.offset[0] - c0
+    reachable[top : top + grid.shape[0], left : left + grid.shape[1]] = played > 0
+    factor = max(size[0] / (c1 - c0), size[1] / (r1 - r0))
     if factor < 1:  # thin walls would fade
         wall = cv2.dilate(wall.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
-    inner[free] = OUT_OF_REACH
-    inner[free & (reachable > 0)] = FLOOR
-    inner[wall] = WALL
+    colours = np.full((*free.shape, 3), UNKNOWN, dtype=np.uint8)
+    colours[free] = OUT_OF_REACH
+    colours[free & reachable] = FLOOR
+    colours[wall] = WALL
     if factor > 1:  # whole blocks first: edges of cells stay sharp, whatever the scale
         k = math.ceil(factor)
         colours = np.repeat(np.repeat(colours, k, axis=0), k, axis=1)
@@ -371,7 +367,7 @@ def _outside(way: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64
 
 
 def _rest_of_plan(assets: MapAssets, cell: int, goal: int, end: NDArray) -> NDArray[np.float64]:
-    """What the navigator has not written out yet: the static path from the end of the plan to the goal, (M, 2)."""
+    """The static path from the end of the plan that the navigator has written out to the goal, (M, 2)."""
     places: list[NDArray] = []
     if cell >= 0 and np.array_equal(assets.cell_xy[cell], end.astype(np.float32)):
         step = assets.next_step[goal]

@@ -123,7 +123,7 @@ class Player:
 
     @property
     def situation(self) -> Situation:
-        """What there is to choose from."""
+        """The robot's choices, and all that a policy sees."""
         return self.env.unwrapped.situation  # type: ignore[attr-defined]
 
     def new_round(self, seed: int | None = None) -> None:

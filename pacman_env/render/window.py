@@ -18,7 +18,7 @@ _SHIFTED = "?+"  # keys named by the character that they give, whatever the layo
 
 
 class Input(NamedTuple):
-    """What the user of a window did."""
+    """One thing that the user of a window did."""
 
     kind: str  # "press" or "release" of a key, or "click" of the left mouse button
     key: str = ""  # pygame's name of the key, that of the key pad's 1 being "1" too
@@ -78,7 +78,7 @@ class HumanWindow:
         self._caption = text
 
     def inputs(self) -> list[Input]:
-        """What the user did until the last ``show``, oldest first; each is told once, at most the last 256."""
+        """All that the user did until the last ``show``, oldest first; each is given once, at most the last 256."""
         heard = list(self._inputs)
         self._inputs.clear()
         return heard

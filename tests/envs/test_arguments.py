@@ -61,7 +61,12 @@ def test_what_cannot_be_played_is_one_error_that_names_the_field(
 
 def test_arguments_and_settings_say_the_same() -> None:
     by_arguments = make(observation=("scan", "features"), action="velocity", ghosts=2, endless=True)
-    settings = {"observation.scan": True, "action": "velocity", "clyde.ghosts": ["wander", "wander"], "endless": True}
+    settings = {
+        "observation.kinds": ["features", "scan"],
+        "action": "velocity",
+        "clyde.ghosts": ["wander", "wander"],
+        "endless": True,
+    }
     assert make(settings=settings).config == by_arguments.config == make_config("robot", "robust", **settings)
     assert make(ghosts=np.int64(2)).config.clyde.ghosts == ("wander", "wander")
     for first, second in itertools.pairwise(

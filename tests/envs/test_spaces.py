@@ -9,9 +9,11 @@ import pytest
 from gymnasium import spaces
 
 from pacman_env.config import make_config
-from pacman_env.envs.spaces import action_space, observation_space
+from pacman_env.envs import spaces as env_spaces
+from pacman_env.envs.spaces import action_space
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.kinds import Observer
 from pacman_env.sim.observation.robot_features import CANDIDATE_COLUMNS, ROBOT_COLUMNS, observe
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 
@@ -19,6 +21,10 @@ from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 def games(source: Any = "house", n: int = 1, **settings: Any) -> GameBatch:
     config = make_config(**settings)
     return GameBatch(map_assets(source, config), config, n)
+
+
+def observation_space(batch: GameBatch) -> spaces.Dict:
+    return env_spaces.observation_space(Observer(batch).parts)
 
 
 @pytest.mark.parametrize("name", shipped_maps())

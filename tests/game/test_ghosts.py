@@ -159,7 +159,7 @@ def test_he_who_chases_goes_for_the_robot_and_he_who_wanders_nowhere_in_particul
 
 
 def test_a_behaviour_that_there_is_not_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(ConfigError, match=f"'sleep' is no behaviour, choose among {', '.join(BEHAVIOURS)}"):
+    with pytest.raises(ConfigError, match=f"unknown ghost behaviour 'sleep': choose one of {', '.join(BEHAVIOURS)}"):
         find_behaviour("sleep")
 
 

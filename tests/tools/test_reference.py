@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config
+from pacman_env.sim.observation.robot_features import COLUMNS
 from tests.envs.helpers import make
-from tools.reference import COLUMNS, ROOT, TABLES, configuration, fields_of, fill, main
+from tools.reference import ROOT, TABLES, configuration, fields_of, fill, main
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 

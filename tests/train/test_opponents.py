@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import ConfigError
-from pacman_env.envs.arguments import Ghosts
-from pacman_env.envs.core import Game
+from pacman_env.envs.arguments import EnvArguments, Ghosts
+from pacman_env.envs.core import EnvCore
 from pacman_env.game.execution import DEAD, RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
@@ -29,14 +29,14 @@ ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "
 SEEDS = np.random.default_rng(0).integers(2**63, size=20_000, dtype=np.uint64)
 
 
-def game(ghosts: Ghosts, games: int = GAMES) -> Game:
+def game(ghosts: Ghosts, games: int = GAMES) -> EnvCore:
     """Rounds in a few houses, begun."""
-    result = Game(games, "generated", ghosts=ghosts, start_level=0, num_levels=4)
+    result = EnvCore(games, EnvArguments("generated", ghosts=ghosts, start_level=0, num_levels=4))
     result.reset(np.arange(games), SEEDS[:games])
     return result
 
 
-def hold(played: Game, ticks: int) -> None:
+def hold(played: EnvCore, ticks: int) -> None:
     """The robot stands still."""
     for _ in range(ticks):
         played.step(np.full(played.batch.n, played.batch.hold))

@@ -1,4 +1,4 @@
-"""What a learned planner reads: numbers per candidate and of the whole, none of which names a particular map.
+"""The features of a learned planner: numbers per candidate and of the whole, none of which names a particular map.
 
 Built from a situation and its maps, alike in the simulator and on a robot. All are of the order of one; what is
 unreachable is far, not infinite. Rows of candidates that may not be chosen are 0. ``VERSION`` changes with the meaning
@@ -77,22 +77,16 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     n, c = situation.mask.shape
     candidates = np.zeros((n, c, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.zeros((n, len(GLOBAL_FEATURES)), dtype=np.float32)
-    s = situation
-    seen = (
-        *(s.robot, s.robot_velocity, s.clyde, s.clyde_speed, s.closing_speed, s.kind, s.position, s.mask),
-        *(s.path_robot, s.path_clyde, s.current, s.pellets_left, s.goal, s.level),
-        *(s.clyde_velocity, s.pose_age_s),
-    )
     maps = arrays["length_cm"], arrays["goal_cell"], arrays["goal_apart_m"]
-    _fill(seen, maps, meetings, robot_speed_mps, np.empty((c, 6)), candidates, whole)
+    _fill(situation.arrays(), maps, meetings, robot_speed_mps, np.empty((c, 6)), candidates, whole)
     return candidates, whole
 
 
 @kernel
 def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: ignore[no-untyped-def]
     (
-        robot, velocity, clyde, clyde_speed, closing, kind, position, mask, path_robot, path_clyde, current,
-        pellets_left, goal, level, clyde_velocity, pose_age,
+        _, robot, velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
+        path_robot, path_clyde, current, _, _, pellets_left, _, goal, level,
     ) = situation  # fmt: skip
     lengths, goal_cells, aparts = maps
     for i in range(len(robot)):

@@ -1,6 +1,6 @@
 """The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up.
 
-What a network sees as numbers instead is in ``observation.py``; pictures for people are in ``render/frames.py``.
+Features are in ``robot_features.py``; pictures for people are in ``render/frames.py``.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from ...jit import kernel
 
 WALLS, PELLETS, GHOSTS, ROBOT = 0, 1, 2, 3  # channels
+CHANNELS = 4
 PELLET_RADIUS_M = 0.15
 
 _ON, _OFF = np.uint8(255), np.uint8(0)

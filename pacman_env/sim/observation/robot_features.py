@@ -6,6 +6,7 @@ Directions are in the robot's frame, lengths in m, capped at ``FAR_M``. The colu
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,9 @@ FAR_M = 100.0  # cap of every length
 FAST_MPS = 5.0  # cap of every speed
 OLD_S = 100.0  # cap of a pose's age
 
+Columns = tuple[tuple[str, float, float, str], ...]
 #: name, low, high, unit of each column of the arrays that an observation holds; what has no bound of its own is
-#: bounded by the map or the configuration (``envs/spaces.py``).
+#: bounded by the map or the configuration (``kinds.py``).
 ROBOT_COLUMNS = (
     ("x", -np.inf, np.inf, "m, map frame"),
     ("y", -np.inf, np.inf, "m, map frame"),
@@ -37,14 +39,7 @@ CLYDE_COLUMNS = (
     ("closing_speed", -FAST_MPS, FAST_MPS, "m/s"),
     ("speed", 0.0, FAST_MPS, "m/s, in this round"),
 )
-GHOST_COLUMNS = (
-    ("forward", -FAR_M, FAR_M, "m, robot frame"),
-    ("left", -FAR_M, FAR_M, "m, robot frame"),
-    ("velocity_forward", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
-    ("velocity_left", -FAST_MPS, FAST_MPS, "m/s, robot frame"),
-    ("distance", 0.0, FAR_M, "m, straight"),
-    ("speed", 0.0, FAST_MPS, "m/s, in this round"),
-)
+GHOST_COLUMNS = tuple(column for column in CLYDE_COLUMNS if column[0] != "closing_speed")
 CANDIDATE_COLUMNS = (
     ("is_pellet", 0.0, 1.0, ""),
     ("is_refuge", 0.0, 1.0, ""),
@@ -61,31 +56,38 @@ ROUND_COLUMNS = (
     ("time", 0.0, np.inf, "s since the round began"),
     ("pellets_left", 0.0, np.inf, "on the map, those that may not be chosen now included"),
 )
-
-Observation = dict[str, NDArray]
+COLUMNS: dict[str, Columns] = {
+    "robot": ROBOT_COLUMNS,
+    "clyde": CLYDE_COLUMNS,
+    "candidates": CANDIDATE_COLUMNS,
+    "round": ROUND_COLUMNS,
+    "ghosts": GHOST_COLUMNS,
+}
+Observation = dict[str, NDArray[Any]]
 
 
 def observe(situation: Situation) -> Observation:
-    """Observations of N situations; new arrays at each call.
+    """The features, and ``action_mask`` (N, C) int8."""
+    return {**features(situation), "action_mask": situation.mask.astype(np.int8)}
+
+
+def features(situation: Situation) -> Observation:
+    """Features of N situations; new arrays at each call.
 
     Returns:
         ``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2) and, where there are several
-        ghosts, ``ghosts`` (N, G, 6), all float32; ``action_mask`` (N, C) int8. Rows of candidates that the mask
-        forbids keep their kind and are 0 otherwise.
+        ghosts, ``ghosts`` (N, G, 6), all float32. Rows of candidates that the mask forbids keep their kind and are 0
+        otherwise.
     """
     n, c = situation.mask.shape
     robot = np.empty((n, len(ROBOT_COLUMNS)), dtype=np.float32)
     clyde = np.empty((n, len(CLYDE_COLUMNS)), dtype=np.float32)
     candidates = np.empty((n, c, len(CANDIDATE_COLUMNS)), dtype=np.float32)
     round_ = np.empty((n, len(ROUND_COLUMNS)), dtype=np.float32)
-    mask = np.empty((n, c), dtype=np.int8)
     ghosts = np.empty((n, situation.ghosts.shape[1], len(GHOST_COLUMNS)), dtype=np.float32)
-    _fill(situation.arrays(), robot, clyde, candidates, round_, mask, ghosts)
-    observation: Observation = {"robot": robot, "clyde": clyde, "candidates": candidates, "round": round_}
-    if ghosts.shape[1] > 1:
-        observation["ghosts"] = ghosts
-    observation["action_mask"] = mask
-    return observation
+    _fill(situation.arrays(), robot, clyde, candidates, round_, ghosts)
+    found = {"robot": robot, "clyde": clyde, "candidates": candidates, "round": round_}
+    return found | ({"ghosts": ghosts} if ghosts.shape[1] > 1 else {})
 
 
 @kernel
@@ -94,7 +96,12 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # type: ignore[no-untyped-def]
+def _in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
+    return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
+
+
+@kernel
+def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-untyped-def]
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, everyone, _, _,
@@ -110,16 +117,13 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # typ
         cx, cy = clyde_xy[i, 0], clyde_xy[i, 1]
         dx, dy = cx - x, cy - y
         vx, vy = clyde_velocity[i, 0], clyde_velocity[i, 1]
-        clyde[i, 0] = _cap(dx * ch + dy * sh, FAR_M)
-        clyde[i, 1] = _cap(dy * ch - dx * sh, FAR_M)
-        clyde[i, 2] = _cap(vx * ch + vy * sh, FAST_MPS)
-        clyde[i, 3] = _cap(vy * ch - vx * sh, FAST_MPS)
+        clyde[i, 0], clyde[i, 1] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
+        clyde[i, 2], clyde[i, 3] = _in_robot_frame(vx, vy, ch, sh, FAST_MPS)
         clyde[i, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
         clyde[i, 5] = _cap(closing[i], FAST_MPS)
         clyde[i, 6] = min(clyde_speed[i], FAST_MPS)
         for c in range(count):
             allowed = mask[i, c]
-            action_mask[i, c] = allowed
             k = kind[i, c]
             candidates[i, c, 0] = k == PELLET
             candidates[i, c, 1] = k == REFUGE
@@ -131,8 +135,7 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # typ
             candidates[i, c, 3] = c == current[i]
             px, py = position[i, c, 0], position[i, c, 1]
             dx, dy = px - x, py - y
-            candidates[i, c, 4] = _cap(dx * ch + dy * sh, FAR_M)
-            candidates[i, c, 5] = _cap(dy * ch - dx * sh, FAR_M)
+            candidates[i, c, 4], candidates[i, c, 5] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
             candidates[i, c, 6] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             candidates[i, c, 7] = min(path_robot[i, c], FAR_M)
             dx, dy = px - cx, py - cy
@@ -143,9 +146,7 @@ def _fill(arrays, robot, clyde, candidates, round_, action_mask, ghosts):  # typ
         for k in range(everyone.shape[1]):
             dx, dy = everyone[i, k, 0] - x, everyone[i, k, 1] - y
             vx, vy = everyone[i, k, 2], everyone[i, k, 3]
-            ghosts[i, k, 0] = _cap(dx * ch + dy * sh, FAR_M)
-            ghosts[i, k, 1] = _cap(dy * ch - dx * sh, FAR_M)
-            ghosts[i, k, 2] = _cap(vx * ch + vy * sh, FAST_MPS)
-            ghosts[i, k, 3] = _cap(vy * ch - vx * sh, FAST_MPS)
+            ghosts[i, k, 0], ghosts[i, k, 1] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
+            ghosts[i, k, 2], ghosts[i, k, 3] = _in_robot_frame(vx, vy, ch, sh, FAST_MPS)
             ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             ghosts[i, k, 5] = min(everyone[i, k, 4], FAST_MPS)

@@ -12,7 +12,8 @@ from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.generated import GeneratedMaps
-from pacman_env.sim.observation.observer import CHANNELS, Observer
+from pacman_env.sim.observation.kinds import Observer
+from pacman_env.sim.observation.raster import CHANNELS
 
 KINDS = ("features", "scan", "grid")
 SUBSETS = [kinds for count in (1, 2, 3) for kinds in itertools.combinations(KINDS, count)]
@@ -21,8 +22,9 @@ FEATURES = {"robot", "clyde", "candidates", "round"}
 
 def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: Any) -> dict[str, np.ndarray]:
     """What is seen after some decisions on levels of their own."""
-    chosen = {f"observation.{kind}": kind in kinds for kind in KINDS}
-    config = make_config(**{**chosen, "observation.scan_rays": 24, "observation.grid_pixels": 20, **settings})
+    config = make_config(
+        **{"observation.kinds": kinds, "observation.scan_rays": 24, "observation.grid_pixels": 20, **settings}
+    )
     batch = GameBatch(GeneratedMaps(config, 0, 3), config, n)
     batch.reset(np.arange(n), np.arange(n, dtype=np.uint64) + 5)
     velocity = config.action == "velocity"
@@ -68,7 +70,7 @@ def test_the_scan_is_taken_from_the_true_pose_and_the_picture_from_the_believed_
 
 
 def test_observations_are_new_arrays_at_each_call() -> None:
-    config = make_config(**{"observation.scan": True, "observation.grid": True})
+    config = make_config(**{"observation.kinds": KINDS})
     batch = GameBatch(map_assets("maze", config), config, 2)
     batch.reset(np.arange(2), np.arange(2, dtype=np.uint64))
     observer, situation = Observer(batch), batch.situation()

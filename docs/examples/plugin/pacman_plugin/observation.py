@@ -1,0 +1,27 @@
+"""An observation kind: where the nearest pellet is."""
+
+import numpy as np
+
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.observation.kinds import Part
+from pacman_env.sim.observation.robot_features import Observation
+from pacman_env.sim.observation.situation import PELLET, Situation
+
+
+class Compass:
+    """The straight way to the nearest pellet, in the map frame."""
+
+    name = "compass"
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """``compass`` (2,): east and north, m; zeros where no pellet may be chosen."""
+        return {"compass": Part(-100.0, 100.0, (2,), np.float32)}
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """(N, 2)."""
+        away = situation.position - situation.robot[:, None, :2]
+        shown = situation.mask & (situation.kind == PELLET)
+        distance = np.where(shown, np.hypot(away[..., 0], away[..., 1]), np.inf)
+        nearest = away[np.arange(len(away)), distance.argmin(axis=1)]
+        compass = np.where(shown.any(axis=1)[:, None], nearest, 0.0)
+        return {"compass": np.clip(compass, -100.0, 100.0).astype(np.float32)}

@@ -1,0 +1,93 @@
+"""Things that a user can add, by name: policies, ghosts, observation kinds, presets (docs/extending.md).
+
+A name means one of the package's own, else an entry point of an installed package, else ``module:attribute``. All that
+happens is an import of code that the user has installed: names are never paths, and nothing is evaluated.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import re
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+T = TypeVar("T")
+_REFERENCE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+
+
+class PluginError(ValueError):
+    """A name that nothing is called by, or a plug-in that cannot be imported."""
+
+
+class Registry(Generic[T]):
+    """Things of one sort by name."""
+
+    def __init__(self, sort: str, group: str, own: Mapping[str, T], others: str = "module:name") -> None:
+        """Begin with the package's own.
+
+        Args:
+            sort: the sort in one word or two, for errors.
+            group: of entry points, under which installed packages add theirs.
+            own: by name.
+            others: what can be given beside names.
+        """
+        self.sort, self.group = sort, group
+        self._own, self._others = dict(own), others
+
+    def register(self, name: str, thing: T) -> None:
+        """Add one in this process.
+
+        Raises:
+            ValueError: the name is taken.
+        """
+        if name in self._own:
+            raise ValueError(f"{self.sort} {name!r} is registered already")
+        self._own[name] = thing
+
+    def names(self) -> list[str]:
+        """All names: the package's own, then those of installed packages."""
+        return [*self._own, *sorted(_entry_points(self.group).keys() - self._own.keys())]
+
+    def find(self, name: str) -> T:
+        """The thing of that name.
+
+        Raises:
+            PluginError: nothing, or it cannot be imported.
+        """
+        if name in self._own:
+            return self._own[name]
+        try:
+            thing: T = load(self.group, name)
+        except LookupError:
+            message = f"unknown {self.sort} {name!r}: choose one of {', '.join(self.names())}, or {self._others}"
+            raise PluginError(message) from None
+        except Exception as error:  # whatever a plug-in raises while it is imported
+            raise PluginError(f"{self.sort} {name!r}: {type(error).__name__}: {error}") from error
+        return thing
+
+
+def load(group: str, name: str) -> Any:
+    """The object of an entry point of that name, or of ``module:attribute``.
+
+    Raises:
+        LookupError: there is neither.
+        Exception: whatever its import raises.
+    """
+    point = _entry_points(group).get(name)
+    if point is not None:
+        return point.load()
+    module, _, attribute = name.partition(":")
+    if not _REFERENCE.fullmatch(name) or find_spec(module.partition(".")[0]) is None:
+        raise LookupError(name)
+    return functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
+
+
+def _entry_points(group: str) -> dict[str, EntryPoint]:
+    from importlib import metadata  # needed for plug-ins alone
+
+    return {point.name: point for point in metadata.entry_points(group=group)}

@@ -1,0 +1,210 @@
+"""The kinds of observation: one object per kind, found by name, and the observations that several kinds make up.
+
+A kind says which arrays it adds, as plain data (the environments make Gymnasium's spaces of it), and fills them for all
+games of a batch. Features and planner features are built from a situation alone, on a robot as here; scan and picture
+need the map as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import ConfigError
+from ...plugins import PluginError, Registry
+from ...world.navigation.lidar import scan_all
+from ..core.batch import GameBatch
+from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from .raster import CHANNELS, raster_all
+from .robot_features import COLUMNS, Columns, Observation, features
+from .situation import Situation
+
+_BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
+_BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
+MASK = "action_mask"  # in every observation whose actions are candidates, whatever its kinds
+
+
+class Part(NamedTuple):
+    """One array of an observation of one game."""
+
+    low: float | NDArray[Any]  # least value, or that of each element
+    high: float | NDArray[Any]
+    shape: tuple[int, ...]
+    dtype: type[np.generic]
+    columns: Columns = ()  # of its last axis: name, low, high, unit
+
+
+class ObservationKind(Protocol):
+    """One kind; it keeps nothing from one observation to the next."""
+
+    name: str
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """The arrays that it adds, by key."""
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """Each of them for all games, (N, *shape), as new arrays; ``situation`` is the batch's own, as it is now."""
+
+
+def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
+    """Bounds of the columns that depend on the map or the configuration."""
+    xs, ys = batch.source.extent()
+    sigma = max(batch.config.localization.sigma_xy_m, (batch.config.randomize.sigma_xy_m or (0.0, 0.0))[1])
+    margin = max(_BELIEF_MARGIN_M, _BELIEF_MARGIN_SIGMAS * sigma)
+    return {
+        "x": (xs[0] - margin, xs[1] + margin),
+        "y": (ys[0] - margin, ys[1] + margin),
+        "time": (0.0, batch.config.time_limit_s + batch.config.execution.tick_s),
+        "pellets_left": (0.0, float(batch.pellet_slots)),
+    }
+
+
+def mask_part(batch: GameBatch) -> Part:
+    """Which candidates may be chosen."""
+    return Part(0, 1, (batch.candidates,), np.int8)
+
+
+class Features:
+    """Robot, Clyde, candidates, round and, where there are several, ghosts as numbers."""
+
+    name = "features"
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """One array per group of columns."""
+        known, ghosts = bounds(batch), len(batch.config.clyde.ghosts)
+        rows = {"candidates": (batch.candidates,), "ghosts": (ghosts,)}
+        parts = {}
+        for key, columns in COLUMNS.items():
+            low, high = np.array([known.get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
+            shape = (*rows.get(key, ()), len(columns))
+            parts[key] = Part(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
+        if ghosts == 1:
+            del parts["ghosts"]
+        return parts
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """From the situation alone."""
+        return features(situation)
+
+
+class Planner:
+    """The learned planner reads these (``planner_features.py``)."""
+
+    name = "planner"
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """Of each candidate, and of the whole."""
+        shape = batch.candidates, len(CANDIDATE_FEATURES)
+        return {
+            "planner_candidates": Part(-10.0, 10.0, shape, np.float32),
+            "planner_globals": Part(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
+        }
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """From the situation and its maps."""
+        candidates, whole = planner_features(situation, batch.config.robot.speed_mps)
+        return {"planner_candidates": candidates, "planner_globals": whole}
+
+
+class Scan:
+    """The lidar."""
+
+    name = "scan"
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """The ranges, m."""
+        config = batch.config.observation
+        return {"scan": Part(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32)}
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """From where the robots truly are."""
+        config, games, arrays = batch.config.observation, batch.games, batch.levels.arrays
+        ranges = np.empty((batch.n, config.scan_rays), dtype=np.float32)
+        scan_all(
+            arrays["affine"],
+            arrays["clearance_cm"],
+            arrays["shape"],
+            batch.levels.resolution,
+            games["level"],
+            np.stack([games["x"], games["y"], games["heading"]], axis=1),
+            games["seed"],
+            games["tick"],
+            config.scan_noise,
+            config.scan_minimum_m,
+            config.scan_maximum_m,
+            ranges,
+        )
+        return {"scan": ranges}
+
+
+class Grid:
+    """A picture around the robot."""
+
+    name = "grid"
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """The picture, 0 or 255."""
+        size = batch.config.observation.grid_pixels
+        return {"grid": Part(0, 255, (size, size, CHANNELS), np.uint8)}
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """Around the believed poses."""
+        config, arrays = batch.config.observation, batch.levels.arrays
+        images = np.empty((batch.n, config.grid_pixels, config.grid_pixels, CHANNELS), dtype=np.uint8)
+        raster_all(
+            arrays["affine"],
+            arrays["clearance_cm"],
+            arrays["shape"],
+            batch.games["level"],
+            situation.robot,
+            situation.position[:, : batch.pellet_slots],
+            batch.alive,
+            np.ascontiguousarray(situation.ghosts[:, :, :2]),
+            config.grid_pixel_m,
+            batch.config.robot.radius_m,
+            images,
+        )
+        return {"grid": images}
+
+
+#: Kinds as classes, made without arguments; other packages add theirs as entry points.
+KINDS: Registry[Callable[[], ObservationKind]] = Registry(
+    "observation kind", "pacman_env.observations", {kind.name: kind for kind in (Features, Scan, Grid, Planner)}
+)
+
+
+class Observer:
+    """Builds the observations of one batch, of the kinds that its configuration names.
+
+    Attributes:
+        parts: the arrays of one game's observation by key.
+    """
+
+    def __init__(self, batch: GameBatch) -> None:
+        """Raises ConfigError for a kind that there is not, or two that add arrays of one key."""
+        self._batch = batch
+        try:
+            self._kinds = [KINDS.find(name)() for name in batch.config.observation.kinds]
+        except PluginError as error:
+            raise ConfigError(f"observation.kinds = {batch.config.observation.kinds!r}: {error}") from None
+        self.parts: dict[str, Part] = {}
+        if batch.config.action == "goal":
+            self.parts[MASK] = mask_part(batch)
+        for kind in self._kinds:
+            for key, part in kind.parts(batch).items():
+                if key in self.parts:
+                    raise ConfigError(f"observation kind {kind.name!r}: {key!r} is in the observation already")
+                self.parts[key] = part
+
+    def observe(self, situation: Situation) -> Observation:
+        """Observations of all games, one array (N, ...) per key; new arrays at each call.
+
+        ``situation`` is the batch's own, as it is now.
+        """
+        observation = {MASK: situation.mask.astype(np.int8)} if MASK in self.parts else {}
+        for kind in self._kinds:
+            observation |= kind.fill(self._batch, situation)
+        return observation

@@ -1,0 +1,26 @@
+"""A policy of another package, by the goal selector's parameter ``policy``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.plugin_example import install
+
+pytest.importorskip("rclpy")
+
+if TYPE_CHECKING:
+    from tests.ros.selector_game import Game
+
+
+@pytest.mark.parametrize("policy", ["shy", "pacman_plugin.policy:Shy"])
+def test_the_goal_selector_plays_with_the_policy_of_an_installed_package(
+    game: Game, policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(install(tmp_path))  # the node's path, too
+    game.start(policy=policy)
+    game.begin()
+    game.running_goal(1)
+    assert game.condition(lambda c: c["policy"] == policy)

@@ -1,0 +1,194 @@
+"""Names of plug-ins: what they stand for, what is said where they stand for nothing, and the example being played."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import pacman_env
+from pacman_env.config import ConfigError, make_config, preset_names
+from pacman_env.plugins import PluginError, Registry
+from pacman_env.policies.registry import make_policy, policy_names
+from tests.envs.helpers import QUICK, make, make_vector
+from tests.plugin_example import install
+
+GROUP = "pacman_env.tests"
+OWN = {"one": 1, "two": 2}
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder on the path with an installed package of three entry points."""
+    facts = tmp_path / "added-1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: added\nVersion: 1.0\n")
+    points = {"three": "added_things:THREE", "two": "added_things:THREE", "gone": "added_things:FOUR", "bad": "torn:X"}
+    (facts / "entry_points.txt").write_text(
+        f"[{GROUP}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
+    )
+    (tmp_path / "added_things.py").write_text("THREE = 3\nclass Box:\n    FIVE = 5\n")
+    (tmp_path / "torn.py").write_text("1 / 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    sys.modules.pop("added_things", None)
+
+
+def test_a_name_is_the_packages_own_then_an_entry_point_then_a_module_and_attribute(package: Path) -> None:
+    registry = Registry("thing", GROUP, OWN)
+    assert registry.names() == ["one", "two", "bad", "gone", "three"]
+    found = [registry.find(name) for name in ("one", "two", "three", "added_things:THREE", "added_things:Box.FIVE")]
+    assert found == [1, 2, 3, 3, 5]
+
+
+def test_a_registered_name_counts_in_this_registry_alone() -> None:
+    registry = Registry("thing", GROUP, OWN)
+    registry.register("six", 6)
+    assert registry.find("six") == 6
+    assert "six" not in OWN
+    with pytest.raises(ValueError, match="thing 'six' is registered already"):
+        registry.register("six", 7)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("five", "unknown thing 'five': choose one of one, two, bad, gone, three, or module:name"),
+        ("no_such_module:X", "unknown thing 'no_such_module:X': choose one of one"),
+        ("../added_things:THREE", "unknown thing"),
+        ("added_things.py:THREE", r"thing 'added_things.py:THREE': ModuleNotFoundError: .*not a package"),
+        ("added_things:THREE()", "unknown thing"),
+        ("added_things:FOUR", "thing 'added_things:FOUR': AttributeError: .*no attribute 'FOUR'"),
+        ("gone", "thing 'gone': AttributeError: .*'added_things' has no attribute 'FOUR'"),
+        ("bad", "thing 'bad': ZeroDivisionError: division by zero"),
+        ("torn:X", "thing 'torn:X': ZeroDivisionError: division by zero"),
+        ("", "unknown thing ''"),
+    ],
+)
+def test_what_stands_for_nothing_is_said_with_the_name_and_the_reason(package: Path, name: str, message: str) -> None:
+    with pytest.raises(PluginError, match=message):
+        Registry("thing", GROUP, OWN).find(name)
+
+
+@pytest.mark.parametrize("spec", ["json:decoder", "collections:OrderedDict"])
+def test_what_makes_no_policy_is_refused(spec: str) -> None:
+    with pytest.raises(ValueError, match=f"policy '{spec}': .* is no"):
+        make_policy(spec)
+
+
+@pytest.mark.parametrize("preset", ["json:decoder", "json:loads", "tests.test_plugins:OWN"])
+def test_what_is_no_preset_is_refused(preset: str) -> None:
+    with pytest.raises(ConfigError, match=preset if "OWN" not in preset else "unknown configuration field 'one'"):
+        make_config(preset)
+
+
+class Twice:
+    """A kind that adds what the features hold already."""
+
+    name = "twice"
+
+    def parts(self, batch: Any) -> dict[str, Any]:
+        return {"robot": None}
+
+
+def test_two_kinds_cannot_add_one_key() -> None:
+    kinds = ("features", "tests.test_plugins:Twice")
+    with pytest.raises(ConfigError, match="observation kind 'twice': 'robot' is in the observation already"):
+        make(observation=kinds)
+    with pytest.raises(ConfigError, match=r"observation.kinds = .*unknown observation kind 'thrice'"):
+        make(settings={"observation.kinds": ("thrice",)})
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return install(tmp_path_factory.mktemp("plugin"))
+
+
+@pytest.fixture
+def example(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The example package is installed."""
+    monkeypatch.syspath_prepend(site)
+    yield
+    for name in [name for name in sys.modules if name.partition(".")[0] == "pacman_plugin"]:
+        del sys.modules[name]
+
+
+def test_the_example_is_found_by_its_names(example: None) -> None:
+    assert "shy" in policy_names()
+    assert set(preset_names()) == {"robot", "ideal", "sleepy"}
+    assert make_policy("shy", haste=1.0).name == make_policy("pacman_plugin.policy:Shy").name == "shy"
+    assert make_config("sleepy").clyde.speed_mps == make_config("pacman_plugin.preset:SLEEPY").clyde.speed_mps == 0.1
+
+
+def test_the_example_is_played_in_gymnasium(example: None) -> None:
+    arguments: dict[str, Any] = {"preset": "sleepy", "observation": ("features", "compass")}
+    env = make(**arguments)
+    check_env(env, skip_render_check=True)
+    vector = make_vector(3, **arguments)
+    observations, _ = vector.reset(seed=2)
+    observation, _ = env.reset(seed=2 + 1)
+    policy = make_policy("shy")
+    policy.reset(np.ones(3, dtype=np.bool_))
+    for _ in range(30):
+        np.testing.assert_array_equal(observations["compass"][1], observation["compass"])
+        goals = policy.select(vector.situation)
+        observation, *_ = env.step(goals[1])
+        observations, *_ = vector.step(goals)
+    assert env.config.clyde.speed_mps == 0.1
+    assert np.hypot(*observation["compass"]) > 0.0
+
+
+def test_the_example_is_played_in_pettingzoo(example: None) -> None:
+    env = pacman_env.parallel_env(preset="sleepy", observation="compass", ghosts=("policy", "ambush"), settings=QUICK)
+    observations, _ = env.reset(seed=0)
+    while env.agents:
+        assert set(observations["pacman"]) == {"compass", "action_mask"}
+        actions = {agent: env.action_space(agent).sample(observations[agent]["action_mask"]) for agent in env.agents}
+        observations, *_ = env.step(actions)
+
+
+def test_the_example_policy_fills_a_ghosts_place(example: None) -> None:
+    env = gym.make("pacman_env/PacManBot-v0", ghosts=["wander", make_policy("shy")], settings=QUICK)
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(0)
+
+
+def test_the_example_ghost_goes_where_the_robot_is_about_to_be(example: None) -> None:
+    env = make(ghosts=("ambush", "wander"), preset="ideal", settings={"execution.death_radius_m": 0.01})
+    env.reset(seed=4)
+    for _ in range(60):
+        env.step(env.batch.hold)  # it stands at home and looks along x
+    x, y, _ = env.batch.assets.grid.home
+    ambush, wander = env.batch.ghosts[0]
+    assert np.hypot(ambush["x"] - x - 1.0, ambush["y"] - y) < 0.3
+    assert np.hypot(wander["x"] - x - 1.0, wander["y"] - y) > 0.3
+
+
+def test_what_is_no_ghost_is_refused(example: None) -> None:
+    with pytest.raises(
+        ConfigError, match=r"clyde\.ghosts: unknown ghost behaviour 'sulk': choose one of .*, ambush, or"
+    ):
+        make(ghosts="sulk")
+    with pytest.raises(ConfigError, match=r"clyde\.ghosts: 'json:loads' is .*, must be a Behaviour"):
+        make(ghosts="json:loads")
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_the_example_is_compared(example: None, tmp_path: Path, workers: str) -> None:
+    from eval.compare.__main__ import main
+
+    out = tmp_path / "out.json"
+    policies = ["nearest", "shy", "pacman_plugin.policy:Shy"]
+    rules = ["--preset", "sleepy", "--set", "clyde.ghosts=ambush"]
+    asked = ["--policies", *policies, *rules, "--episodes", "2", "--workers", workers]
+    assert main([*asked, "--json", str(out)]) == 0
+    rows = json.loads(out.read_text())["rows"]
+    assert {row["policy"] for row in rows} == set(policies)
