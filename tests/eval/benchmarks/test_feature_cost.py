@@ -12,7 +12,7 @@ def test_the_command_prints_rates_and_parts(capsys: pytest.CaptureFixture[str]) 
     assert main(["--map", "loop", "--games", "4", "--steps", "6", "--rounds", "1"]) == 0
     printed = capsys.readouterr().out
     assert printed.count("decisions/s") == 3
-    assert "Clyde's futures" in printed
+    assert "prediction of Clyde" in printed
 
 
 def test_the_parts_add_up_to_the_whole() -> None:
