@@ -31,7 +31,7 @@ MESSAGES = (
 #: Outside package: the only rooms that may import it.
 ONLY_IN = {
     "pymunk": {"world.navigation.physics"},
-    "gymnasium": {"envs"},
+    "gymnasium": {"envs", "render"},
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     "torch": set(),
@@ -119,11 +119,11 @@ def test_the_package_itself_imports_nothing_but_its_version_and_the_registration
 def test_relative_absolute_and_late_imports_are_seen_and_those_for_types_are_not() -> None:
     source = (
         "from .. import rng\nfrom ..sim.batch import GameBatch\nfrom . import grid\nimport pymunk.batch\n"
-        "def f():\n    from pacman_env.envs import setup\n"
+        "def f():\n    from pacman_env.envs import arguments\n"
         "if TYPE_CHECKING:\n    import torch\nelse:\n    import json\n"
     )
     assert imports(source, "world.cache", False) == {
-        *("pacman_env.rng", "pacman_env.sim.core.batch.GameBatch", "pacman_env.world.navigation.grid"),
+        *("pacman_env.rng", "pacman_env.sim.batch.GameBatch", "pacman_env.world.grid"),
         *("pymunk.batch", "pacman_env.envs.arguments", "json"),
     }
     assert imports("from . import a\nfrom .b import c", "game", True) == {"pacman_env.game.a", "pacman_env.game.b.c"}

@@ -17,9 +17,8 @@ from typing import Any, NoReturn, TypeVar
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 FORMAT = 1
-NORMALISATION = (
-    "pacman_env.sim.observation.planner_features.planner_features"  # they are scaled where they are built, nowhere else
-)
+#: The name of the scaling that ``planner_features`` has built in, as the first planners' files say it.
+NORMALISATION = "pacman_env.sim.features.planner_features"
 MAX_BYTES = 16 << 20  # of the ONNX file; a planner of width 64 has 0.1 MB
 _MAX_SIDECAR_BYTES = 1 << 20
 _LARGEST = 1e300  # finite, and its type is float

@@ -141,7 +141,7 @@ def test_list_names_the_shipped_maps(
     maps.mkdir()
     for name in ("attic", "cellar"):
         (maps / f"{name}.yaml").write_bytes(room.read_bytes())
-    monkeypatch.setattr(occupancy, "__file__", str(room.parent / "pacman_env" / "world" / "occupancy.py"))
+    monkeypatch.setattr(occupancy, "__file__", str(room.parent / "pacman_env" / "world" / "maps" / "occupancy.py"))
     assert main(["map", "list"]) == 0
     assert capsys.readouterr().out == "attic\ncellar\n"
 

@@ -198,7 +198,7 @@ def test_shipped_maps_are_found_inside_the_package_or_beside_it(
     maps = (package if layout == "wheel" else tmp_path) / "maps"
     maps.mkdir(parents=True)
     write_map(maps, [[254]]).rename(maps / "attic.yaml")
-    monkeypatch.setattr(module, "__file__", str(package / "world" / "occupancy.py"))
+    monkeypatch.setattr(module, "__file__", str(package / "world" / "maps" / "occupancy.py"))
     assert shipped_maps() == ["attic"]
     assert load_map("attic").name == "attic"
     with pytest.raises(MapError, match=r"attik: .*\(attic\)"):
@@ -206,7 +206,7 @@ def test_shipped_maps_are_found_inside_the_package_or_beside_it(
 
 
 def test_every_shipped_map_loads_by_its_name() -> None:
-    folder = Path(module.__file__).parents[2] / "maps"
+    folder = Path(module.__file__).parents[3] / "maps"
     assert shipped_maps() == sorted(p.stem for p in folder.glob("*.yaml"))
     for name in shipped_maps():
         m = load_map(name)
