@@ -86,6 +86,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
             wait(lambda: watcher.pose_age_s is not None, "a pose")
             wait(watcher.start_game, "the referee")
             wait(lambda: watcher.state == "running", "the round")
+            wait(lambda: watcher.condition.get("decisions", {}).get("count"), "a decision")
             say(f"running, watched for {seconds:g} s")
             processes = {name: psutil.Process(number) for name, number in crew.processes().items()}
             before = {name: processes[name].cpu_times() for name in names}
