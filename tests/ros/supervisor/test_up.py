@@ -18,6 +18,7 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
+from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, Game, module_of
 from pacman_env.ros.supervisor.up import MEANINGS, NODE_LOST, Screen, environment
 
@@ -60,9 +61,9 @@ def test_a_game_is_brought_up_recorded_kept_up_ended_in_order_and_replayed(
     lights = pid_of("game_light_node")
     assert lights is not None
     os.kill(lights, signal.SIGKILL)
-    probe.wait_for(lambda: "game_light_node ended with status -9" in up.output, 60.0, "its death is seen")
-    probe.wait_for(lambda: pid_of("game_light_node"), 60.0, "it is started again")
-    probe.wait_for(lambda: "game_light_node" in probe.node.get_node_names(), 60.0, "it is there again")
+    probe.wait_for(lambda: "game_light_node ended with status -9" in up.output, what="its death is seen")
+    probe.wait_for(lambda: pid_of("game_light_node"), what="it is started again")
+    probe.wait_for(lambda: "game_light_node" in probe.node.get_node_names(), what="it is there again")
     assert recorder.stop() == 0, recorder.output
     probe.forget()
     up.send(signal.SIGINT)
@@ -93,8 +94,8 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
         "import sys\nif any(word.endswith('audio_node') for word in sys.orig_argv): sys.exit('no ears')\n"
     )
     code = (
-        "import sys; from pacman_env.ros import crew; crew.SLOW_START_S = 0.0; from pacman_env.cli.main import main; "
-        "sys.exit(main(sys.argv[1:]))"
+        "import sys; from pacman_env.ros.supervisor import processes; processes.SLOW_START_S = 0.0; "
+        "from pacman_env.cli.main import main; sys.exit(main(sys.argv[1:]))"
     )
     words = ["ros", "up", "--map", "house", "--policy", "nearest", "--sim", "--logs", str(tmp_path / "logs")]
     environment = f"PYTHONPATH={broken}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
@@ -147,7 +148,7 @@ def test_a_simulated_game_stays_on_this_machine() -> None:
 def test_lines_are_written_when_something_changes_and_over_one_another_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("pacman_env.ros.supervisor.up.LINE_S", 0.0)
+    monkeypatch.setattr(up_module, "LINE_S", 0.0)
     plain = io.StringIO()
     screen = Screen(plain)
     for number, state in enumerate(["menu", "menu", "running"]):
