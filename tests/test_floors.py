@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import subprocess
 import sys
@@ -76,6 +77,7 @@ def imports(source: str, name: str, is_package: bool, top: str = "pacman_env") -
     return found
 
 
+@functools.cache
 def imports_of(path: Path) -> set[str]:
     return imports(path.read_text(), module_name(path), path.name == "__init__.py")
 

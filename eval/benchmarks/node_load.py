@@ -72,6 +72,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
             wait(lambda: status_line.pose_age_s is not None, "a pose")
             wait(status_line.start_game, "the referee")
             wait(lambda: status_line.state == "running", "the round")
+            wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
             say(f"running, watched for {seconds:g} s")
             found = {name: psutil.Process(number) for name, number in processes.ids().items()}
             before = {name: found[name].cpu_times() for name in names}

@@ -82,12 +82,12 @@ def make_again_ms(map_source: str, repeats: int) -> float:
     return float(np.median(times))
 
 
-def new_level_ms(episodes: int) -> float:
+def new_level_ms(env: PacManBotVectorEnv, episodes: int) -> float:
     """Milliseconds that an episode on a generated house of its own adds to 64 games: draw, prepare, build, start.
 
     Slots are used before: memory that the system has to find first is not what a level costs.
     """
-    batch = make_vector(64, "generated").batch
+    batch = env.batch
     seeds = np.random.default_rng(0).integers(2**63, size=64 + episodes, dtype=np.uint64)
     times = []
     for k, seed in enumerate(seeds):
@@ -97,11 +97,6 @@ def new_level_ms(episodes: int) -> float:
     return float(np.mean(times[64:]))
 
 
-def generated_rate(rng: np.random.Generator, steps: int) -> float:
-    """Decisions per second of 64 games, each in a generated house of its own, new ones included."""
-    return vector_rate(make_vector(64, "generated"), rng, steps)
-
-
 def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     """All figures; ``seconds`` is roughly what each figure may take.
 
@@ -109,8 +104,9 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
         ValueError: a map that cannot be played on.
     """
     rng = np.random.default_rng(0)
-    level_ms = new_level_ms(max(8, round(50 * seconds)))
     env = make_vector(64, map_source)
+    houses = make_vector(64, "generated")
+    level_ms = new_level_ms(houses, max(8, round(50 * seconds)))
     robot = env.config.robot
     bare = PhysicsWorld(
         env.batch.assets.grid.walls,
@@ -143,7 +139,7 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
         "bare_ratio_64_range": [float(ratios.min()), float(ratios.max())],
         "make_again_ms": make_again_ms(map_source, rounds),
         "new_level_ms": level_ms,
-        "generated_decisions_per_s_64": generated_rate(rng, steps),
+        "generated_decisions_per_s_64": vector_rate(houses, rng, steps),
         "map": env.batch.assets.occupancy.name,
         "map_hash": env.batch.assets.occupancy.hash,
         "wall_segments": len(env.batch.assets.grid.walls),

@@ -128,7 +128,7 @@ def test_playing_without_a_screen_is_one_line_and_status_2() -> None:
     pytest.importorskip("pygame")
     without = {key: os.environ[key] for key in os.environ if "DISPLAY" not in key and key != "SDL_VIDEODRIVER"}
     command = [sys.executable, "-m", "pacman_env.cli.main", "play"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=without)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=without)
     if sys.platform == "linux":  # elsewhere a screen needs no name
         assert (done.returncode, done.stdout) == (2, "")
         assert done.stderr == "pacman-env: no screen to open a window on\n"
@@ -152,7 +152,7 @@ def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_help(optio
     code += "try: runpy.run_module('pacman_env.cli.main', run_name='__main__')\n"
     heavy = {"cv2", "gymnasium", "matplotlib", "numba", "numpy", "onnxruntime", "pymunk", "torch", "yaml"}
     code += f"finally: print(sorted({heavy} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith(said)
     assert done.stdout.endswith("\n[]\n")
@@ -181,7 +181,7 @@ def test_what_a_command_needs_is_one_line_and_status_2(
 
 def test_version_as_a_process() -> None:
     command = [sys.executable, "-m", "pacman_env.cli.main", "--version"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n", "")
 
 

@@ -15,6 +15,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of, pose_message
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.sim.maps.assets import MapAssets, map_assets
+from tests.ros.clock import SimulatedClock
 from tests.ros.scripted_nav2 import Goal, ScriptedNav2
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 NODE = "pacman_env.ros.selector.goal_selector"
 FAR_AWAY = (50.0, 50.0)
-LONG = 40.0  # s, for a node to come up on a busy machine
 
 
 @cache
@@ -51,15 +51,35 @@ class Game:
         probe.record(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, DIAGNOSTICS, SCORES)
         self.left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
         self.pose = tuple(house().grid.home.tolist())
+        self.clock: SimulatedClock | None = None  # goes on while something is waited for
 
     def start(self, *arguments: str, **parameters: Any) -> Process:
         """Start the node, quicker than on a robot for the tests' sake, and wait until it decides."""
         self.probe.forget()
+        process = self._start(*arguments, **parameters)
+        self._wait(lambda: self.probe.heard(DIAGNOSTICS), "the goal selector")
+        return process
+
+    def start_at_rest(self, **parameters: Any) -> SimulatedClock:
+        """As ``start``, in simulated time, which goes on only while something is waited for."""
+        self._start(use_sim_time=True, **parameters)
+        self.clock = SimulatedClock(self.probe, "goal_selector")
+        self._wait(lambda: self.probe.heard(DIAGNOSTICS), "the goal selector")
+        return self.clock
+
+    def _start(self, *arguments: str, **parameters: Any) -> Process:
         quick = ["execution.tick_s=0.1", "execution.check_period_s=0.1"]
         own = {"policy": "nearest", "settings": quick, "map_yaml": "house", "diagnostics_rate": 10.0, **parameters}
-        process = self.system.start(NODE, *arguments, **own)
-        self.probe.wait_for(lambda: self.probe.heard(DIAGNOSTICS), LONG, "the goal selector")
-        return process
+        return self.system.start(NODE, *arguments, **own)
+
+    def _wait(self, condition: Callable[[], Any], what: str) -> Any:
+        def holds() -> Any:
+            value = condition()
+            if not value and self.clock is not None:
+                self.clock.advance(0.05)
+            return value
+
+        return self.probe.wait_for(holds, what=what)
 
     def say(self, topic: topics.Topic, message: Any) -> None:
         self.probe.publish(topic, message)
@@ -88,19 +108,19 @@ class Game:
     def goal(self, number: int) -> Goal:
         """The so-manieth goal, from 1, once it was asked for."""
         assert self.nav2 is not None
-        self.probe.wait_for(lambda: len(self.nav2.goals) >= number, what=f"goal {number}")
+        self._wait(lambda: len(self.nav2.goals) >= number, f"goal {number}")
         return self.nav2.goals[number - 1]
 
     def running_goal(self, number: int) -> Goal:
         goal = self.goal(number)
-        self.probe.wait_for(lambda: goal.running, what=f"goal {number} to run")
+        self._wait(lambda: goal.running, f"goal {number} to run")
         return goal
 
     def statuses(self) -> list[str]:
         return self.probe.values(topics.GAME_STATUS)
 
     def status(self, word: str) -> None:
-        self.probe.wait_for(lambda: word in self.statuses(), what=f"status {word}")
+        self._wait(lambda: word in self.statuses(), f"status {word}")
 
     def condition(self, holds: Callable[[dict[str, Any]], Any], what: str = "the condition") -> dict[str, Any]:
         """The first diagnostics from now on of which something holds."""
@@ -110,7 +130,7 @@ class Game:
             latest = [json.loads(text) for text in self.probe.values(DIAGNOSTICS)[seen:]]
             return next((one for one in latest if holds(one)), None)
 
-        return self.probe.wait_for(found, what=what)
+        return self._wait(found, what)
 
     def stopped(self) -> list[float]:
         """When zero velocities were heard."""

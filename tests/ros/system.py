@@ -27,7 +27,7 @@ from tests.ros.fork_server import Forked
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "/robot_15"
-STOP_S = 15.0
+PATIENCE_S = 120.0  # for anything that comes at all, however busy the machine
 T = TypeVar("T")
 
 
@@ -64,7 +64,7 @@ class Process:
         """Send a signal."""
         self.popen.send_signal(number)
 
-    def wait(self, timeout_s: float = STOP_S) -> int:
+    def wait(self, timeout_s: float = PATIENCE_S) -> int:
         """Its exit status; killed, and the test failed, if it does not end."""
         try:
             return self.popen.wait(timeout_s)
@@ -157,6 +157,7 @@ class Probe:
         self.all: list[tuple[str, Heard]] = []  # in order of arrival over all topics
         self._heard: dict[str, list[Heard]] = {}
         self._publishers: dict[str, Any] = {}
+        self._asked: dict[str, Any] = {}  # clients, by the name of their node
 
     def __enter__(self) -> Probe:
         return self
@@ -208,7 +209,27 @@ class Probe:
         """Wait until a node has taken in all that was published on a topic so far."""
         publisher = self.publisher(topic)
         self.wait_for(lambda: publisher.wait_for_all_acked(Duration(seconds=0.1)), what=f"{topic.name} to arrive")
-        self.call(Service(f"{node}/list_parameters", "rcl_interfaces/ListParameters"))  # answered after the messages
+        self.answered_by(f"{self.system.namespace}/{node}")
+
+    def answered_by(self, node: str, anew: bool = False) -> None:
+        """Wait for a node, full name, to answer: after all messages that it had got by then; ``anew``: a new client."""
+        if anew or node not in self._asked:
+            self._asked[node] = self.node.create_client(ListParameters, f"{node}/list_parameters")
+        self._ask(self._asked[node], PATIENCE_S, node)
+
+    def _ask(self, client: Any, timeout_s: float, name: str) -> None:
+        """Ask until there is an answer: a server that does not know the client's reader yet drops it."""
+        self.wait_for(client.service_is_ready, timeout_s, f"the parameters of {name}")
+        answer = client.call_async(ListParameters.Request())
+        asked = time.monotonic()
+
+        def answered() -> bool:
+            nonlocal answer, asked
+            if not answer.done() and time.monotonic() - asked > 1.0:
+                answer, asked = client.call_async(ListParameters.Request()), time.monotonic()
+            return bool(answer.done())
+
+        self.wait_for(answered, timeout_s, f"the parameters of {name}")
 
     def publisher(self, topic: Topic) -> Any:
         """The probe's publisher on a topic."""
@@ -216,7 +237,7 @@ class Probe:
             self._publishers[topic.name] = topic.publisher(self.node)
         return self._publishers[topic.name]
 
-    def call(self, service: Service, request: Any = None, timeout_s: float = 15.0) -> Any:
+    def call(self, service: Service, request: Any = None, timeout_s: float = PATIENCE_S) -> Any:
         """The answer of a service, once it is there."""
         client = service.client(self.node)
         self.wait_for(client.service_is_ready, timeout_s, f"service {service.name}")
@@ -226,7 +247,7 @@ class Probe:
         self.node.destroy_client(client)
         return answer.result()
 
-    def action_client(self, action: RosAction, timeout_s: float = 15.0) -> Any:
+    def action_client(self, action: RosAction, timeout_s: float = PATIENCE_S) -> Any:
         """A client of an action whose server is there."""
         client = action.client(self.node)
         self.wait_for(client.server_is_ready, timeout_s, f"action {action.name}")
@@ -249,18 +270,7 @@ class Probe:
 
         name = self.wait_for(owner, timeout_s, f"the node of {service}")
         client = self.node.create_client(ListParameters, f"{name}/list_parameters")
-        self.wait_for(client.service_is_ready, timeout_s, f"the parameters of {name}")
-        end = time.monotonic() + timeout_s
-        answer = client.call_async(ListParameters.Request())
-        asked = time.monotonic()
-
-        def answered() -> bool:
-            nonlocal answer, asked
-            if not answer.done() and time.monotonic() - asked > 1.0:
-                answer, asked = client.call_async(ListParameters.Request()), time.monotonic()
-            return bool(answer.done())
-
-        self.wait_for(answered, end - time.monotonic(), f"the parameters of {name}")
+        self._ask(client, timeout_s, name)
         self.node.destroy_client(client)
 
     def stamp(self) -> Any:
@@ -272,7 +282,7 @@ class Probe:
         for process in self.system.processes:
             if process.popen.poll() is None:
                 process.send(signal.SIGINT)
-        end = time.monotonic() + STOP_S
+        end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end and any(one.popen.poll() is None for one in self.system.processes):
             self.executor.spin_once(timeout_sec=0.05)
 
@@ -282,7 +292,7 @@ class Probe:
         while (left := end - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=left)
 
-    def wait_for(self, condition: Callable[[], T], timeout_s: float = 15.0, what: str = "the condition") -> T:
+    def wait_for(self, condition: Callable[[], T], timeout_s: float = PATIENCE_S, what: str = "the condition") -> T:
         """Spin until the condition holds, and return what it returned; fails early if a process has failed."""
         end = time.monotonic() + timeout_s
         while not (value := condition()):

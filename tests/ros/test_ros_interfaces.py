@@ -192,7 +192,9 @@ def test_a_package_built_from_definitions_is_installed_by_pip_and_carries_messag
         "PYTHONPATH": str(site),
         "LD_LIBRARY_PATH": f"{prefix / 'lib'}{os.pathsep}{os.environ['LD_LIBRARY_PATH']}",
     }
-    done = subprocess.run([sys.executable, "-c", EXCHANGE], env=environment, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", EXCHANGE], env=environment, capture_output=True, text=True, timeout=300
+    )
     assert done.stdout.split("\n")[0] == "[1, 2] ['a'] 0.0 42", done.stderr
 
 

@@ -6,9 +6,13 @@ two processes do not change places on their way. What a game must say is in ``te
 
 from __future__ import annotations
 
+import bisect
+import contextlib
 import dataclasses
 import json
 import math
+import time
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import attrgetter
@@ -28,9 +32,11 @@ from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, WAIT
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.ros.system import Probe, System
 
-SPEED = 10.0
+SPEEDS = (10.0, 5.0, 2.5, 1.25)  # of simulated time; a machine that is too late for one gets the next
+LATE_S = 2.5  # of simulated time: half of the shortest show
+WINDOW_S = 0.5  # of wall time, in which waits are added up
 UP_S = 240.0  # for all nodes to come up, where everything has to be compiled
-GAME_S = 90.0  # of wall time, for a game of less than ten
+GAME_S = 240.0  # of wall time, for a game of less than ten
 GOALS = topics.NAVIGATE_TO_POSE.statuses
 HEARD = (
     *(topics.GAME_STATE, topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_STATUS, topics.GAME_RESULT),
@@ -113,12 +119,48 @@ class Tape:
         return getattr(self.last(topic), "data", None)
 
 
+class CoreWaits:
+    """How long some processes have waited for a core, where Linux tells it: their main threads, which do the work."""
+
+    LOOK_S = 0.02
+
+    def __init__(self, processes: Collection[int]) -> None:
+        self._files = [Path(f"/proc/{process}/schedstat") for process in processes]
+        self._looks: list[tuple[float, float]] = [(time.time(), self._waited_s())]  # wall s, s since their begin
+
+    def look(self) -> None:
+        """To be called often; what is between two looks is known as a whole."""
+        if time.time() > self._looks[-1][0] + self.LOOK_S:
+            self._looks.append((time.time(), self._waited_s()))
+
+    def _waited_s(self) -> float:
+        waited_ns = 0
+        for file in self._files:
+            with contextlib.suppress(OSError, IndexError):
+                waited_ns += int(file.read_text().split()[1])
+        return waited_ns * 1e-9
+
+    def between(self, begin: float, end: float) -> float:
+        """All together, s, from the last look before ``begin`` to the first after ``end``, wall s."""
+        times = [at for at, _ in self._looks]
+        first = max(bisect.bisect_right(times, begin) - 1, 0)
+        last = min(bisect.bisect_left(times, end), len(times) - 1)
+        return max(self._looks[last][1] - self._looks[first][1], 0.0)
+
+    @property
+    def worst(self) -> float:
+        """The most in half a second, s."""
+        return max(self.between(at - WINDOW_S, at) for at, _ in self._looks)
+
+
 class Recording:
     """One game as it was said, from the call of ``game/start`` on."""
 
-    def __init__(self, said: list[Said], before: dict[str, Any]) -> None:
+    def __init__(self, said: list[Said], before: dict[str, Any], waits: CoreWaits, speed: float) -> None:
+        self.speed = speed
         self.said = sorted(said, key=attrgetter("at"))
         self.before = before  # the latched numbers, by topic, and the goals known
+        self.waits = waits
         odometry = self.on(topics.ODOMETRY)
         self._clock = [s.at for s in odometry], [seconds_of(s.message.header.stamp) for s in odometry]
 
@@ -154,16 +196,17 @@ class Recording:
 
 
 class Table:
-    """The game set up, in menu: ``sim_robot`` in the closet and every node of the game, at ten times wall time."""
+    """The game set up, in menu: ``sim_robot`` in the closet and every node of the game, faster than the wall's time."""
 
-    def __init__(self, system: System, probe: Probe, policy: str) -> None:
+    def __init__(self, system: System, probe: Probe, policy: str, speed: float) -> None:
+        self.speed = speed
         self.system, self.probe = system, probe
         self.tape = Tape(probe)
         map_yaml = closet().save(Path(system.folder) / "closet.yaml")
         own: dict[str, dict[str, Any]] = {
             SIMULATOR: {
                 "map_yaml": map_yaml,
-                "speed": SPEED,
+                "speed": speed,
                 "home": f"{_at(*_HOME)[0]},{_at(*_HOME)[1]},0.0",
                 "settings": ["localization.sigma_xy_m=0.01", "localization.sigma_yaw_rad=0.02"],  # the closet is narrow
             },
@@ -226,11 +269,21 @@ class Table:
         known = [] if goals is None else goals.status_list
         before[GOALS.name] = {bytes(goal.goal_info.goal_id.uuid) for goal in known}
         begin = len(tape.said)
+        waits = CoreWaits([process.popen.pid for process in self.system.processes if process.popen.poll() is None])
+
+        def wait(condition: Callable[[], object], what: str) -> None:
+            def looked() -> object:
+                waits.look()
+                return condition()
+
+            probe.wait_for(looked, GAME_S, what)
+
         assert probe.call(topics.START_GAME).success
         for state in ("running", "menu"):
-            probe.wait_for(lambda state=state: tape.value(topics.GAME_STATE) == state, GAME_S, f"state {state}")
-        probe.wait_for(lambda: tape.value(topics.GAME_LIGHT) == "off", what="the light to go off")
-        probe.wait_for(self._resting, what="the robot to rest")
-        probe.wait_for(lambda: tape.value(topics.PELLETS_SPAWNED) == PELLETS, what="the pellets to be back")
+            wait(lambda state=state: tape.value(topics.GAME_STATE) == state, f"state {state}")
+        wait(lambda: tape.value(topics.GAME_LIGHT) == "off", "the light to go off")
+        wait(self._resting, "the robot to rest")
+        wait(lambda: tape.value(topics.PELLETS_SPAWNED) == PELLETS, "the pellets to be back")
         probe.spin(0.5)  # what comes now must not come
-        return Recording(tape.said[begin:], before)
+        waits.look()
+        return Recording(tape.said[begin:], before, waits, self.speed)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
+from eval.benchmarks import feature_cost
 from eval.benchmarks.feature_cost import main, parts
 from tests.sim.observation.test_prediction import SPEED, batch_of
 
@@ -15,11 +18,16 @@ def test_the_command_prints_rates_and_parts(capsys: pytest.CaptureFixture[str]) 
     assert "prediction of Clyde" in printed
 
 
-def test_the_parts_add_up_to_the_whole() -> None:
+def test_the_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    def measured(call: Callable[[], object], games: int, repeats: int) -> float:
+        call()
+        assert (games, repeats) == (8, 5)
+        return next(costs)
+
+    costs = iter([10.0, 6.0, 3.0])  # the whole, and two of its parts
+    monkeypatch.setattr(feature_cost, "_microseconds", measured)
     found = parts(batch_of("loop", n=8, decisions=3).situation(), SPEED, repeats=5)
-    *some, whole = found.values()
-    assert min(some) >= 0
-    assert sum(some) >= 0.99 * whole > 0
+    assert list(found.values()) == [6.0, 3.0, 1.0, 10.0]
 
 
 def test_a_map_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""The command that measures what the game's nodes cost, in a short run; how busy the machine is decides the rest."""
+"""The command that measures what the game's nodes cost, in a short run; how much time they take is not looked at."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def test_every_node_is_measured_and_keeps_to_the_memory_that_is_promised(
     figures = json.loads(out.read_text())
     nodes = figures["nodes"]
     assert len(nodes) == 8
-    assert all(0.0 < node["cpu_percent"] < 100.0 and node["memory_mb"] > 30.0 for node in nodes.values())
+    assert all(node["cpu_percent"] >= 0.0 and node["memory_mb"] > 30.0 for node in nodes.values())
+    assert figures["system_cpu_percent"] > 0.0
     assert nodes["goal_selector"]["memory_mb"] < node_load.SELECTOR_MB
     assert {name: nodes[name]["memory_mb"] for name in node_load.LIGHT_NODES if nodes[name]["memory_mb"] > 75.0} == {}
     assert figures["system_cpu_percent"] == pytest.approx(

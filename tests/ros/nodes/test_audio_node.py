@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -11,9 +10,10 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.game.sounds import MELODIES, duration_s, frequency_hz
+from pacman_env.game.sounds import MELODIES, SoundQueue, duration_s, frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
+from tests.ros.clock import SimulatedClock
 from tests.ros.loudspeaker import Loudspeaker
 
 if TYPE_CHECKING:
@@ -28,19 +28,25 @@ def speaker(probe: Probe) -> Iterator[Loudspeaker]:
         yield speaker
 
 
+def play(probe: Probe, speaker: Loudspeaker, word: str) -> None:
+    """Ask until it is played: a pellet is left out while another melody has not ended."""
+    before = len(speaker.played)
+
+    def begun() -> bool:
+        if len(speaker.played) == before:
+            probe.publish(topics.GAME_SOUND, word)
+            probe.taken_in(topics.GAME_SOUND, "audio_node")
+        return len(speaker.played) > before
+
+    probe.wait_for(begun, what=word)
+    assert speaker.played[before:] == [word]
+
+
 def up(probe: Probe, system: System, speaker: Loudspeaker) -> Process:
-    """The node, once it has found the loudspeaker: it plays what it is asked for."""
+    """The node, once it has found the loudspeaker and played."""
     process = system.start(NODE)
-
-    def heard() -> bool:
-        probe.publish(topics.GAME_SOUND, "start")
-        probe.spin(0.2)
-        return bool(speaker.played)
-
-    probe.wait_for(heard, what="the first melody")
+    play(probe, speaker, "start")
     speaker.finish()
-    probe.spin(0.3)  # let it end
-    assert set(speaker.played) == {"start"}
     speaker.played.clear()
     return process
 
@@ -58,9 +64,9 @@ def test_a_melody_reaches_the_base_note_by_note(probe: Probe, system: System, sp
 
 def test_the_win_melody_plays_after_the_pellet_fault_2(probe: Probe, system: System, speaker: Loudspeaker) -> None:
     up(probe, system, speaker)
-    probe.publish(topics.GAME_SOUND, "pellet")
+    play(probe, speaker, "pellet")
     probe.publish(topics.GAME_SOUND, "win")
-    probe.wait_for(lambda: speaker.played == ["pellet"], what="the pellet")
+    probe.taken_in(topics.GAME_SOUND, "audio_node")
     probe.spin(0.3)
     assert speaker.played == ["pellet"]
     speaker.finish()
@@ -70,17 +76,20 @@ def test_the_win_melody_plays_after_the_pellet_fault_2(probe: Probe, system: Sys
 def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(
     probe: Probe, system: System, speaker: Loudspeaker
 ) -> None:
-    up(probe, system, speaker)
-    probe.publish(topics.GAME_SOUND, "pellet")
-    probe.wait_for(lambda: speaker.played == ["pellet"], what="the pellet")
-    begun = time.monotonic()
+    system.start(NODE, use_sim_time=True)
+    clock = SimulatedClock(probe, "audio_node")
+    play(probe, speaker, "pellet")
     probe.publish(topics.GAME_SOUND, "death")
+    probe.taken_in(topics.GAME_SOUND, "audio_node")
+    clock.advance(duration_s("pellet") + SoundQueue().patience_s - 0.2)
+    assert speaker.played == ["pellet"]
+    clock.advance(0.5)
     probe.wait_for(lambda: speaker.played == ["pellet", "death"], what="the next melody")
-    assert time.monotonic() - begun > duration_s("pellet")
     speaker.finish(-2)  # the end of the first comes after all: it is not that of the second
-    probe.spin(0.5)
+    probe.spin(0.3)
     probe.publish(topics.GAME_SOUND, "pellet")
-    probe.spin(0.5)
+    probe.taken_in(topics.GAME_SOUND, "audio_node")
+    probe.spin(0.3)
     assert speaker.played == ["pellet", "death"]
 
 

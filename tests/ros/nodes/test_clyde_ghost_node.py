@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +16,11 @@ from std_msgs.msg import Header
 
 from pacman_env.config import make_config
 from pacman_env.ros import topics
-from pacman_env.ros.messages import points_of, pose_of
+from pacman_env.ros.messages import points_of, pose_of, seconds_of
 from pacman_env.sim.core.map_ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import ClydeCells
+from tests.ros.clock import SimulatedClock
 from tests.shared import shared_path
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 NODE = "pacman_env.ros.nodes.clyde_ghost_node"
 MAP = "loop"
 CONFIG = make_config("robot", **{"clyde.speed_mps": 1.0})
+PERIOD = CONFIG.clyde.update_period_s
 
 
 @cache
@@ -43,8 +44,22 @@ def fast_ghost(seed: int) -> MapGhosts:
 def up(probe: Probe, system: System, **parameters: Any) -> Process:
     process = system.start(NODE, map_yaml=MAP, seed=7, **parameters)
     probe.record(topics.CLYDE_POSE, topics.CLYDE_MARKER, topics.CLYDE_OBSTACLE)
-    probe.wait_for(lambda: probe.heard(topics.CLYDE_OBSTACLE), 60.0, "Clyde")
+    probe.wait_for(lambda: probe.heard(topics.CLYDE_OBSTACLE), what="Clyde")
     return process
+
+
+def up_at_rest(probe: Probe, system: System, **parameters: Any) -> SimulatedClock:
+    """Clyde, in a time that stands still."""
+    system.start(NODE, map_yaml=MAP, seed=7, use_sim_time=True, **parameters)
+    probe.record(topics.CLYDE_POSE, topics.CLYDE_MARKER, topics.CLYDE_OBSTACLE)
+    clock = SimulatedClock(probe, "clyde_ghost_node")
+
+    def seen() -> bool:
+        clock.advance(PERIOD, PERIOD)
+        return bool(probe.heard(topics.CLYDE_OBSTACLE))
+
+    probe.wait_for(seen, what="Clyde")
+    return clock
 
 
 def at(probe: Probe) -> tuple[float, float]:
@@ -77,10 +92,13 @@ def apart(a: tuple[float, float], b: tuple[float, float]) -> float:
 
 
 def test_he_is_seen_five_times_a_second_as_pose_marker_and_nine_obstacle_points(probe: Probe, system: System) -> None:
-    up(probe, system)
-    probe.wait_for(lambda: len(probe.heard(topics.CLYDE_OBSTACLE)) >= 11, what="two seconds of him")
-    poses = probe.heard(topics.CLYDE_POSE)
-    assert poses[10].at - poses[0].at == pytest.approx(2.0, abs=0.6)
+    clock = up_at_rest(probe, system)
+    probe.forget()
+    clock.advance(2.0)
+    probe.wait_for(lambda: len(probe.heard(topics.CLYDE_OBSTACLE)) >= 10, what="two seconds of him")
+    stamps = [seconds_of(message.header.stamp) for message in probe.messages(topics.CLYDE_POSE)]
+    assert np.diff(stamps) == pytest.approx(PERIOD)
+    assert len(stamps) == 10
     here = at(probe)
     assert cells().nearest(*here)[1] < 1e-6
     marker = probe.messages(topics.CLYDE_MARKER)[-1]
@@ -179,20 +197,30 @@ def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(probe: Prob
     cleared: list[float] = []
 
     def clear(request: Any, response: Any) -> Any:
-        cleared.append(time.monotonic())
+        cleared.append(clock.now_s)
         return response
 
     topics.CLEAR_GLOBAL_COSTMAP.server(probe.node, clear)
-    up(probe, system, clear_costmap_s=1.5, settings=["clyde.speed_mps=2.0"])
-    next_pose(probe, 5)
+    clock = up_at_rest(probe, system, clear_costmap_s=1.5, settings=["clyde.speed_mps=2.0"])
+    clock.advance(1.0)
     assert cleared == []
-    probe.publish(topics.GAME_STATE, "running")
-    probe.wait_for(lambda: len(cleared) >= 3, 30.0, "the costmap to be cleared")
-    assert np.diff(cleared).min() > 1.0
-    probe.publish(topics.CLYDE_SPEED, 0.0)
-    next_pose(probe, 12)
+
+    def say(topic: topics.Topic, value: Any) -> None:
+        probe.publish(topic, value)
+        probe.taken_in(topic, "clyde_ghost_node")
+
+    say(topics.GAME_STATE, "running")
+
+    def cleared_again() -> bool:
+        clock.advance(PERIOD)
+        return len(cleared) >= 4
+
+    probe.wait_for(cleared_again, what="the costmap to be cleared")
+    assert np.diff(cleared).min() > 1.5 - PERIOD
+    say(topics.CLYDE_SPEED, 0.0)
+    clock.advance(2.5)
     count = len(cleared)
-    next_pose(probe, 12)
+    clock.advance(2.5)
     assert len(cleared) == count
     probe.publish(topics.GAME_STATE, "returning_home")
     probe.wait_for(lambda: len(cleared) == count + 1, what="his marks to be removed before the way home")

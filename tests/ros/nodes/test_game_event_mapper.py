@@ -8,10 +8,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from rosgraph_msgs.msg import Clock
-
 from pacman_env.game.events import FEEDBACK
 from pacman_env.ros import topics
+from pacman_env.ros.messages import seconds_of
+from tests.ros.clock import SimulatedClock
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -54,30 +54,19 @@ def test_a_motion_ends_after_its_time_and_the_robot_stands(
     probe: Probe, system: System, event: str, speeds: set[float], seconds: float
 ) -> None:
     up(probe, system, use_sim_time=True)
-    clock = probe.publisher(topics.CLOCK)
-    now = 0
-
-    def tick() -> None:
-        nonlocal now
-        now += 20_000_000
-        clock.publish(Clock(clock=_time(now)))
-
-    timer = probe.node.create_timer(0.005, tick)  # four times as fast as the wall's
-    probe.wait_for(lambda: now > 1e9, what="the clock")
+    clock = SimulatedClock(probe, "game_event_mapper")
     probe.publish(topics.GAME_EVENT, event)
-    probe.wait_for(lambda: 0.0 in turns(probe), 30.0, "the end of the motion")
+    probe.taken_in(topics.GAME_EVENT, "game_event_mapper")
+    clock.advance(seconds + 0.5)
+    probe.wait_for(lambda: 0.0 in turns(probe), what="the end of the motion")
     probe.publish(topics.GAME_EVENT, "pellet")  # what moves nothing
     probe.wait_for(lambda: "pellet" in probe.values(topics.GAME_LIGHT), what="the pellet's light")
-    probe.node.destroy_timer(timer)
+    clock.advance(0.5)
     commands = probe.messages(topics.CMD_VEL)
     assert set(turns(probe)[:-1]) == speeds
     assert turns(probe)[-1] == 0.0
-    first, last = (m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in (commands[0], commands[-1]))
-    assert last - first == pytest.approx(seconds, abs=0.5)
-
-
-def _time(nanoseconds: int) -> Any:
-    return Clock().clock.__class__(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+    first, last = (seconds_of(message.header.stamp) for message in (commands[0], commands[-1]))
+    assert last - first == pytest.approx(seconds, abs=0.1)
 
 
 def test_events_in_a_row_prolong_nothing_and_a_reset_stops_at_once(probe: Probe, system: System) -> None:

@@ -12,6 +12,8 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.config import ShowConfig
 from pacman_env.game.lights import COLOURS, animations
 from pacman_env.ros import topics
+from pacman_env.ros.messages import seconds_of
+from tests.ros.clock import SimulatedClock
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -21,8 +23,8 @@ ANIMATIONS = animations(ShowConfig())
 RELEASED = (((0, 0, 0),) * 6, False)
 
 
-def up(probe: Probe, system: System) -> Process:
-    process = system.start(NODE)
+def up(probe: Probe, system: System, **parameters: Any) -> Process:
+    process = system.start(NODE, **parameters)
     probe.record(topics.LIGHT_RING)
     name = f"{system.namespace}/{topics.LIGHT_RING.name}"
     probe.wait_for(lambda: probe.node.count_publishers(name) == 1, what="the light node")
@@ -36,34 +38,45 @@ def rings(probe: Probe) -> list[tuple[Any, bool]]:
     ]
 
 
+def since(probe: Probe, first: tuple[Any, bool]) -> list[tuple[Any, bool]]:
+    """From the first such ring on: a node that is up for a second without a word releases the ring before."""
+    return rings(probe)[rings(probe).index(first) :]
+
+
 def test_a_colour_stays_and_off_gives_the_ring_back(probe: Probe, system: System) -> None:
-    up(probe, system)
+    up(probe, system, use_sim_time=True)
+    clock = SimulatedClock(probe, "game_light_node")
     for colour, value in COLOURS.items():
         probe.publish(topics.GAME_LIGHT, colour)
         probe.wait_for(lambda value=value: rings(probe)[-1:] == [((value,) * 6, True)], what=colour)
     probe.publish(topics.GAME_LIGHT, "off")
     probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the release")
     count = len(rings(probe))
-    probe.spin(1.3)
+    clock.advance(1.3)
     assert len(rings(probe)) == count
 
 
 def test_a_colour_is_said_again_for_a_base_that_was_not_there(probe: Probe, system: System) -> None:
     up(probe, system)
     probe.publish(topics.GAME_LIGHT, "blue")
-    probe.wait_for(lambda: len(rings(probe)) >= 3, what="three times blue")
-    assert set(rings(probe)) == {((COLOURS["blue"],) * 6, True)}
+    blue = (COLOURS["blue"],) * 6, True
+    probe.wait_for(lambda: rings(probe).count(blue) >= 3, what="three times blue")
+    assert set(since(probe, blue)) == {blue}
 
 
 @pytest.mark.parametrize("word", ["win", "clyde killed"])
 def test_the_show_of_a_win_and_of_a_death_moves_and_ends_fault_3(probe: Probe, system: System, word: str) -> None:
-    up(probe, system)
+    up(probe, system, use_sim_time=True)
+    clock = SimulatedClock(probe, "game_light_node")
     probe.publish(topics.GAME_LIGHT, word)
-    probe.wait_for(lambda: rings(probe)[-1:] == [RELEASED], 20.0, "the end of the show")
-    seen = {ring for ring, override in rings(probe) if override}
-    assert seen == set(ANIMATIONS[word].rings)
-    duration = probe.heard(topics.LIGHT_RING)[-1].at - probe.heard(topics.LIGHT_RING)[0].at
-    assert duration == pytest.approx(ANIMATIONS[word].duration_s, abs=1.0)
+    probe.wait_for(lambda: any(override for _, override in rings(probe)), what="the show")
+    begin_s = clock.now_s
+    clock.advance(ANIMATIONS[word].duration_s + 0.5)
+    probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the end of the show")
+    shown = [k for k, (_, override) in enumerate(rings(probe)) if override]
+    assert {rings(probe)[k][0] for k in shown} == set(ANIMATIONS[word].rings)
+    end_s = seconds_of(probe.messages(topics.LIGHT_RING)[shown[-1] + 1].header.stamp)
+    assert end_s - begin_s == pytest.approx(ANIMATIONS[word].duration_s, abs=0.2)
 
 
 def test_an_unknown_word_changes_nothing_and_is_said_once(probe: Probe, system: System) -> None:
@@ -72,8 +85,10 @@ def test_an_unknown_word_changes_nothing_and_is_said_once(probe: Probe, system: 
     probe.publish(topics.GAME_LIGHT, "\x00" * 3)
     probe.publish(topics.GAME_LIGHT, "purple" * 1000)
     probe.publish(topics.GAME_LIGHT, "  RED ")
-    probe.wait_for(lambda: rings(probe), what="red")
-    assert set(rings(probe)) == {((COLOURS["red"],) * 6, True)}
+    red = (COLOURS["red"],) * 6, True
+    probe.wait_for(lambda: red in rings(probe), what="red")
+    assert set(rings(probe)) <= {red, RELEASED}
+    assert set(since(probe, red)) == {red}
     assert process.output.count("game_light: ") == 1
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import pytest
 
@@ -15,6 +14,7 @@ from pacman_env.config import make_config  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import markers_of, pose_message, transform_message  # noqa: E402
 from pacman_env.ros.selector.selection import Selection  # noqa: E402
+from tests.calls import calls_of  # noqa: E402
 from tests.ros.selector_game import FAR_AWAY, Game, house, pellet, slot_of  # noqa: E402
 
 # A round
@@ -117,7 +117,7 @@ def test_bad_messages_reach_nothing_but_the_log(game: Game) -> None:
     condition = game.condition(lambda c: "bad tf" in c["troubles"] and c["pellets_unknown"], "the troubles")
     assert set(condition["troubles"]) >= {
         *("bad amcl_pose", "bad clyde_pose", "bad game_command", "bad game_state", "bad clyde/speed"),
-        *("bad tf", "strange pellets", "off the map"),
+        *("bad tf", "unknown pellets", "off the map"),
     }
     assert sorted(condition["pellets_unknown"]) == sorted(foreign)
     assert condition["state"] == "running"
@@ -142,7 +142,7 @@ def test_ten_thousand_markers_do_not_hold_the_robot_up(game: Game) -> None:
 
 
 def test_transforms_are_believed_before_the_latched_pose(game: Game) -> None:
-    game.start(pose_timeout_s=5.0)
+    game.start_at_rest(pose_timeout_s=5.0)
     game.begin()
     game.running_goal(1)
     stamp = game.probe.stamp()
@@ -155,14 +155,15 @@ def test_transforms_are_believed_before_the_latched_pose(game: Game) -> None:
     assert condition["pose"] == pytest.approx(game.pose)
 
 
-# How fast
+# How much work: ``eval.benchmarks.node_load`` takes the time of it
 
 
 @pytest.mark.parametrize("policy", ["ppo", "lookahead", "clyde_aware"])
-def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
+def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
     troubles: list[str] = []
-    selection = Selection(make_config(), "house", policy, None, 1.0, lambda kind, text: troubles.append(text))
-    executor, took, sent = selection.executor, [], []
+    selection = Selection("house", make_config(), policy, None, 1.0, lambda kind, text: troubles.append(text))
+    executor, sent = selection.executor, []
+    calls: list[int] = []
     stamp = pose_message(0.0, 0.0, 0.0, rclpy.time.Time().to_msg()).header.stamp
     amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
     amcl.pose.pose.orientation.w = 1.0
@@ -176,17 +177,13 @@ def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
     for k in range(1000):
         now = 0.5 * k
         selection.view.see_ghost(0, *cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
-        before = time.thread_time()
-        selection.decide(now, sent.extend)
-        took.append(time.thread_time() - before)
+        calls.append(calls_of(lambda now=now: selection.decide(now, sent.extend)))
         if any(action.value == "death_detected" for action in sent[-6:]):
             for word in ("disable", "enable"):
                 selection.on_command(String(data=word), now)
         for action in sent[-3:]:
             if action.kind == "send":
                 executor.accepted(int(action.value), now)
-    took.sort()
     assert sum(action.kind == "send" for action in sent) > 10
-    assert took[989] < 0.020, "99 of 100 decisions"
-    assert took[0] < 0.005
+    assert sorted(calls)[989] < 400, "99 of 100 decisions; the first imports and compiles"
     assert not troubles

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import signal
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -238,30 +237,22 @@ def test_lights_are_shown_when_they_change_and_notes_are_played_one_sequence_at_
     assert json.loads(probe.values(AUDIO_SHOWN)[0])["notes"] == [[440, 2.0]] * 2
 
 
-def test_the_clock_runs_at_ten_times_wall_time(probe: Probe, system: System) -> None:
+def test_the_clock_goes_on_by_one_step_after_another(probe: Probe, system: System) -> None:
     Robot(probe, system)
     probe.record(topics.CLOCK)
-    heard = probe.wait_for(
-        lambda: len(h := probe.heard(topics.CLOCK)) > 1 and h[-1].at - h[0].at >= 3.0 and h, what="3 s of the clock"
-    )
-    stamps = [seconds_of(h.message.clock) for h in heard]
-    assert stamps == sorted(stamps)
-    rate = (stamps[-1] - stamps[0]) / (heard[-1].at - heard[0].at)
-    assert 5.0 <= rate <= 12.0  # messages that waited in a queue arrive closer together
+    heard = probe.wait_for(lambda: len(h := probe.messages(topics.CLOCK)) > 60 and h, what="3 s of the clock")
+    steps = np.diff([seconds_of(message.clock) for message in heard]) / 0.05
+    assert steps == pytest.approx(np.rint(steps), abs=1e-4)
+    assert steps.min() == pytest.approx(1.0, abs=1e-4)  # sensor data: one that is late may be lost
 
 
-def test_without_simulated_time_stamps_are_the_walls_and_there_is_no_clock(probe: Probe, system: System) -> None:
+def test_without_simulated_time_there_is_no_clock(probe: Probe, system: System) -> None:
     robot = Robot(probe, system, use_sim_time=False, speed=1.0)
     probe.forget()
-    heard = probe.wait_for(
-        lambda: len(h := probe.heard(topics.ODOMETRY)) > 1 and h[-1].at - h[0].at >= 1.5 and h, what="1.5 s of odometry"
-    )
-    stamps = [seconds_of(h.message.header.stamp) for h in heard]
-    steps = np.diff(stamps) / 0.05
+    heard = probe.wait_for(lambda: len(h := probe.messages(topics.ODOMETRY)) > 30 and h, what="1.5 s of odometry")
+    steps = np.diff([seconds_of(message.header.stamp) for message in heard]) / 0.05
     assert steps == pytest.approx(np.rint(steps), abs=1e-4)
-    assert np.median(steps) == pytest.approx(1.0, abs=1e-4)  # sensor data: one that is late may be lost
-    assert stamps[-1] - stamps[0] == pytest.approx(heard[-1].at - heard[0].at, abs=0.5)
-    assert abs(stamps[-1] - time.time()) < 3.0
+    assert steps.min() == pytest.approx(1.0, abs=1e-4)
     assert probe.node.count_publishers("/clock") == 0
     probe.publish(FAULT, "clock_jump 5")
     robot.wait_for_words("sim/fault ignored: fault clock_jump: needs use_sim_time")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,10 +12,10 @@ from action_msgs.srv import CancelGoal  # noqa: E402
 
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.messages import pose_of, seconds_of  # noqa: E402
-from pacman_env.ros.simulated_robot.sim_robot import AT_ONCE, FAULT, FAULTS_NOW, SimRobot  # noqa: E402
+from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW  # noqa: E402
 from pacman_env.sim.core import navigate_to_pose as nav  # noqa: E402
 from tests.ros.simulated import ABORTED, SUCCEEDED, Robot  # noqa: E402
-from tests.sim.robots import RIGHT, rooms  # noqa: E402
+from tests.sim.robots import RIGHT  # noqa: E402
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, System
@@ -140,21 +139,3 @@ def test_answers_to_clients_that_have_gone_do_not_end_the_robot(
         probe.node.destroy_client(client)
     assert robot.goal(0.5, 0.5).end()[0] == SUCCEEDED
     assert robot.process.popen.poll() is None
-
-
-def test_a_robot_that_catches_up_is_not_deaf_meanwhile(domain: int, tmp_path: Path) -> None:
-    map_yaml = rooms().save(tmp_path / "rooms.yaml")
-    words = ["--ros-args", "-p", "use_sim_time:=true", "-p", "speed:=10.0", "-p", f"map_yaml:={map_yaml}"]
-    rclpy.init(args=words, domain_id=domain)
-    node = SimRobot()
-    try:
-        node._began -= 0.4  # wall time: 80 steps are late
-        late, ticks = node.robot.steps + 80, 0
-        while node.robot.steps < late:
-            before, ticks = node.robot.steps, ticks + 1
-            node.tick()
-            assert 0 < node.robot.steps - before <= AT_ONCE
-        assert ticks >= 8
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()

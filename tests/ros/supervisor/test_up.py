@@ -19,6 +19,7 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
+from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup, module_of
 from pacman_env.ros.supervisor.up import MEANINGS, NODE_LOST, LineWriter, environment
 
@@ -61,9 +62,9 @@ def test_a_game_is_brought_up_recorded_kept_up_ended_in_order_and_replayed(
     lights = pid_of("game_light_node")
     assert lights is not None
     os.kill(lights, signal.SIGKILL)
-    probe.wait_for(lambda: "game_light_node ended with status -9" in up.output, 60.0, "its death is seen")
-    probe.wait_for(lambda: pid_of("game_light_node"), 60.0, "it is started again")
-    probe.wait_for(lambda: "game_light_node" in probe.node.get_node_names(), 60.0, "it is there again")
+    probe.wait_for(lambda: "game_light_node ended with status -9" in up.output, what="its death is seen")
+    probe.wait_for(lambda: pid_of("game_light_node"), what="it is started again")
+    probe.wait_for(lambda: "game_light_node" in probe.node.get_node_names(), what="it is there again")
     assert recorder.stop() == 0, recorder.output
     probe.forget()
     up.send(signal.SIGINT)
@@ -152,7 +153,7 @@ def test_a_simulated_game_stays_on_this_machine() -> None:
 def test_lines_are_written_when_something_changes_and_over_one_another_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("pacman_env.ros.supervisor.up.LINE_S", 0.0)
+    monkeypatch.setattr(up_module, "LINE_S", 0.0)
     plain = io.StringIO()
     writer = LineWriter(plain)
     for number, state in enumerate(["menu", "menu", "running"]):
