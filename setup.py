@@ -13,7 +13,7 @@ from setuptools import setup
 NAME = "pacman_env"
 SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
 
-commands = [f"pacman-env = {NAME}.cli:main"]
+commands = [f"pacman-env = {NAME}.cli.main:main"]
 data_files = []
 if not {"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv):  # pip's way: no ten commands on a user's path
     nodes = runpy.run_path(str(Path(__file__).with_name(NAME) / "ros" / "supervisor" / "game_nodes.py"))

@@ -1,5 +1,5 @@
-"""Measuring policies against each other in the simulator: rounds, statistics, tables, pictures.
+"""Policies measured against each other in the simulator: episodes, statistics, tables, pictures; and the benchmarks.
 
-Run from the checkout: ``python -m eval.compare``. Games are simulated in ``pacman_env.sim``; nothing
-here trains.
+In the checkout ``eval``, in the package ``pacman_env.eval``: modules import one another
+relatively. Nothing here trains.
 """

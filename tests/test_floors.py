@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pacman_env"
 FLOORS = (
-    ("config", "plugins", "jit", "rng", "bucket_queue", "_version"),
+    ("config", "plugins", "jit", "rng", "bucket_queue", "files", "_version"),
     ("world", "game"),
     ("sim",),
     ("policies", "heuristics"),
-    ("envs", "render"),
+    ("envs", "render", "episodes"),
     ("cli", "web", "ros"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
@@ -61,10 +61,10 @@ def executed(node: ast.AST) -> Iterator[ast.AST]:
         yield from executed(child)
 
 
-def imports(source: str, name: str, is_package: bool) -> set[str]:
+def imports(source: str, name: str, is_package: bool, top: str = "pacman_env") -> set[str]:
     """Absolute names that a module imports; ``from x import y`` counts as ``x.y``."""
     found = set()
-    package = f"pacman_env.{name}".rstrip(".").split(".")
+    package = f"{top}.{name}".rstrip(".").split(".")
     package = package if is_package else package[:-1]
     for node in executed(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -109,7 +109,7 @@ def test_an_outside_package_is_imported_only_where_it_belongs(package: str) -> N
 
 def test_the_package_itself_imports_nothing_but_its_version_and_the_registration() -> None:
     assert {i for i in imports_of(PACKAGE / "__init__.py") if room(i) != "__future__"} == {
-        "typing.Any",
+        *("os", "typing.Any"),
         "pacman_env._version.__version__",
         "pacman_env.envs.registration.register_envs",
         "pacman_env.envs.registration.register_when_imported",
@@ -128,6 +128,26 @@ def test_relative_absolute_and_late_imports_are_seen_and_those_for_types_are_not
         *("pymunk.batch", "pacman_env.envs.arguments", "json"),
     }
     assert imports("from . import a\nfrom .b import c", "game", True) == {"pacman_env.game.a", "pacman_env.game.b.c"}
+
+
+@pytest.mark.parametrize("room", ["eval", "train"])
+def test_evaluation_and_training_import_one_another_neither_by_name_nor_in_a_circle(room: str) -> None:
+    """Their own modules relatively, so that they are the same in the package; the other in one place alone."""
+    for path in sorted((ROOT / room).rglob("*.py")):
+        source = path.read_text()
+        tree = ast.parse(source)
+        absolute = {n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.level == 0}
+        absolute |= {alias.name for n in ast.walk(tree) if isinstance(n, ast.Import) for alias in n.names}
+        for name in absolute:
+            words = name.split(".")
+            assert words[words[0] == "pacman_env" :][:1] not in (["eval"], ["train"]), f"{path} imports {name}"
+        parts = path.relative_to(ROOT / room).with_suffix("").parts
+        is_package = parts[-1] == "__init__"
+        found = imports(source, ".".join(parts[: -1 if is_package else None]), is_package, room)
+        strangers = {name for name in found if name.split(".")[0] in {"eval", "train", "tools", "tests"} - {room}}
+        assert not strangers, f"{path} imports {strangers}"
+        loads_by_name = "import_module" in source
+        assert loads_by_name == (path == ROOT / "eval" / "compare" / "policies.py"), path  # a checkpoint of train
 
 
 def test_onnxruntime_is_imported_by_the_first_planner_and_not_before() -> None:

@@ -17,7 +17,7 @@ import pacman_env
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ("pacman_env", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
+SOURCES = ("pacman_env", "eval", "train", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
 
 #: Run with the installed wheel first on the path: where things come from, and a game on each map.
 PLAY = """
@@ -84,12 +84,17 @@ def test_the_build_has_nothing_to_complain_about(built: tuple[Path, str]) -> Non
     assert [line for line in built[1].splitlines() if any(word in line.lower() for word in complaints)] == []
 
 
-def test_the_wheel_holds_the_package_the_maps_the_planner_and_nothing_else(
+def test_the_wheel_holds_the_package_evaluation_training_maps_planner_and_nothing_else(
     built: tuple[Path, str],
 ) -> None:
     wheel, _ = built
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
+    package |= {
+        f"pacman_env/{path.relative_to(ROOT)}" for room in ("eval", "train") for path in (ROOT / room).rglob("*.py")
+    }
+    package |= {f"pacman_env/eval/templates/{page}.html.j2" for page in ("report", "replay")}
+    package |= {"pacman_env/train/hyperparameters/PacManBot-v0.yaml"}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}
     assert packed == package | maps | planner | {"pacman_env/maps/__init__.py", "pacman_env/py.typed"}
@@ -112,3 +117,36 @@ def test_the_installed_command_lists_the_maps(site: Path, tmp_path: Path) -> Non
     script = site / "bin" / "pacman-env"
     out = run(sys.executable, str(script), "map", "list", cwd=tmp_path, PYTHONPATH=str(site))
     assert out.split() == shipped_maps()
+
+
+def test_the_installed_command_compares_policies_in_an_empty_folder(site: Path, tmp_path: Path) -> None:
+    """With workers, to which blocks of rounds are pickled by the names of the installed package."""
+    script = [sys.executable, str(site / "bin" / "pacman-env")]
+    short = ["--episodes", "2", "--time-limit", "20", "--policies", "nearest", "random", "--workers", "2"]
+    out = run(*script, "compare", *short, "--json", "results/numbers.json", cwd=tmp_path, PYTHONPATH=str(site))
+    assert "written: results/numbers.json, results/numbers.png" in out
+    assert {path.name for path in (tmp_path / "results").iterdir()} == {"numbers.json", "numbers.png"}
+    few = ["--episodes", "2", "--endless", "0", "--speeds", "0.3", "--variant", "--set", "time_limit_s=20"]
+    run(*script, "report", *few, "--policies", "nearest", cwd=tmp_path, PYTHONPATH=str(site))
+    assert "<svg" in (tmp_path / "results" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("command", [["train", "--quick", "--help"], ["tune", "--help"]])
+def test_the_installed_command_trains(site: Path, tmp_path: Path, command: list[str]) -> None:
+    """Hyperparameters are read before the help is shown."""
+    pytest.importorskip("torch")
+    pytest.importorskip("optuna")
+    out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, PYTHONPATH=str(site))
+    assert out.startswith(f"usage: pacman-env {command[0]} ")
+
+
+def test_a_checkpoint_of_the_checkout_is_compared_by_the_installed_command(site: Path, tmp_path: Path) -> None:
+    """What it was pickled with is called otherwise there."""
+    pytest.importorskip("torch")
+    pytest.importorskip("optuna")
+    tiny = ["--decisions", "64", "--segment", "64", "--games", "2", "--n-steps", "32", "--batch-size", "32"]
+    tiny += ["--imitation", "0", "--levels", "2", "--evaluation", "0", "--threads", "1", "--no-progress"]
+    run(sys.executable, "-m", "train.ppo", *tiny, "--out", str(tmp_path / "run"), cwd=ROOT, PYTHONPATH=str(ROOT))
+    command = ["compare", "--episodes", "2", "--time-limit", "5", "--policies", "run/last.zip"]
+    out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, PYTHONPATH=str(site))
+    assert "last " in out

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.files import prepare, replaced
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.files import prepare, replaced
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import INK, MUTED, PAGE, map_view, render_frame
 from pacman_env.render.symbols import Image, paste, text
@@ -151,7 +151,7 @@ def draw_observations() -> Image:
 
 
 def _scan_picture(env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
-    """Where the rays end, the robot in the middle, its heading up; rings every metre."""
+    """The ends of the rays, the robot in the middle, its heading up; rings every metre."""
     limit_m = 6.5
     image = np.full((size, size, 3), 255, dtype=np.uint8)
     middle, scale = (size - 1) / 2, size / (2 * limit_m)
@@ -205,25 +205,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"which: {', '.join(PICTURES)} (all)")
     parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")
     parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
-    arguments: argparse.Namespace = parser.parse_args(argv)
+    return run_command(parser, argv, _draw)
+
+
+def _draw(arguments: argparse.Namespace) -> int:
     unknown = [name for name in arguments.names if name not in PICTURES]
     if unknown:
-        parser.error(f"no picture {unknown[0]!r}: choose of {', '.join(PICTURES)}")
+        raise ValueError(f"no picture {unknown[0]!r}: choose of {', '.join(PICTURES)}")
     status = 0
     for name in arguments.names or PICTURES:
         path, picture = arguments.out / f"{name}.png", PICTURES[name]()
-        if arguments.check:
-            if difference(path, picture) > TOLERANCE:
-                print(f"{path} is not what is drawn now: run scripts/gallery {name}")
-                status = 1
-            continue
-        try:
-            prepare(path)
-        except ValueError as error:
-            print(f"{parser.prog}: {error}", file=sys.stderr)
-            return ERROR_STATUS
-        with replaced(path) as temporary:
-            cv2.imwrite(str(temporary), picture[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        if not arguments.check:
+            with replaced(prepare(path)) as temporary:
+                cv2.imwrite(str(temporary), picture[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        elif difference(path, picture) > TOLERANCE:
+            print(f"{path} is not what is drawn now: run scripts/gallery {name}")
+            status = 1
     return status
 
 

@@ -23,14 +23,14 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from eval.files import replaced
 from pacman_env import config
 from pacman_env.cli import main as cli
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command
 from pacman_env.config import Config, composition, make_config, sections
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.files import replaced
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import KINDS, MASK, Features, Part, mask_part
@@ -103,6 +103,10 @@ def _code(value: object) -> str:
 
 def _values(unit: str, kind: Any) -> str:
     """The unit, and what may be given where the default does not show it."""
+    if kind == sections.Ghosts:
+        return "each one of " + ", ".join(map(_code, BEHAVIOURS)) + ", or a plug-in's"
+    if kind == sections.Kinds:
+        return "each one of " + ", ".join(map(_code, OWN_KINDS)) + ", or a plug-in's"
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
         return _values(unit, inner[0])
@@ -110,15 +114,7 @@ def _values(unit: str, kind: Any) -> str:
         return f"{_values(unit, inner[0])} or `None`"
     if origin is typing.Literal:
         return " or ".join(map(_code, inner))
-    if origin is tuple:
-        return f"{unit} (low, high)".strip() if inner[-1] is not ... else f"each {_values(unit, inner[0])}"
-    return unit or _KINDS.get(kind, "")
-
-
-def _named(field: str) -> str:
-    """The names that a field takes, of things that packages can add."""
-    names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(field, ())
-    return "each " + ", ".join(map(_code, names)) + ", or a plug-in's" if names else ""
+    return f"{unit} (low, high)".strip() if origin is tuple else unit or _KINDS.get(kind, "")
 
 
 def configuration() -> str:
@@ -128,12 +124,7 @@ def configuration() -> str:
 
     def rows(owner: Any, prefix: str) -> list[list[str]]:
         return [
-            [
-                f"`{prefix}{f.name}`",
-                _code(value),
-                _named(f"{prefix}{f.name}") or _values(f.unit, kind),
-                f.comment or EVENTS.get(f.name, ""),
-            ]
+            [f"`{prefix}{f.name}`", _code(value), _values(f.unit, kind), f.comment or EVENTS.get(f.name, "")]
             for f in sources[type(owner).__name__]
             for value, kind in [(getattr(owner, f.name), kinds(type(owner))[f.name])]
             if not dataclasses.is_dataclass(value)
@@ -239,7 +230,7 @@ def maps() -> str:
 
 
 def map_check() -> str:
-    """What ``pacman-env map check`` says of the shipped house."""
+    """The output of ``pacman-env map check`` for the shipped house."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
         cli.main(["map", "check", "house"])
@@ -282,22 +273,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.reference", description="Write the tables of the documentation.")
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="which Markdown files (all below docs)")
     parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
-    arguments: argparse.Namespace = parser.parse_args(argv)
+    return run_command(parser, argv, _fill_pages)
+
+
+def _fill_pages(arguments: argparse.Namespace) -> int:
     status = 0
     for path in arguments.pages or sorted((ROOT / "docs").rglob("*.md")):
+        page = path.read_text(encoding="utf-8")
         try:
-            page = path.read_text(encoding="utf-8")
             filled = fill(page)
-            if filled != page and not arguments.check:
-                with replaced(path) as temporary:
-                    temporary.write_text(filled, encoding="utf-8")
-        except (OSError, ValueError) as error:
-            print(f"{parser.prog}: {path}: {error}", file=sys.stderr)
-            return ERROR_STATUS
-        if filled != page and arguments.check:
-            print(f"{path} has other tables than the code: run scripts/reference")
-            status = 1
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        status |= update(path, page, filled, arguments.check, "has other tables than the code: run scripts/reference")
     return status
+
+
+def update(path: Path, before: str, after: str, check: bool, complaint: str) -> int:
+    """Write a page that has changed, or complain where it is only to be checked; the exit status."""
+    if after == before:
+        return 0
+    if check:
+        print(f"{path} {complaint}")
+        return 1
+    with replaced(path) as temporary:
+        temporary.write_text(after, encoding="utf-8")
+    return 0
 
 
 if __name__ == "__main__":

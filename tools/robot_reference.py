@@ -1,7 +1,7 @@
 """``docs/robot_reference.md``, written from the running code: ``python -m tools.robot_reference``.
 
 Every node is made once and asked what it declares, publishes and hears. Needs ROS (extra ``ros``, docs/robot.md);
-nothing else in ``eval`` does.
+no other tool does.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from eval.files import replaced
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command
 from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.supervisor.game_nodes import NODES, module_of
 from pacman_env.ros.topics import RosAction
-from tools.reference import table
+from tools.reference import table, update
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "robot_reference.md"
 INTRO = """# Robot reference: nodes, topics, parameters
@@ -45,7 +44,7 @@ _TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array", 9: "st
 
 @dataclass
 class Described:
-    """What one node is, as text."""
+    """One node as text."""
 
     purpose: str
     parameters: list[list[str]] = field(default_factory=list)
@@ -115,7 +114,7 @@ def _parameter(node: Any, name: str) -> list[str]:
     low_high = [*descriptor.floating_point_range, *descriptor.integer_range]
     limits = f"{low_high[0].from_value:g} to {low_high[0].to_value:g}" if low_high else ""
     shown = "" if value is None else f"`{value}`" if value != "" else '`""`'
-    shown = "to be given" if name == "map_yaml" else shown
+    shown = {"map_yaml": "to be given", "settings": ""}.get(name, shown)
     return [f"`{name}`", _TYPES.get(descriptor.type, ""), shown, limits, descriptor.description]
 
 
@@ -136,7 +135,7 @@ def _qos(profile: Any) -> str:
 def page() -> str:
     """The whole page."""
     context_arguments = ["--ros-args", "-r", "__ns:=/robot", "-p", "map_yaml:=house", "--disable-external-lib-logs"]
-    context_arguments += ["--log-level", "fatal"]
+    context_arguments += ["-p", f'settings:=["clyde.ghosts={",".join(4 * ["wander"])}"]', "--log-level", "fatal"]
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init(args=context_arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -185,20 +184,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.robot_reference", description="Write docs/robot_reference.md.")
     parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="the file (%(default)s)")
     parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
-    arguments: argparse.Namespace = parser.parse_args(argv)
-    text = page()
-    try:
-        if arguments.check:
-            same = arguments.page.is_file() and arguments.page.read_text(encoding="utf-8") == text
-            if not same:
-                print(f"{arguments.page} is not what the nodes say: run scripts/robot_reference")
-            return 0 if same else 1
-        with replaced(arguments.page) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except OSError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+    return run_command(parser, argv, _write, "ros")
+
+
+def _write(arguments: argparse.Namespace) -> int:
+    before = arguments.page.read_text(encoding="utf-8") if arguments.page.is_file() else ""
+    complaint = "is not what the nodes say: run scripts/robot_reference"
+    return update(arguments.page, before, page(), arguments.check, complaint)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Training of planners. Run from the checkout: ``python -m train.ppo``."""
+"""Training of planners: in the checkout ``train``, in the package ``pacman_env.train``. Imports nothing of ``eval``."""
 
 import os
 

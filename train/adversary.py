@@ -1,12 +1,11 @@
-"""Planner and Clyde trained against each other in turns: ``python -m train.adversary``.
+"""Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
 
 Arguments, the rounds in order, the table of who completes against whom, and what is written down. Clyde's games are in
-:mod:`train.ghost_games`, those who play against the planner in :mod:`train.opponents`.
+``ghost_games``, those who play against the planner in ``opponents``.
 """
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import sys
 import time
@@ -19,31 +18,33 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
-import tyro
 from onnx import numpy_helper
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
-from eval.files import write_json
 from pacman_env import __version__
-from pacman_env.cli.main import ERROR_STATUS
+from pacman_env.cli.command import Parser, guarded
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
+from pacman_env.files import write_json
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from train.arguments import FOLDER, load_hyperparameters
-from train.arguments import Arguments as GameArguments
-from train.checkpoint import facts_path, read_facts
-from train.export import export_planner, model_bytes
-from train.games import TrainingGames, make_games
-from train.ghost_games import make_ghost_games
-from train.imitation import imitate
-from train.network import EntityNetwork
-from train.opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from train.policy import new_model
-from train.run import LearningRate, Watch, facts_of, read_tensors, restore
 
+from .arguments import FOLDER, load_hyperparameters
+from .arguments import Arguments as GameArguments
+from .checkpoint import facts_path, load_network, read_facts
+from .export import export_planner, model_bytes
+from .games import TrainingGames, make_games
+from .ghost_games import make_ghost_games
+from .imitation import imitate
+from .network import EntityNetwork
+from .opponents import BUILT_IN, RULES, Table, make_pool, robustness
+from .options import parse_options
+from .policy import new_model
+from .run import LearningRate, TrainingCallback, facts_of, restore
+
+_PROG = "pacman-env adversary"
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
 #: Layers in the order in which ``train.export`` writes them; what the first and third read comes in two halves.
 _LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")
@@ -110,24 +111,18 @@ QUICK = Arguments(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Train or measure; returns the exit status: 0, or 2 after one line on stderr.
+    """Train or measure; returns the exit status."""
+    return guarded(_PROG, lambda: _run(parse(sys.argv[1:] if argv is None else argv)), "train")
 
-    Raises:
-        SystemExit: after ``--help`` and bad arguments.
-    """
-    try:
-        arguments = parse(sys.argv[1:] if argv is None else list(argv))
-        torch.set_num_threads(arguments.threads)
-        torch.use_deterministic_algorithms(True)  # else threads add up gradients in whatever order they come
-        if arguments.measure is None:
-            Alternation(arguments).run()
-        else:
-            played = robustness(arguments.measure, arguments.clyde, _games(arguments, _PLANNER), arguments.evaluation)
-            print(played.render())
-    except (ValueError, OSError) as error:
-        print(f"train.adversary: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+
+def _run(arguments: Arguments) -> None:
+    torch.set_num_threads(arguments.threads)
+    torch.use_deterministic_algorithms(True)  # else threads add up gradients in whatever order they come
+    if arguments.measure is None:
+        Alternation(arguments).run()
+    else:
+        played = robustness(arguments.measure, arguments.clyde, _games(arguments, _PLANNER), arguments.evaluation)
+        print(played.render())
 
 
 def parse(argv: Sequence[str]) -> Arguments:
@@ -135,18 +130,11 @@ def parse(argv: Sequence[str]) -> Arguments:
 
     Raises:
         ValueError: a value is out of range.
+        SystemExit: after ``--help`` and bad arguments.
     """
-    first = argparse.ArgumentParser(add_help=False)
-    first.add_argument("--quick", action="store_true")
-    chosen, rest = first.parse_known_args(argv)
-    return tyro.cli(
-        Arguments,
-        args=rest,
-        default=QUICK if chosen.quick else Arguments(),
-        prog="train.adversary",
-        description="Train a planner and a Clyde against each other, in turns. --quick: two minutes on two cores."
-        " --measure PLANNER.onnx [--clyde CLYDE.onnx]: print how robust a planner is.",
-    )
+    parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
+    parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
+    return parse_options(parser, argv, QUICK if "--quick" in argv else Arguments())
 
 
 class Alternation:
@@ -237,7 +225,7 @@ class Alternation:
         set_random_seed(seeds[0])
         games.seed(seeds[1])
         began = time.perf_counter()
-        model.learn(hyper.decisions, Watch(hyper, rate, bar))
+        model.learn(hyper.decisions, TrainingCallback(hyper, rate, bar))
         games.close()
         self._decisions[side] += int(model.num_timesteps)
         return time.perf_counter() - began
@@ -283,7 +271,7 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Maskable
         model = new_model(hyper, games, seeds[0], **sizes)
         model.policy.network.load_state_dict(network.state_dict())
         return model, read_planner(path)[0].training.decisions
-    model = new_model(hyper, games, seeds[0], width=_width(path))
+    model = new_model(hyper, games, seeds[0], width=load_network(path).width)
     restore(model, path)
     facts = facts_path(path)
     return model, read_facts(facts).training.decisions if facts.exists() else 0
@@ -321,16 +309,8 @@ def network_of(path: Path) -> EntityNetwork:
     return network
 
 
-def _width(path: Path) -> int:
-    """Of the hidden layers of a checkpoint's network."""
-    try:
-        return len(read_tensors(path, "policy")["network.encode.bias"])
-    except Exception as error:  # whatever a file may hold that is no checkpoint
-        raise ValueError(f"{path}: no checkpoint that can be read: {error}") from None
-
-
 def _games(arguments: Arguments, side: int) -> GameArguments:
-    """What the games and the learning of a side are made from."""
+    """The arguments of the games and the learning of a side."""
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     own = side == _CLYDE
     count = arguments.clyde_games if own else arguments.games

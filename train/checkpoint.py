@@ -1,30 +1,35 @@
 """Trained planners as Stable-Baselines3 saves them: the zip, the facts beside it, and both as a policy.
 
-Loading such a zip executes code from it: nothing here does so unless it is told that the file is trusted. What a
-planner becomes without torch is in :mod:`train.export`.
+Such a zip holds pickled objects too, which would run any code when they are loaded: nothing here loads them, tensors
+and plain JSON are enough. What a planner becomes without torch is in ``export``.
 """
 
 from __future__ import annotations
 
+import io
+import json
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from eval.files import replaced
 from pacman_env.config import make_config
 from pacman_env.config.validation import Number
+from pacman_env.files import replaced
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.metadata import Training, dump, parse
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import Situation
-from train.network import FORBIDDEN, EntityNetwork
+
+from .network import FORBIDDEN, EntityNetwork
 
 
 class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What only the training knows about its planner."""
+    """Facts about a planner that only its training knows."""
 
     robot_speed_mps: Number  # with which its features were built
     training: Training
@@ -48,7 +53,7 @@ def write_facts(path: Path, facts: Facts) -> None:
 
 
 def read_facts(path: Path) -> Facts:
-    """What ``write_facts`` wrote.
+    """Read what ``write_facts`` wrote.
 
     Raises:
         ValueError: there is no such file, or something else in it.
@@ -60,27 +65,33 @@ def read_facts(path: Path) -> Facts:
     return parse(Facts, text, path)
 
 
-def load_network(path: Path, trust: bool) -> EntityNetwork:
-    """The network of a MaskablePPO zip, trained with ``train.policy.EntityPolicy``.
+def read_tensors(path: Path, name: str) -> dict[str, Any]:
+    """One part of a checkpoint, ``policy`` or ``policy.optimizer``; nothing but tensors and numbers is read."""
+    with zipfile.ZipFile(path) as archive:
+        content: dict[str, Any] = torch.load(
+            io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu"
+        )
+    return content
+
+
+def load_network(path: Path) -> EntityNetwork:
+    """The network of a MaskablePPO zip, trained with :class:`.policy.EntityPolicy`; no code in the file is run.
 
     Raises:
-        ValueError: not trusted, no such file, or no planner for this version's features.
+        ValueError: no such file, or no planner for this version's features.
     """
-    if not trust:
-        raise ValueError(f"{path}: loading a Stable-Baselines3 file executes code from it: say that you trust it")
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
-    from sb3_contrib import MaskablePPO
-
-    from train.policy import EntityPolicy
-
     try:
-        model = MaskablePPO.load(path, device="cpu", custom_objects={"policy_class": EntityPolicy})
-    except Exception as error:  # anything may go wrong while it unpickles
-        raise ValueError(f"{path}: no MaskablePPO that can be loaded: {error}") from error
-    network = getattr(model.policy, "network", None)
-    if not isinstance(network, EntityNetwork):
-        raise ValueError(f"{path}: holds {type(network).__name__}, not an EntityNetwork")
+        state = {name.removeprefix("network."): tensor for name, tensor in read_tensors(path, "policy").items()}
+        with zipfile.ZipFile(path) as archive:
+            sizes = json.loads(archive.read("data"))["policy_kwargs"]
+        width, inputs = state["encode_candidate.weight"].shape
+        own = len(state["shown"])
+        network = EntityNetwork(own, inputs - own, width, dropped_kinds=sizes.get("dropped_kinds", ()))
+        network.load_state_dict(state)
+    except Exception as error:  # whatever a file may hold that is no checkpoint
+        raise ValueError(f"{path}: no planner that can be loaded: {error}") from None
     check_sizes(network, path)
     return network.eval()
 
@@ -122,13 +133,13 @@ class TorchPlanner(BasePolicy):
         return np.where(found > FORBIDDEN / 10, found, -np.inf)
 
 
-def load_planner(path: Path, trust: bool) -> TorchPlanner:
+def load_planner(path: Path) -> TorchPlanner:
     """The policy of a checkpoint, with the robot's speed of its facts or, without them, the measured one.
 
     Raises:
-        ValueError: not trusted, no such file, or no planner for this version's features.
+        ValueError: no such file, or no planner for this version's features.
     """
-    network = load_network(path, trust)
+    network = load_network(path)
     facts = facts_path(path)
     speed = read_facts(facts).robot_speed_mps if facts.exists() else make_config("robot").robot.speed_mps
     return TorchPlanner(path.stem, network, speed)

@@ -1,4 +1,4 @@
-"""A trained planner as a file that runs without torch: ``python -m train.export``.
+"""A trained planner as a file that runs without torch: ``pacman-env export``.
 
 The graph is written out from the weights, operator by operator, so that it needs no exporter and the same weights give
 the same bytes. Beside the ONNX file goes its metadata (:mod:`pacman_env.policies.metadata`).
@@ -6,6 +6,7 @@ the same bytes. Beside the ONNX file goes its metadata (:mod:`pacman_env.policie
 
 from __future__ import annotations
 
+import argparse
 import copy
 import hashlib
 import os
@@ -22,14 +23,15 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
-from eval.files import prepare, replaced
 from pacman_env import __version__
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command
+from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
-from train.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
-from train.network import FORBIDDEN, EntityNetwork
+
+from .checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
+from .network import FORBIDDEN, EntityNetwork
 
 OPSET, IR_VERSION = 17, 8  # known to every onnxruntime since 1.13
 TOLERANCE = 1e-5  # between torch and the file
@@ -184,22 +186,19 @@ def _commit() -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns the exit status: 0, or 2 after one line on stderr."""
-    parser = Parser(prog="train.export", description=__doc__)
+    """Export; returns the exit status."""
+    parser = Parser(prog="pacman-env export", description=__doc__)
     parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="as Stable-Baselines3 saved it")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its metadata goes beside it")
     parser.add_argument("--facts", type=Path, metavar="FILE.json", help="default: CHECKPOINT.facts.json")
-    parser.add_argument("--trust", action="store_true", help="execute the code that such a zip holds")
-    arguments = parser.parse_args(argv)
-    try:
-        network = load_network(arguments.checkpoint, arguments.trust)
-        facts = read_facts(arguments.facts or facts_path(arguments.checkpoint))
-        export_planner(network, arguments.out, facts)
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+    return run_command(parser, argv, _export, "train")
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    network = load_network(arguments.checkpoint)
+    facts = read_facts(arguments.facts or facts_path(arguments.checkpoint))
+    export_planner(network, arguments.out, facts)
     print(f"written: {arguments.out}, {metadata_path(arguments.out)}, {os.path.getsize(arguments.out) / 1e3:.0f} kB")
-    return 0
 
 
 if __name__ == "__main__":

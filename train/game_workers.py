@@ -27,7 +27,7 @@ Make = Callable[[], PacManBotVecEnv]
 
 
 class _Process(Protocol):
-    """Where parts are stepped, here or elsewhere: what is sent is answered by the next ``receive``."""
+    """A place where parts are stepped: a call that is sent is answered by the next ``receive``."""
 
     def send(self, call: str, arguments: Sequence[tuple[Any, ...]]) -> None: ...
 
@@ -149,7 +149,7 @@ class Worker:
 
 
 def _serve(pipe: Connection) -> None:
-    """What a worker does until nobody sends any more."""
+    """The work of a worker, until nobody sends any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is for the process that learns
     here = _Here()
     while True:
@@ -220,7 +220,7 @@ class ParallelGames(VecEnv):
         return _joined(observations), np.concatenate(rewards), np.concatenate(dones), list(chain.from_iterable(infos))
 
     def choices(self, policy: str) -> NDArray[np.int64]:
-        """What a registered policy would choose now in each game, (N,)."""
+        """(N,) the choices of a registered policy in each game now."""
         return np.concatenate(self._all("choices", [policy] * self._parts))
 
     def close(self) -> None:

@@ -15,8 +15,9 @@ from pacman_env.envs.arguments import Ghosts
 from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.generated import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
-from train.arguments import Arguments, Hyperparameters
-from train.game_workers import ParallelGames, Worker
+
+from .arguments import Arguments, Hyperparameters
+from .game_workers import ParallelGames, Worker
 
 _PARTS = 4  # few houses at a time stay in the processor's cache
 VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them
@@ -37,7 +38,7 @@ _PATHS = (
     "mean_pellet",
     "pellets_around",
 )
-_FUTURES = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
+_PREDICTION = ("caught_soon", "caught", "approached", "closest_mean", "closest_least", "standing_clearance")
 
 
 def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Config:
@@ -46,7 +47,7 @@ def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Confi
 
 
 def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dict[str, Any]:
-    """What of that game's configuration differs from its preset's."""
+    """The fields of that game's configuration that differ from its preset's."""
     hyper = arguments.hyper
     low, high = hyper.clyde_speed
     high = high if fastest_mps is None else max(low, min(high, fastest_mps))
@@ -69,7 +70,7 @@ def clyde_limit(arguments: Arguments, segment: int) -> float | None:
 
 def dropped(arguments: Arguments) -> dict[str, tuple[int, ...]]:
     """Columns that the network of an ablation is not shown, and of the kinds it may not choose."""
-    names = (_PATHS if "paths" in arguments.without else ()) + (_FUTURES if "futures" in arguments.without else ())
+    names = (_PATHS if "paths" in arguments.without else ()) + (_PREDICTION if "futures" in arguments.without else ())
     kinds = [kind for kind, part in (("is_refuge", "refuges"), ("is_hold", "hold")) if part in arguments.without]
     return {
         "dropped_features": tuple(CANDIDATE_FEATURES.index(name) for name in names),

@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
 
 from pacman_env.envs.sb3_vec_env import Observation
-from train.games import TrainingGames
-from train.network import FORBIDDEN
+
+from .games import TrainingGames
+from .network import FORBIDDEN
 
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has something to compare
 
 
 class _Lesson(NamedTuple):
-    """What is learned from, row by row."""
+    """Rows that are learned from."""
 
     observations: dict[str, torch.Tensor]
     choices: torch.Tensor  # (B,) the teacher's

@@ -13,17 +13,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.episodes import episode_seeds, play
-from eval.compare.statistics import wilson
 from pacman_env.config import ClydeConfig
+from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.episodes.statistics import wilson
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.parameters import draw_below
 from pacman_env.sim.maps.generated import GeneratedMaps
 from pacman_env.sim.observation.situation import HOLD, Situation
-from train.arguments import Arguments
-from train.games import VALIDATION_LEVEL, game_config
+
+from .arguments import Arguments
+from .games import VALIDATION_LEVEL, game_config
 
 BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
 RULES = ("lookahead", "clyde_aware")

@@ -19,8 +19,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from train.arguments import Hyperparameters
-from train.network import EntityNetwork
+from .arguments import Hyperparameters
+from .network import EntityNetwork
 
 Tensors = dict[str, torch.Tensor]
 Masks = NDArray[Any] | torch.Tensor | None

@@ -1,4 +1,4 @@
-"""Train a planner: ``python -m train.ppo``. Arguments, the segments in order, the report at the end."""
+"""Train a planner: ``pacman-env train``. Arguments, the segments in order, the report at the end."""
 
 from __future__ import annotations
 
@@ -13,48 +13,40 @@ from typing import Any
 
 import numpy as np
 import torch
-import tyro
 from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
-from eval.compare.episodes import episode_seeds, play
-from eval.compare.statistics import paired_difference, wilson
-from pacman_env.cli.main import ERROR_STATUS
+from pacman_env.cli.command import Parser, guarded
 from pacman_env.config import Config
+from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import Policy
 from pacman_env.sim.maps.generated import GeneratedMaps
-from train.arguments import FOLDER, Arguments, load_hyperparameters
-from train.checkpoint import TorchPlanner, facts_path, read_facts
-from train.export import export_planner
-from train.game_workers import Worker
-from train.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
-from train.imitation import imitate
-from train.policy import new_model
-from train.run import LearningRate, Run, Watch, restore
+
+from .arguments import FOLDER, Arguments, load_hyperparameters
+from .checkpoint import TorchPlanner, facts_path, read_facts
+from .export import export_planner
+from .game_workers import Worker
+from .games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
+from .imitation import imitate
+from .options import parse_options
+from .policy import new_model
+from .run import LearningRate, Run, TrainingCallback, restore
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
 _BATCH = 128  # rounds at once
 _RULES = ("clyde_aware", "lookahead")
+_PROG = "pacman-env train"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the training; returns the exit status: 0, or 2 after one line on stderr.
-
-    Raises:
-        SystemExit: after ``--help`` and bad arguments.
-    """
-    try:
-        arguments = parse(sys.argv[1:] if argv is None else list(argv))
-        run(arguments)
-    except (ValueError, OSError, FloatingPointError) as error:
-        print(f"train.ppo: {' '.join(str(error).split())}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+    """Run the training; returns the exit status."""
+    return guarded(_PROG, lambda: run(parse(sys.argv[1:] if argv is None else argv)), "train")
 
 
 def parse(argv: Sequence[str]) -> Arguments:
@@ -62,23 +54,20 @@ def parse(argv: Sequence[str]) -> Arguments:
 
     Raises:
         ValueError: the file or a value does not fit.
+        SystemExit: after ``--help`` and bad arguments.
     """
-    first = argparse.ArgumentParser(add_help=False)
-    first.add_argument("--quick", action="store_true")
-    first.add_argument("--config", type=Path, default=FOLDER / "PacManBot-v0.yaml")
-    chosen, rest = first.parse_known_args(argv)
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--quick", action="store_true", help="a minute and a half on two cores")
+    first.add_argument(
+        "--config", type=Path, default=FOLDER / "PacManBot-v0.yaml", help="hyperparameters (%(default)s)"
+    )
+    chosen, _ = first.parse_known_args(argv)
     section = "quick" if chosen.quick else "headline"
     default = Arguments(hyper=load_hyperparameters(chosen.config, section))
     if chosen.quick:
         default = dataclasses.replace(default, out=Path("results/ppo-quick"))
-    return tyro.cli(
-        tyro.conf.OmitArgPrefixes[Arguments],
-        args=rest,
-        default=default,
-        prog="train.ppo",
-        description="Train a planner with MaskablePPO on generated houses. --quick: a minute and a half on two cores;"
-        " --config FILE: hyperparameters from another file.",
-    )
+    parser = Parser(prog=_PROG, description=Arguments.__doc__, parents=[first], allow_abbrev=False)
+    return parse_options(parser, argv, default)
 
 
 def run(arguments: Arguments) -> None:
@@ -93,7 +82,7 @@ def run(arguments: Arguments) -> None:
     print(_report(arguments, planner, time.perf_counter() - started))
     out = arguments.out / "planner.onnx"
     export_planner(planner.network, out, read_facts(facts_path(folder.last)))
-    print(f"written: {out} (as a policy: python -m eval.compare --policies {out})")
+    print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
 
 
 def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, MaskablePPO]:
@@ -160,9 +149,9 @@ def _segment(
         bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
         games.seed(int(seeds[1]))
     model.num_timesteps = segment * hyper.segment
-    watch = Watch(hyper, rate, bar)
+    callback = TrainingCallback(hyper, rate, bar)
     learning = time.perf_counter()
-    model.learn(hyper.segment, watch, reset_num_timesteps=False)
+    model.learn(hyper.segment, callback, reset_num_timesteps=False)
     ended = time.perf_counter()
     share = _validate(arguments, model)
     speed = hyper.segment / (ended - learning)
@@ -200,7 +189,7 @@ def _validate(arguments: Arguments, model: MaskablePPO) -> float:
 def _completed(
     policy: str | Policy, source: GeneratedMaps, config: Config, seeds: NDArray[np.uint64]
 ) -> NDArray[np.bool_]:
-    """Which of the rounds ended with all pellets collected and the robot at home."""
+    """(E,) the rounds that ended with all pellets collected and the robot at home."""
     records, _ = play(source, config, policy, seeds, batch_size=_BATCH)
     return np.asarray(records["end"] == COMPLETE)
 
@@ -214,8 +203,8 @@ def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
     config = game_config(arguments)
     seeds = episode_seeds(arguments.seed, arguments.evaluation)
     played = {}
-    contestants: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
-    for name, policy in contestants.items():
+    compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
+    for name, policy in compared.items():
         source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT)
         played[name] = _completed(policy, source, config, seeds)
     low, high = hyper.clyde_speed

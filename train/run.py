@@ -8,23 +8,21 @@ is nothing but tensors and a JSON file: what is read again is never unpickled.
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from eval.files import replaced, write_json
 from pacman_env import __version__
+from pacman_env.files import replaced, write_json
 from pacman_env.policies.metadata import Training
-from train.arguments import Arguments, Hyperparameters
-from train.checkpoint import Facts, facts_path, write_facts
-from train.games import VALIDATION_LEVEL, game_config
+
+from .arguments import Arguments, Hyperparameters
+from .checkpoint import Facts, facts_path, read_tensors, write_facts
+from .games import VALIDATION_LEVEL, game_config
 
 
 class Run:
@@ -86,7 +84,7 @@ class Run:
 
 
 def _plain(arguments: Arguments) -> dict[str, Any]:
-    """What decides the curve, as JSON has it."""
+    """The arguments that decide the curve, as JSON has them."""
     plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
     for name in ("out", "resume", "progress"):
         del plain[name]
@@ -108,7 +106,7 @@ def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
 
 
 def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
-    """What is said of a network after so many decisions of a training."""
+    """The facts about a network after so many decisions of a training."""
     training = Training(
         clyde_speeds_mps=arguments.hyper.clyde_speed,
         robot_speeds_mps=arguments.hyper.robot_speed,
@@ -119,15 +117,6 @@ def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) ->
         seed=arguments.seed,
     )
     return Facts(game_config(arguments).robot.speed_mps, training, metrics)
-
-
-def read_tensors(path: Path, name: str) -> dict[str, Any]:
-    """One part of a checkpoint, ``policy`` or ``policy.optimizer``; nothing but tensors and numbers is read."""
-    with zipfile.ZipFile(path) as archive:
-        content: dict[str, Any] = torch.load(
-            io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu"
-        )
-    return content
 
 
 def restore(model: MaskablePPO, path: Path) -> None:
@@ -155,7 +144,7 @@ class LearningRate:
         return _between(self.pair, self.progress)
 
 
-class Watch(BaseCallback):
+class TrainingCallback(BaseCallback):
     """Schedules over the whole run, shares of endings for the log, the progress bar."""
 
     def __init__(self, hyper: Hyperparameters, rate: LearningRate, bar: Any) -> None:

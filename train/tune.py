@@ -1,4 +1,4 @@
-"""Search for hyperparameters: ``python -m train.tune``. Short trainings, judged by validation rounds completed.
+"""Search for hyperparameters: ``pacman-env tune``. Short trainings, judged by validation rounds completed.
 
 What is searched, the study in its folder and the file it ends in live here; a training is :func:`train.ppo.train`.
 Every trial trains from the same seed and its proposal depends on the trials before it alone, so a study that was
@@ -17,17 +17,18 @@ from typing import Any
 
 import numpy as np
 import optuna
-import tyro
 import yaml
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
-from eval.files import prepare, replaced
-from pacman_env.cli.main import ERROR_STATUS
+from pacman_env.cli.command import Parser, guarded
 from pacman_env.config.validation import AtLeastOne, Checked, Count
-from train.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
-from train.ppo import train
-from train.run import check_same
+from pacman_env.files import prepare, replaced
+
+from .arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
+from .options import parse_options
+from .ppo import train
+from .run import check_same
 
 #: Rates are those at the beginning of a run, and fall in the proportion of the section that is tuned.
 SPACE: dict[str, BaseDistribution] = {
@@ -73,18 +74,14 @@ class Study(Checked):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns the exit status: 0, or 2 after one line on stderr.
+    """Run the study; returns the exit status."""
+    parser = Parser(prog="pacman-env tune", description=Study.__doc__)
+    return guarded(parser.prog, lambda: _search(parse_options(parser, argv, Study())), "train")
 
-    Raises:
-        SystemExit: after ``--help`` and bad arguments.
-    """
-    try:
-        best = search(tyro.cli(Study, args=argv, prog="train.tune"))
-    except (ValueError, OSError) as error:
-        print(f"train.tune: {' '.join(str(error).split())}", file=sys.stderr)
-        return ERROR_STATUS
-    print(f"written: {best} (to train with it: python -m train.ppo --config {best})")
-    return 0
+
+def _search(study: Study) -> None:
+    best = search(study)
+    print(f"written: {best} (to train with it: pacman-env train --config {best})")
 
 
 def search(settings: Study) -> Path:
@@ -138,15 +135,15 @@ def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number
         folder, _ = train(chosen, lambda result: _judge(trial, result))
     except optuna.TrialPruned as pruned:
         study.tell(trial, state=TrialState.PRUNED)
-        told = f"given up: {pruned}"
+        result = f"given up: {pruned}"
     except FloatingPointError as error:
         study.tell(trial, state=TrialState.FAIL)
-        told = f"failed: {error}"
+        result = f"failed: {error}"
     else:
         share = folder.segments[-1]["completed"]
         study.tell(trial, share)
-        told = f"{share:.1%} of validation rounds completed"
-    print(f"trial {number}: {told}")
+        result = f"{share:.1%} of validation rounds completed"
+    print(f"trial {number}: {result}")
 
 
 def _judge(trial: Trial, result: dict[str, Any]) -> None:
@@ -174,7 +171,7 @@ def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Argu
 
 
 def _plain(settings: Study, section: Hyperparameters) -> dict[str, Any]:
-    """What decides the trials, as JSON has it."""
+    """The settings that decide the trials, as JSON has them."""
     names = ("decisions", "segments", "evaluation", "seed")
     kept = {name: getattr(settings, name) for name in names}
     return dict(json.loads(json.dumps({**kept, "hyper": dataclasses.asdict(section)})))

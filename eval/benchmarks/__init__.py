@@ -1,1 +1,1 @@
-"""How fast it is; each module is a command."""
+"""Measurements of speed, time and memory; each module is a command."""

@@ -1,4 +1,4 @@
-"""What one decision costs: ``python -m eval.benchmarks.decision``.
+"""The cost of one decision: ``pacman-env decision``.
 
 One game is played with the policy's own choices, and each ``select`` is timed: features and network, without the
 simulator, one situation at a time, in one thread, as on a robot. The most memory that the process ever held counts the
@@ -7,6 +7,7 @@ simulator as well. torch is not imported, and the figures say so.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -15,11 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from eval.compare.arguments import at_least
-from eval.files import prepare, write_json
 from pacman_env import __version__
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config, make_config, parse_settings
+from pacman_env.files import prepare, write_json
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
@@ -87,22 +87,21 @@ def run(spec: str, map_source: str, settings: Sequence[str], decisions: int, see
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns the exit status: 0, or 2 after one line on stderr."""
-    parser = Parser(prog="eval.benchmarks.decision", description=__doc__)
+    """Measure; returns the exit status."""
+    parser = Parser(prog="pacman-env decision", description=__doc__)
     parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
     parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration")
-    parser.add_argument("--decisions", type=at_least(1), default=2000, metavar="N")
-    parser.add_argument("--seed", type=at_least(0), default=0, metavar="S")
+    parser.add_argument("--decisions", type=whole_number(1), default=2000, metavar="N")
+    parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
-    arguments = parser.parse_args(argv)
-    try:
-        if arguments.json:
-            prepare(arguments.json)
-        figures = run(arguments.policy, arguments.map, arguments.set, arguments.decisions, arguments.seed)
-    except (ValueError, OSError, ModuleNotFoundError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    if arguments.json:
+        prepare(arguments.json)
+    figures = run(arguments.policy, arguments.map, arguments.set, arguments.decisions, arguments.seed)
     print(f"{figures['policy']} on {figures['map']}: {figures['pellets']} pellets, {figures['candidates']} candidates")
     print(f"  one decision: median {figures['p50_ms']:.3f} ms, 99 % within {figures['p99_ms']:.3f} ms,", end=" ")
     print(f"longest of {figures['decisions']}: {figures['longest_ms']:.3f} ms")
@@ -110,7 +109,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"  memory, simulator included: {figures['peak_memory_mb']:.0f} MB at most; torch {torch}")
     if arguments.json:
         write_json(arguments.json, figures)
-    return 0
 
 
 if __name__ == "__main__":

@@ -1,20 +1,18 @@
-"""What a learned planner's features cost: ``python -m eval.benchmarks.feature_cost``.
+"""The cost of a learned planner's features: ``pacman-env feature-cost``.
 
 The native vector environment with and without them, in turns in one run on one core, and the parts of a decision.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from eval.compare.arguments import at_least
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.game.goal_cost import score_situation, scorer_parameters
@@ -23,24 +21,11 @@ from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.prediction import encounters
 from pacman_env.sim.observation.situation import Situation
 
+from .throughput import make_vector
+
 KINDS = (("features",), ("planner",), ("features", "planner"))
 HELD = 6  # decisions that a choice is held for
 _SCORER = scorer_parameters(make_config())
-
-
-def _make(games: int, map_source: str, observation: Sequence[str]) -> PacManBotVectorEnv:
-    arguments: dict[str, Any] = {"num_levels": games} if map_source.startswith("generated") else {}
-    env = gym.make_vec(
-        "pacman_env/PacManBot-v0",
-        num_envs=games,
-        vectorization_mode="vector_entry_point",
-        map=map_source,
-        observation=observation,
-        **arguments,
-    ).unwrapped
-    assert isinstance(env, PacManBotVectorEnv)
-    env.reset(seed=0)
-    return env
 
 
 def _rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> float:
@@ -75,29 +60,29 @@ def parts(situation: Situation, speed_mps: float, repeats: int) -> dict[str, flo
     n = len(situation)
     s, terms = situation, np.empty((situation.mask.shape[1], 6))
     whole = _microseconds(lambda: planner_features(s, speed_mps), n, repeats)
-    futures = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
+    encounter = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
     scorer = _microseconds(lambda: _score_all(s.robot, s.clyde, s.position, _SCORER, terms), n, repeats)
     return {
-        "Clyde's futures, clearance and direction of ways": futures,
+        "prediction of Clyde, clearance and direction of ways": encounter,
         "the handcrafted score": scorer,
-        "path lengths, margins, other pellets, globals": max(whole - futures - scorer, 0.0),
+        "path lengths, margins, other pellets, globals": max(whole - encounter - scorer, 0.0),
         "all features": whole,
     }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns the exit status: 0, or 2 after one line on stderr."""
-    parser = Parser(prog="eval.benchmarks.feature_cost", description=__doc__)
+    """Measure; returns the exit status."""
+    parser = Parser(prog="pacman-env feature-cost", description=__doc__)
     parser.add_argument("--map", default="house", help="name, YAML file or generated")
-    parser.add_argument("--games", type=at_least(1), default=64)
-    parser.add_argument("--steps", type=at_least(1), default=600, help="decisions of each game per turn")
-    parser.add_argument("--rounds", type=at_least(1), default=5, help="turns")
-    arguments = parser.parse_args(argv)
-    try:
-        envs = [_make(arguments.games, arguments.map, kinds) for kinds in KINDS]
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+    parser.add_argument("--games", type=whole_number(1), default=64)
+    parser.add_argument("--steps", type=whole_number(1), default=600, help="decisions of each game per turn")
+    parser.add_argument("--rounds", type=whole_number(1), default=5, help="turns")
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    levels = {"num_levels": arguments.games} if arguments.map.startswith("generated") else {}
+    envs = [make_vector(arguments.games, arguments.map, observation=kinds, **levels) for kinds in KINDS]
     rng = np.random.default_rng(0)
     for env in envs:
         _rate(env, rng, arguments.steps)  # compilation, caches, houses
@@ -109,8 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("us per decision:")
     for name, cost in parts(env.situation, env.config.robot.speed_mps, 20 * arguments.rounds).items():
         print(f"  {name:<50}{cost:6.2f}")
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

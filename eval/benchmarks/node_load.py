@@ -1,4 +1,4 @@
-"""What the game's nodes cost a computer: ``python -m eval.benchmarks.node_load``.
+"""The load of the game's nodes on a computer: ``pacman-env node-load``.
 
 The whole game is started as ``pacman-env ros up --sim`` starts it, in real time, and watched while a round runs: time
 on the processor and memory of every process, and the goal selector's own decision times, from the look at the pose to
@@ -7,21 +7,21 @@ the goal handed to the middleware. The simulated robot stands for base, lidar, A
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import psutil
 
-from eval.command import status_of
-from eval.compare.arguments import at_least
-from eval.files import prepare, write_json
 from pacman_env import __version__
-from pacman_env.cli.main import Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.files import prepare, write_json
 from pacman_env.world.maps.occupancy import load_map
 
 PATIENCE_S = 300.0  # the first start compiles
@@ -120,28 +120,24 @@ def report(figures: dict[str, Any]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns the exit status: 0, or 2 after one line on stderr."""
-    parser = Parser(prog="eval.benchmarks.node_load", description=__doc__)
+    """Measure; returns the exit status."""
+    parser = Parser(prog="pacman-env node-load", description=__doc__)
     parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
     parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
-    parser.add_argument("--seconds", type=at_least(1), default=60, metavar="S")
-    parser.add_argument("--domain-id", type=at_least(1), default=77, metavar="N", help="ROS_DOMAIN_ID of the game")
+    parser.add_argument("--seconds", type=whole_number(1), default=60, metavar="S")
+    parser.add_argument("--domain-id", type=whole_number(1), default=77, metavar="N", help="ROS_DOMAIN_ID of the game")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
-    arguments = parser.parse_args(argv)
+    return run_command(parser, argv, _report, "ros")
 
-    def work() -> None:
-        if arguments.json:
-            prepare(arguments.json)
 
-        def say(text: str) -> None:
-            print(text, file=sys.stderr)
-
-        figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, say)
-        print(report(figures))
-        if arguments.json:
-            write_json(arguments.json, figures)
-
-    return status_of(parser.prog, work)
+def _report(arguments: argparse.Namespace) -> None:
+    if arguments.json:
+        prepare(arguments.json)
+    say = partial(print, file=sys.stderr)
+    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, say)
+    print(report(figures))
+    if arguments.json:
+        write_json(arguments.json, figures)
 
 
 if __name__ == "__main__":

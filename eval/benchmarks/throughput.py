@@ -1,4 +1,4 @@
-"""How fast the environments are: ``python -m eval.benchmarks.throughput``.
+"""The speed of the environments: ``pacman-env benchmark``.
 
 Decisions per second of the native vector environment at 64 and 1,024 games and of the unwrapped single environment;
 in the same run, in turns with it, bare Chipmunk stepping of the same bodies among the same walls, as decisions that
@@ -9,8 +9,11 @@ measured one after the other.
 
 from __future__ import annotations
 
+import argparse
 import platform
+import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +21,10 @@ import gymnasium as gym
 import numpy as np
 
 import pacman_env
-from eval.files import prepare, write_json
-from pacman_env.cli.main import Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.files import prepare, write_json
 from pacman_env.world.navigation.physics import PhysicsWorld
 
 HELD = 20  # decisions for which a random action is held: about what a planner does
@@ -58,11 +61,10 @@ def bare_rate(world: PhysicsWorld, env: PacManBotVectorEnv, steps: int) -> float
     return steps * world.n / (time.perf_counter() - began)
 
 
-def make_vector(n: int, map_source: str) -> PacManBotVectorEnv:
+def make_vector(n: int, map_source: str, **arguments: Any) -> PacManBotVectorEnv:
     """The native vector environment, warmed up."""
-    env = gym.make_vec(
-        "pacman_env/PacManBot-v0", num_envs=n, vectorization_mode="vector_entry_point", map=map_source
-    ).unwrapped
+    kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
+    env = gym.make_vec("pacman_env/PacManBot-v0", num_envs=n, **kind).unwrapped
     assert isinstance(env, PacManBotVectorEnv)
     env.reset(seed=0)
     vector_rate(env, np.random.default_rng(0), 2 * HELD)
@@ -104,10 +106,8 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     """All figures; ``seconds`` is roughly what each figure may take.
 
     Raises:
-        ValueError: less than one round, or a map that cannot be played on.
+        ValueError: a map that cannot be played on.
     """
-    if rounds < 1:
-        raise ValueError(f"rounds = {rounds}: must be at least 1")
     rng = np.random.default_rng(0)
     level_ms = new_level_ms(max(8, round(50 * seconds)))
     env = make_vector(64, map_source)
@@ -153,20 +153,20 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     }
 
 
-def main(argv: list[str] | None = None) -> int:
-    """The command; see the module."""
-    parser = Parser(prog="eval.benchmarks.throughput", description=__doc__)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure; returns the exit status."""
+    parser = Parser(prog="pacman-env benchmark", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
     parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")
     parser.add_argument("--json", type=Path, help="write the figures here")
-    arguments = parser.parse_args(argv)
-    try:
-        if arguments.json:
-            prepare(arguments.json)
-        figures = run(arguments.map, arguments.rounds, arguments.seconds)
-    except (ValueError, OSError) as error:
-        parser.error(str(error))
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    if arguments.json:
+        prepare(arguments.json)
+    figures = run(arguments.map, arguments.rounds, arguments.seconds)
     rates = figures["decisions_per_s"]
     print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread")
     for n in ("1", "64", "1024"):
@@ -180,8 +180,7 @@ def main(argv: list[str] | None = None) -> int:
     print(f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once")
     if arguments.json:
         write_json(arguments.json, figures)
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -1,90 +1,101 @@
-"""How fast this version is beside another: ``python -m eval.benchmarks.versions ../before``, a checkout of that one.
+"""The speed of this version beside another: ``pacman-env versions ../before``, a checkout of that one.
 
-Both run their throughput benchmark in turns, in processes of their own, with this one's packages; the ratio is the
-median over the rounds of figures measured one after the other. So a machine that is slow for a while is slow for both.
+Both run their throughput benchmark in turns, in processes of their own, with the packages of this Python; the ratio is
+the median over the rounds of figures measured one after the other. So a machine that is slow for a while is slow for
+both. More than 1 is faster than the other.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eval.compare.arguments import at_least
-from pacman_env.cli.main import Parser
+import pacman_env
+from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(pacman_env.__file__).resolve().parents[1]
 ROUNDS = 5
 
 
-def measure(checkout: Path, map_source: str, seconds: float) -> dict[str, Any]:
-    """The figures of one run of a checkout's own throughput benchmark.
+def benchmark_module(root: Path) -> str:
+    """The benchmark below a folder of Python packages, by the name that ``python -m`` knows there.
+
+    Raises:
+        ValueError: there is none.
+    """
+    for module in ("eval.benchmarks.throughput", "eval.benchmark", "pacman_env.eval.benchmarks.throughput"):
+        if (root / module.replace(".", "/")).with_suffix(".py").is_file():
+            return module
+    raise ValueError(f"{root}: no checkout, eval/benchmarks/throughput.py is not there")
+
+
+def measure(root: Path, map_source: str, seconds: float) -> dict[str, Any]:
+    """The figures of one run of a version's own throughput benchmark.
 
     Raises:
         ValueError: it failed.
     """
+    module = benchmark_module(root)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "figures.json"
-        before_0_5 = (checkout / "eval" / "benchmark.py").exists()
-        module = "eval.benchmark" if before_0_5 else "eval.benchmarks.throughput"
         options = ["--map", map_source, "--rounds", "3", "--seconds", str(seconds), "--json", str(file)]
         done = subprocess.run(
             [sys.executable, "-m", module, *options],
-            cwd=checkout,
-            env={**os.environ, "PYTHONPATH": str(checkout)},
+            cwd=root,
+            env={**os.environ, "PYTHONPATH": str(root)},
             capture_output=True,
             text=True,
         )
         if done.returncode != 0:
-            raise ValueError(f"{module} in {checkout} failed: {done.stderr.strip()}")
+            raise ValueError(f"{module} in {root} failed: {done.stderr.strip()}")
         figures: dict[str, Any] = json.loads(file.read_text())
         return figures
 
 
 def ratios(here: list[dict[str, Any]], there: list[dict[str, Any]]) -> dict[str, list[float]]:
-    """Per figure, this version's over the other's in each round; more is faster."""
-    result = {
-        f"N = {n}": [a["decisions_per_s"][n] / b["decisions_per_s"][n] for a, b in zip(here, there, strict=True)]
-        for n in here[0]["decisions_per_s"]
-    }
-    result["ratio to bare at 64"] = [a["bare_ratio_64"] / b["bare_ratio_64"] for a, b in zip(here, there, strict=True)]
+    """Per figure, this version's over the other's in each round."""
+    pairs = list(zip(here, there, strict=True))
+    sizes = here[0]["decisions_per_s"]
+    result = {f"N = {n}": [a["decisions_per_s"][n] / b["decisions_per_s"][n] for a, b in pairs] for n in sizes}
+    for name, key in (("generated houses", "generated_decisions_per_s_64"), ("ratio to bare at 64", "bare_ratio_64")):
+        result[name] = [a[key] / b[key] for a, b in pairs]
     return result
 
 
-def main(argv: list[str] | None = None) -> int:
-    """The command; see the module."""
-    parser = Parser(prog="eval.benchmarks.versions", description=__doc__)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure; returns the exit status."""
+    parser = Parser(prog="pacman-env versions", description=__doc__)
     parser.add_argument("checkout", type=Path, help="folder of the other version")
-    parser.add_argument("--map", default="house", help="name or YAML file")
-    parser.add_argument("--rounds", type=at_least(1), default=ROUNDS)
-    parser.add_argument("--seconds", type=float, default=3.0, help="roughly what each figure may take")
-    arguments = parser.parse_args(argv)
+    parser.add_argument("--map", default="house", help="name or YAML file; generated houses are measured as well")
+    parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
+    parser.add_argument("--seconds", type=finite_number(0), default=3.0, help="roughly what each figure may take")
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
     other = arguments.checkout.resolve()
-    if not (other / "eval" / "benchmark.py").is_file():
-        parser.error(f"{arguments.checkout}: no checkout, eval/benchmarks/throughput.py is not there")
+    benchmark_module(other)
     map_source = str(Path(arguments.map).resolve()) if Path(arguments.map).exists() else arguments.map
-    try:
-        for checkout in (ROOT, other):  # compiled and prepared before anything counts
-            measure(checkout, map_source, 0.1)
-        here, there = [], []
-        for _ in range(arguments.rounds):
-            here.append(measure(ROOT, map_source, arguments.seconds))
-            there.append(measure(other, map_source, arguments.seconds))
-    except ValueError as error:
-        parser.error(str(error))
-    print(
-        f"map {here[0]['map']}: version {here[0]['version']} against {there[0]['version']}, {arguments.rounds} rounds"
-    )
+    for root in (ROOT, other):  # compiled and prepared before anything counts
+        measure(root, map_source, 0.1)
+    here, there = [], []
+    for _ in range(arguments.rounds):
+        here.append(measure(ROOT, map_source, arguments.seconds))
+        there.append(measure(other, map_source, arguments.seconds))
+    versions = f"version {here[0]['version']} beside {there[0]['version']}"
+    print(f"map {here[0]['map']}: {versions}, {arguments.rounds} rounds")
     for name, values in ratios(here, there).items():
         print(f"  {name}: {np.median(values):.2f} ({min(values):.2f} to {max(values):.2f})")
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -1,1 +1,1 @@
-"""Randomised games of the robot's nodes, with faults: ``python -m eval.campaign``."""
+"""Random games of the robot's nodes, with faults: ``pacman-env campaign``."""

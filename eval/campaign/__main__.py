@@ -1,8 +1,8 @@
-"""Randomised games of the robot's nodes with everything going wrong: ``python -m eval.campaign --games 200``.
+"""Randomised games of the robot's nodes with everything going wrong: ``pacman-env campaign --games 200``.
 
-The nodes that ``pacman-env ros up --sim`` starts run as processes; a witness beside them makes the simulated robot's
-faults begin and end, interferes from outside, and judges each game (``robot_witness.py``). What happens in a game is
-drawn from its seed (``robot_schedule.py``); when exactly the processes hear of it is the machine's business, so a game
+The nodes that ``pacman-env ros up --sim`` starts run as processes; a recorder beside them makes the simulated robot's
+faults begin and end, interferes from outside, and judges each game (``verdict``). What happens in a game is
+drawn from its seed (``schedule``); when exactly the processes hear of it is the machine's business, so a game
 that is repeated with ``--only`` need not go the same way. Needs ROS.
 
 A game hangs when nothing has been wrong for two minutes, no fault and no show, and there is no progress: neither
@@ -27,15 +27,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from eval.campaign.schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step, schedule
-from eval.campaign.system import System
-from eval.campaign.verdict import Evidence, outcome, violations
-from eval.command import status_of
-from eval.compare.arguments import at_least
-from eval.files import prepare, write_json
-from pacman_env.cli.main import Parser
+from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
+from pacman_env.files import prepare, write_json
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS
 from pacman_env.ros.supervisor.processes import Lost
+
+from .schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step, schedule
+from .system import System
+from .verdict import Evidence, outcome, violations
 
 VIOLATED = 1  # exit status
 LIMIT_S = 600.0  # of the robot's time after the last fault: longer games are broken off
@@ -51,7 +50,7 @@ OUTCOMES = ("complete", "lost", "reset", "home failed", "never")
 
 @dataclass
 class Verdict:
-    """What came of one game."""
+    """The result of one game."""
 
     seed: int
     ground: str
@@ -172,7 +171,7 @@ class Played:
         return found
 
     def _mark(self) -> tuple[Any, ...]:
-        """What changes where there is progress."""
+        """The things that change where there is progress."""
         place = self._recorder.track[-1] if self._recorder.track else None
         pellets = sum(r.topic == "game/pellets_collected" for r in self._recorder.records)
         return self._recorder.state, pellets, (place.x, place.y) if place else (0.0, 0.0)
@@ -319,7 +318,7 @@ def run(arguments: argparse.Namespace) -> int:
     wrong = [v for v in verdicts if v.violations]
     for verdict in wrong:
         print(*(f"seed {verdict.seed}: {line}" for line in verdict.violations), sep="\n")
-        print(f"repeat: python -m eval.campaign --only {verdict.seed}")
+        print(f"repeat: pacman-env campaign --only {verdict.seed}")
     print(f"{len(verdicts)} games in {time.monotonic() - began:.0f} s, {len(wrong)} with violations")
     if wrong:
         print(f"logs: {folder}")
@@ -330,30 +329,22 @@ def run(arguments: argparse.Namespace) -> int:
     return VIOLATED if wrong else 0
 
 
-def _speed(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 1.0 <= value <= 10.0:
-        raise argparse.ArgumentTypeError(f"{text}: must be 1 to 10")
-    return value
-
-
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; the exit status: 0, 1 after violations, or 2 after one line on stderr."""
-    parser = Parser(prog="eval.campaign", description=__doc__)
-    parser.add_argument("--games", type=at_least(1), default=200, metavar="N")
-    parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="of the first game")
-    parser.add_argument("--only", type=at_least(0), nargs="+", metavar="SEED", help="just these")
-    parser.add_argument("--speed", type=_speed, default=10.0, metavar="X", help="of the simulated clock, 1 to 10")
-    parser.add_argument("--jobs", type=at_least(1), default=1, metavar="N", help="systems at once, about a core each")
-    parser.add_argument("--domain", type=at_least(0, 101), metavar="ID", help="ROS_DOMAIN_ID, of the first system")
+    """Play; returns the exit status: 1 after violations."""
+    parser = Parser(prog="pacman-env campaign", description=__doc__)
+    parser.add_argument("--games", type=whole_number(1), default=200, metavar="N")
+    parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S", help="of the first game")
+    parser.add_argument("--only", type=whole_number(0), nargs="+", metavar="SEED", help="just these")
+    parser.add_argument(
+        "--speed", type=finite_number(1, 10), default=10.0, metavar="X", help="of the simulated clock, 1 to 10"
+    )
+    parser.add_argument(
+        "--jobs", type=whole_number(1), default=1, metavar="N", help="systems at once, about a core each"
+    )
+    parser.add_argument("--domain", type=whole_number(0, 101), metavar="ID", help="ROS_DOMAIN_ID, of the first system")
     parser.add_argument("--logs", type=Path, metavar="FOLDER", help="kept there; else only after violations")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the verdicts")
-    arguments = parser.parse_args(argv)
-    statuses: list[int] = []
-    return status_of(parser.prog, lambda: statuses.append(run(arguments))) or statuses[0]
+    return run_command(parser, argv, run, "ros")
 
 
 if __name__ == "__main__":

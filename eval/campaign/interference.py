@@ -1,6 +1,6 @@
 """Nonsense from outside, sent into a running game of the robot's nodes; needs ROS.
 
-Every node on the network can send whatever it likes. What is drawn when is ``robot_schedule.py``'s business.
+Every node on the network can send whatever it likes. What is drawn when is ``schedule``'s business.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Interference:
         self._goals = topics.NAVIGATE_TO_POSE.client(node)
 
     def act(self, kind: str) -> None:
-        """Do one of ``robot_schedule.INTERFERENCES``, without waiting for anything."""
+        """Do one of ``schedule.INTERFERENCES``, without waiting for anything."""
         self._acts[kind]()
 
     def _stamp(self) -> Any:

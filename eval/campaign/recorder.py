@@ -1,6 +1,6 @@
 """A participant beside the game's nodes: records what they say, asks them to start and reset; needs ROS.
 
-What is right or wrong with it is judged in ``robot_witness.py``.
+What is right or wrong with it is judged in ``verdict``.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from eval.campaign.interference import Interference
-from eval.campaign.verdict import ENDED, Record, Sample
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.ros.supervisor.game_nodes import QUIET, SELECTOR
+
+from .interference import Interference
+from .verdict import ENDED, Record, Sample
 
 DEPTH = 5000  # nothing may be lost where this process is late
 LATCHED = (
@@ -54,11 +55,11 @@ class Recorder:
     def __init__(self, namespace: str) -> None:
         self.context = Context()
         rclpy.init(args=["--ros-args", *QUIET], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node("witness", namespace=namespace, context=self.context)
+        self.node = rclpy.create_node("recorder", namespace=namespace, context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         # Its messages are taken without an executor, which needs longer for each than the robot for the next.
-        self._ear = rclpy.create_node("witness_ear", namespace=namespace, context=self.context)
+        self._ear = rclpy.create_node("recorder_ear", namespace=namespace, context=self.context)
         self._heard: list[tuple[Any, Callable[[Any, int], None]]] = []
         self.records: list[Record] = []
         self.track: list[Sample] = []
@@ -209,7 +210,7 @@ class Recorder:
         self._fault.publish(FAULT.type(data=words))
 
     def interfere(self, kind: str) -> None:
-        """See ``robot_interference``."""
+        """See ``interference``."""
         self._interference.act(kind)
 
     def late_listener(self, wall_s: float) -> Sequence[str]:

@@ -1,7 +1,7 @@
-"""What happens in a randomised game of the robot's nodes: its ground, policy, Clyde, faults and interferences.
+"""The schedule of a randomised game of the robot's nodes: its ground, policy, Clyde, faults and interferences.
 
-All of it is drawn from the game's seed, as plain values; who makes it happen is ``robot_games.py``, and whether the
-nodes withstood it is judged in ``robot_witness.py``. ROS is not imported.
+All of it is drawn from the game's seed, as plain values; who makes it happen is ``eval.campaign``, and whether the
+nodes withstood it is judged in ``verdict``. ROS is not imported.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ GROUNDS = (
     *(("open_plan", 2.5), ("open_plan", 3.0), ("house", math.inf)),
 )
 RESETS = ("reset", "start", "start and leave")
-#: Messages that no node may take for good, by name; ``robot_interference.py`` makes them.
+#: Messages that no node may take for good, by name; ``interference`` makes them.
 NONSENSE = (
     *("pose not finite", "pose in another frame", "transform not finite", "clyde not finite", "click not finite"),
     *("unknown words", "endless words", "unknown statuses", "foreign pellet", "statuses out of place"),

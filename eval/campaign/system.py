@@ -15,7 +15,6 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from eval.campaign.schedule import ground_of, part_of_map
 from pacman_env.config import make_config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros.supervisor.game_nodes import (
@@ -29,12 +28,14 @@ from pacman_env.ros.supervisor.game_nodes import (
 )
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 
+from .schedule import ground_of, part_of_map
+
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
 
 
 class Lateness:
-    """How long one of some processes, or this one, waited for a core, wall s, and when, ns.
+    """The waiting of processes, this one included, for a core: how long, wall s, and when, ns.
 
     Args:
         processes: their ids.
@@ -68,12 +69,12 @@ class Lateness:
 
 
 def bad_lines(text: str) -> list[str]:
-    """What no node may log: errors, exceptions that nobody caught, and the middleware's last words."""
+    """Lines that no node may log: errors, exceptions that nobody caught, and the middleware's last words."""
     return [line.strip()[:300] for line in text.splitlines() if _BAD_WORDS.search(line)]
 
 
 class System:
-    """All processes of a game on one ground, and the witness; ``with`` starts and stops them."""
+    """All processes of a game on one ground, and the recorder; ``with`` starts and stops them."""
 
     def __init__(self, seed: int, speed: float, folder: Path) -> None:
         name, within_m = ground_of(seed)
@@ -91,8 +92,9 @@ class System:
         self.said: list[str] = []  # by the process group
 
     def __enter__(self) -> System:
-        from eval.campaign.recorder import Recorder
         from pacman_env.ros.supervisor.up import environment
+
+        from .recorder import Recorder
 
         surroundings = {**os.environ, **environment(self._setup, None)}
         self._processes = ProcessGroup(self._setup.command, self.folder, surroundings, self.said.append)
@@ -116,7 +118,7 @@ class System:
         self.recorder.close()
 
     def troubles(self) -> list[str]:
-        """Processes that have ended, and bad words in the logs, since the last call."""
+        """Processes that have ended, and bad lines in the logs, since the last call."""
         try:
             found = [f"{name} ended" for name in self._processes.tend()]
         except Lost as lost:

@@ -1,6 +1,6 @@
-"""What is right and what is wrong in one recorded game of the robot's nodes.
+"""The verdict on one recorded game of the robot's nodes: everything in it that violates a promise.
 
-Plain values in, lines about violations out: recording is ``robot_games.py``'s business. Instants are ns of the wall's
+Plain values in, lines about violations out: recording is ``eval.campaign``'s business. Instants are ns of the wall's
 clock at which messages left their publishers, so that those of different processes can be put in order; durations are
 of the robot's time, which no jump of the simulated clock touches.
 """
@@ -125,7 +125,7 @@ class Evidence:
         return max(1.0, (last.time_s - first.time_s) / max(1e-9, (last.at - first.at) * 1e-9))
 
     def states(self) -> list[tuple[int, str]]:
-        """When each state began, without repetitions; the words that are states only."""
+        """The beginning of each state, without repetitions; the words that are states only."""
         states: list[tuple[int, str]] = []
         for record in self.of("game_state"):
             if record.value in NEXT and (not states or states[-1][1] != record.value):
@@ -147,7 +147,7 @@ class Evidence:
 
 
 def outcome(evidence: Evidence) -> str:
-    """How it went: ``complete``, ``lost``, ``reset``, ``home failed`` before it began, or ``never`` begun."""
+    """The end of the game: ``complete``, ``lost``, ``reset``, ``home failed`` before it began, or ``never`` begun."""
     states = evidence.states()
     words = [state for _, state in states]
     ends = [k for k in range(1, len(states)) if words[k] == "menu"]
@@ -306,7 +306,7 @@ def _last_before_end(e: Evidence, topic: str) -> int:
 
 
 def _results(e: Evidence) -> Iterator[str]:
-    """What is latched when the game is in the menu again."""
+    """The latched values when the game is in the menu again."""
     how, counted = outcome(e), _last_before_end(e, "game/pellets_collected")
     if how == "never":
         return

@@ -1,4 +1,4 @@
-"""Episodes of random legal and illegal actions under random configurations, ``python -m eval.checks.fuzz``.
+"""Episodes of random legal and illegal actions under random configurations: ``pacman-env fuzz``.
 
 Every observation must be free of NaN and in its space, every illegal action a ValueError that changes nothing. The
 first fault ends the run with the seed that repeats it. A map that is refused with a MapError is no fault.
@@ -10,6 +10,7 @@ import argparse
 import copy
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from eval.compare.arguments import at_least
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.world.maps.occupancy import MapError, map_name, shipped_maps
 
@@ -54,7 +54,7 @@ class Fault(Exception):
 
 @dataclass
 class Tally:
-    """What came of the episodes on one map."""
+    """Counts of the episodes on one map."""
 
     episodes: int = 0
     decisions: int = 0
@@ -191,20 +191,17 @@ def _require(condition: bool, message: str) -> None:
         raise Fault(message)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """The command; see the module. Exit status 1 after a fault."""
-    parser = Parser(prog="eval.checks.fuzz", description=__doc__)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Play; returns the exit status: 1 after a fault."""
+    parser = Parser(prog="pacman-env fuzz", description=__doc__)
     parser.add_argument(
         "--maps", nargs="+", default=[*shipped_maps(), "generated"], help="names, YAML files or folders"
     )
-    parser.add_argument("--episodes", type=at_least(1), default=200, help="in all, shared among the maps")
-    parser.add_argument("--seed", type=at_least(0), default=0, help="of the first episode; the next has the next seed")
-    arguments = parser.parse_args(argv)
-    try:
-        return _report(arguments)
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+    parser.add_argument("--episodes", type=whole_number(1), default=200, help="in all, shared among the maps")
+    parser.add_argument(
+        "--seed", type=whole_number(0), default=0, help="of the first episode; the next has the next seed"
+    )
+    return run_command(parser, argv, _report)
 
 
 def _report(arguments: argparse.Namespace) -> int:
@@ -222,7 +219,7 @@ def _report(arguments: argparse.Namespace) -> int:
                 print(f"{source}, seed {seed}: a map that was played before is refused: {error}")
                 return FAULT_STATUS
             except Fault as fault:
-                repeat = f"python -m eval.checks.fuzz --maps {source} --episodes 1 --seed {seed}"
+                repeat = f"pacman-env fuzz --maps {source} --episodes 1 --seed {seed}"
                 print(f"{source}, seed {seed}: {fault}\nrepeat: {repeat}")
                 return FAULT_STATUS
             seed += 1
@@ -236,4 +233,4 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Generated levels judged by an independent reading of their map files, ``python -m eval.checks.generated_levels``.
+"""Generated levels judged by an independent reading of their map files: ``pacman-env houses``.
 
 Each level is saved as the YAML and PGM that map_server loads, read back with PyYAML and a few lines of NumPy, and
 flooded with OpenCV: home and every pellet must lie in one part where the robot's disc fits. Nothing of the project's
@@ -11,6 +11,7 @@ import argparse
 import re
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from eval.compare.arguments import at_least
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
 from pacman_env.sim.maps.generated import TEST_LEVEL, prepare_level
 
@@ -84,17 +84,12 @@ def judge(level: int, folder: Path) -> tuple[int, str]:
     return assets.pellets, objection(path, np.concatenate([home, pellets]), config.robot.inscribed_radius_m)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """The command; see the module. Exit status 1 if a level is not playable."""
-    parser = Parser(prog="eval.checks.generated_levels", description=__doc__)
-    parser.add_argument("--levels", type=at_least(1), default=200, help="half of them from the test split")
-    parser.add_argument("--start", type=at_least(0), default=0, help="the first, counted in either split")
-    arguments = parser.parse_args(argv)
-    try:
-        return _report(arguments)
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+def main(argv: Sequence[str] | None = None) -> int:
+    """Judge; returns the exit status: 1 if a level is not playable."""
+    parser = Parser(prog="pacman-env houses", description=__doc__)
+    parser.add_argument("--levels", type=whole_number(1), default=200, help="half of them from the test split")
+    parser.add_argument("--start", type=whole_number(0), default=0, help="the first, counted in either split")
+    return run_command(parser, argv, _report)
 
 
 def _report(arguments: argparse.Namespace) -> int:
@@ -113,4 +108,4 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

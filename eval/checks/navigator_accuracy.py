@@ -1,4 +1,4 @@
-"""How well the Nav2 stand-in drives to random goals without Clyde: ``python -m eval.checks.navigator_accuracy``.
+"""The Nav2 stand-in driving to random goals without Clyde: ``pacman-env navigation``.
 
 Reports the share of goals that end SUCCEEDED, the travel time against path length over speed, and the deepest
 overlap of a body with a wall. Also drives to a goal that cannot be reached, which must end ABORTED.
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.arguments import at_least
-from eval.files import prepare, replaced
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
+from pacman_env.files import prepare, write_json
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields
 from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
@@ -142,23 +141,18 @@ def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
     }
 
 
-def main(argv: list[str] | None = None) -> int:
-    """The command; see the module."""
-    parser = Parser(prog="eval.checks.navigator_accuracy", description=__doc__)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Drive; returns the exit status."""
+    parser = Parser(prog="pacman-env navigation", description=__doc__)
     parser.add_argument("--map", nargs="+", default=["house", "loop", "maze", "open_plan"], help="names or YAML files")
-    parser.add_argument("--goals", type=at_least(1), default=1000, help="in all, shared among the maps")
-    parser.add_argument("--seed", type=at_least(0), default=0)
+    parser.add_argument("--goals", type=whole_number(1), default=1000, help="in all, shared among the maps")
+    parser.add_argument("--seed", type=whole_number(0), default=0)
     parser.add_argument("--preset", choices=("ideal", "robot"), default="ideal")
     parser.add_argument("--json", type=Path, help="write the figures here too")
-    arguments = parser.parse_args(argv)
-    try:
-        return _report(arguments)
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+    return run_command(parser, argv, _report)
 
 
-def _report(arguments: argparse.Namespace) -> int:
+def _report(arguments: argparse.Namespace) -> None:
     if arguments.goals < len(arguments.map):
         raise ValueError(f"--goals {arguments.goals}: at least one for each of the {len(arguments.map)} maps")
     target = prepare(arguments.json) if arguments.json else None
@@ -179,10 +173,8 @@ def _report(arguments: argparse.Namespace) -> int:
     for name, value in total.items():
         print(f"{name}: {value:.4g}")
     if target is not None:
-        with replaced(target) as temporary:
-            temporary.write_text(json.dumps(total, indent=2) + "\n")
-    return 0
+        write_json(target, total)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

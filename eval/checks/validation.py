@@ -1,4 +1,4 @@
-"""The simulator beside the ten real trials, and how much each cause takes: ``python -m eval.checks.validation``.
+"""The simulator beside the ten real trials, and how much each cause takes: ``pacman-env validation``.
 
 The reference is the original as it was: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
 spawning anywhere. Every other row changes one cause and nothing else, in the same rounds.
@@ -6,21 +6,22 @@ spawning anywhere. Every other row changes one cause and nothing else, in the sa
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eval.compare.arguments import at_least
-from eval.compare.episodes import episode_seeds
-from eval.compare.rows import Row, make_row
-from eval.compare.statistics import wilson
-from eval.compare.workers import Block, play_all
-from eval.files import prepare, replaced
-from pacman_env.cli.main import ERROR_STATUS, Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.episodes.statistics import wilson
+from pacman_env.files import prepare, replaced
 from pacman_env.sim.maps.assets import map_assets
+
+from ..compare.rows import Row, make_row
+from ..compare.workers import Block, play_all
 
 #: The ten trials of the milestone: rounds complete, rounds with at most one pellet missing.
 TRIALS, TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE = 10, 3, 6
@@ -113,27 +114,25 @@ def table(results: list[tuple[Variant, Row]]) -> str:
     return "\n".join(lines)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """The command; see the module."""
-    parser = Parser(prog="eval.checks.validation", description=__doc__)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Play every variant; returns the exit status."""
+    parser = Parser(prog="pacman-env validation", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
-    parser.add_argument("--episodes", type=at_least(1), default=1000)
-    parser.add_argument("--seed", type=at_least(0), default=0)
-    parser.add_argument("--workers", type=at_least(1), default=1)
+    parser.add_argument("--episodes", type=whole_number(1), default=1000)
+    parser.add_argument("--seed", type=whole_number(0), default=0)
+    parser.add_argument("--workers", type=whole_number(1), default=1)
     parser.add_argument("--markdown", type=Path, help="write the table here too")
-    arguments = parser.parse_args(argv)
-    try:
-        target = prepare(arguments.markdown) if arguments.markdown else None
-        text = table(run(arguments.map, arguments.episodes, arguments.seed, arguments.workers))
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    target = prepare(arguments.markdown) if arguments.markdown else None
+    text = table(run(arguments.map, arguments.episodes, arguments.seed, arguments.workers))
     print(text)
     if target is not None:
         with replaced(target) as temporary:
-            Path(temporary).write_text(text + "\n")
-    return 0
+            temporary.write_text(text + "\n")
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -1,1 +1,1 @@
-"""Policies on the same rounds: ``python -m eval.compare``."""
+"""Policies on the same rounds: ``pacman-env compare``."""

@@ -1,6 +1,6 @@
-"""Policies compared on the same rounds: ``python -m eval.compare``. Arguments, order of work, result files.
+"""Policies compared on the same rounds: ``pacman-env compare``. Arguments, order of work, result files.
 
-Rounds are played in ``episodes``, counted in ``rows``, shown by ``table``, ``plot`` and ``replay``.
+Rounds are played by ``workers``, counted in ``rows``, shown by ``table``, ``plot`` and ``eval.replay``.
 """
 
 from __future__ import annotations
@@ -16,19 +16,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.command import status_of
-from eval.compare.arguments import add_game_arguments, at_least, game_configs
-from eval.compare.episodes import episode_seeds
-from eval.compare.policies import add_policy_arguments, check_contestants, contestant_names
-from eval.compare.rows import Row, make_row
-from eval.compare.scenarios import Place, about_place, named_places, open_place, places
-from eval.compare.table import render
-from eval.compare.workers import Block, Played, play_all
-from eval.files import prepare, replaced
 from pacman_env import __version__
-from pacman_env.cli.main import Parser
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
-from pacman_env.sim.maps.level_source import LevelSource
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.files import prepare, replaced
+
+from .arguments import add_game_arguments, game_configs
+from .policies import add_policy_arguments, named_policies
+from .rows import Row, make_row
+from .scenarios import Scenario, describe_scenario, named_scenarios, open_scenario, scenarios
+from .table import render
+from .workers import Block, Played, play_all
 
 SCHEMA = 2
 _VIDEO_SUFFIXES = (".mp4", ".gif")
@@ -36,7 +35,7 @@ _VIDEO_SUFFIXES = (".mp4", ".gif")
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog="eval.compare",
+        prog="pacman-env compare",
         description="Let policies play the same rounds and compare them. Decision times are those of the"
         " policy alone for one situation, without simulator and observation. All numbers but these times are"
         " the same for any number of workers.",
@@ -45,62 +44,48 @@ def _parser() -> argparse.ArgumentParser:
     policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
     add_policy_arguments(parser, policies, "the first is what the others are compared with")
     add_game_arguments(parser, several=True)
-    add(
-        "--episodes", type=at_least(1), default=200, metavar="N", help="rounds or games per map, speed and policy (200)"
-    )
-    add("--seed", type=at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
-    add("--workers", type=at_least(1), default=1, metavar="N", help="processes (1)")
+    rounds = whole_number(1)
+    add("--episodes", type=rounds, default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (1)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
-    add(
-        "--video",
-        type=Path,
-        metavar="OUT",
-        help="film (.mp4, .gif) of the first map's first round",
-    )
+    add("--video", type=Path, metavar="OUT", help="film (.mp4, .gif) of the first map's first round")
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the comparison; returns the exit status: 0, or 2 after one line on stderr.
-
-    Raises:
-        SystemExit: after ``--help`` and bad arguments, as argparse does.
-    """
-    parser = _parser()
-    arguments = parser.parse_args(argv)
-    return status_of(parser.prog, lambda: _compare(arguments))
+    """Run the comparison; returns the exit status."""
+    return run_command(_parser(), argv, _compare)
 
 
 def _compare(arguments: argparse.Namespace) -> None:
     from tqdm import tqdm
 
+    from .plot import save_plot
+
     configs = game_configs(arguments)
-    policies = list(dict.fromkeys(arguments.policies))
-    check_contestants(policies, arguments.trust)
-    names = contestant_names(policies)
-    maps = named_places(places(arguments), configs[:1])
+    policies = named_policies(arguments.policies)
+    maps = named_scenarios(scenarios(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     blocks = [
-        Block(place, config, policy, seeds, arguments.trust)
-        for place, config, policy in itertools.product(maps.values(), configs, policies)
+        Block(scenario, config, policy, seeds)
+        for scenario, config, policy in itertools.product(maps.values(), configs, policies)
     ]
     unit = "game" if configs[0].endless else "episode"
     with tqdm(total=len(blocks) * len(seeds), unit=unit, mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(blocks, arguments.workers, bar.update)
-    rows = _rows(blocks, played, {place: name for name, place in maps.items()}, names)
-    what = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
-    what = ", ".join([what, *arguments.set])
-    print(f"{what}\n\n{render(rows)}")
+    rows = _rows(blocks, played, {scenario: name for name, scenario in maps.items()}, policies)
+    settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
+    settings = ", ".join([settings, *arguments.set])
+    print(f"{settings}\n\n{render(rows)}")
     if json_path is not None:
-        _write_json(json_path, rows, maps, names, seeds, configs[0], arguments)
+        _write_json(json_path, rows, maps, policies, seeds, configs[0], arguments)
     rounds = "endless games" if configs[0].endless else "rounds"
-    _draw(plot_path, rows, f"Same {len(seeds)} {rounds} for every policy  ({what})")
+    save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:
-        _film(
-            video_path, open_place(next(iter(maps.values())), configs[0]), configs[0], names, seeds[0], arguments.trust
-        )
+        _film(video_path, next(iter(maps.values())), configs[0], policies, seeds[0])
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
 
@@ -121,17 +106,17 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
 
 
 def _rows(
-    blocks: Sequence[Block], played: Sequence[Played], map_names: dict[Place, str], names: dict[str, str]
+    blocks: Sequence[Block], played: Sequence[Played], map_names: dict[Scenario, str], names: dict[str, str]
 ) -> list[Row]:
     rows = []
-    first: dict[tuple[Place, float], NDArray] = {}
+    first: dict[tuple[Scenario, float], NDArray] = {}
     for block, (records, decision_ms) in zip(blocks, played, strict=True):
         speed = block.config.clyde.speed_mps
-        reference = first.get((block.map, speed))
-        first.setdefault((block.map, speed), records)
+        reference = first.get((block.scenario, speed))
+        first.setdefault((block.scenario, speed), records)
         rows.append(
             make_row(
-                map_name=map_names[block.map],
+                map_name=map_names[block.scenario],
                 policy=names[block.policy],
                 clyde_speed=speed,
                 records=records,
@@ -146,8 +131,8 @@ def _rows(
 def _write_json(
     path: Path,
     rows: list[Row],
-    maps: dict[str, Place],
-    names: dict[str, str],
+    maps: dict[str, Scenario],
+    policies: dict[str, str],
     seeds: NDArray[np.uint64],
     config: Config,
     arguments: argparse.Namespace,
@@ -164,8 +149,8 @@ def _write_json(
         "seeds": [str(seed) for seed in seeds.tolist()],
         "preset": arguments.preset,
         "execution": arguments.execution,
-        "maps": [about_place(name, place, config) for name, place in maps.items()],
-        "policies": [{"name": name, "spec": spec} for spec, name in names.items()],
+        "maps": [describe_scenario(name, scenario, config) for name, scenario in maps.items()],
+        "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
         "arguments": vars(arguments),
         "config": config.as_dict(),
         "rows": rows,
@@ -185,18 +170,12 @@ def _lists_in_lines(text: str) -> str:
     return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", joined, text)
 
 
-def _draw(path: Path, rows: list[Row], title: str) -> None:
-    from eval.compare.plot import save_plot
+def _film(path: Path, scenario: Scenario, config: Config, policies: dict[str, str], seed: np.uint64) -> None:
+    from ..replay.recording import RecordedGame, film, save_video
 
-    save_plot(rows, path, title)
-
-
-def _film(path: Path, source: LevelSource, config: Config, names: dict[str, str], seed: np.uint64, trust: bool) -> None:
-    from eval.replay.recording import Watched, film
-    from eval.replay.video import save_video
-
-    height = 720 if len(names) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
-    games = [Watched(source, config, spec, seed, name, trust) for spec, name in names.items()]
+    height = 720 if len(policies) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
+    source = open_scenario(scenario, config)
+    games = [RecordedGame(source, config, spec, seed, name) for spec, name in policies.items()]
     save_video(film(games, height), path, config.execution.tick_s)
 
 

@@ -1,45 +1,30 @@
-"""What the evaluation commands' arguments share, beside the parser that they have from ``pacman_env.cli.main``.
-
-How the arguments of a game become configurations lives here too; what its maps are is in ``sources``.
-"""
+"""The arguments that evaluation commands share, and how those of a game become configurations."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from typing import Any
 
+from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.sim.maps.generated import TEST_LEVEL
 
 LEVELS_PLAYED = 200  # of a split, unless said otherwise
 
 
-def at_least(least: int, most: int | None = None) -> Callable[[str], int]:
-    """An argument type: a whole number of at least ``least``, and at most ``most``."""
-
-    def whole_number(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
-        if value < least:
-            raise argparse.ArgumentTypeError(f"{text}: must be at least {least}")
-        if most is not None and value > most:
-            raise argparse.ArgumentTypeError(f"{text}: must be at most {most}")
-        return value
-
-    return whole_number
-
-
-def add_place_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
-    """The arguments that :func:`eval.compare.scenarios.places` reads; ``several``: more maps than one may be given."""
+def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
+    """The arguments that :func:`~.scenarios.scenarios` reads; ``several``: more maps than one may be given."""
     add = parser.add_argument
     nargs: str | int = "+" if several else 1
     add("--map", nargs=nargs, default=[], metavar="FILE_OR_NAME", help="map to play on (house, if no levels are given)")
     add("--levels", choices=("test", "train"), help="play on generated houses of this split; together they are a map")
-    add("--start-level", type=at_least(0), metavar="N", help=f"first of them (test: {TEST_LEVEL}, train: 0)")
-    add("--num-levels", type=at_least(1), metavar="N", help=f"how many of them ({LEVELS_PLAYED}); each round draws one")
+    add("--start-level", type=whole_number(0), metavar="N", help=f"first of them (test: {TEST_LEVEL}, train: 0)")
+    add(
+        "--num-levels",
+        type=whole_number(1),
+        metavar="N",
+        help=f"how many of them ({LEVELS_PLAYED}); each round draws one",
+    )
 
 
 def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,20 +48,20 @@ def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> Non
         parser: gets the arguments.
         several: maps and speeds of Clyde's may be given more than once; all are lists even if not.
     """
-    add_place_arguments(parser, several=several)
+    add_scenario_arguments(parser, several=several)
     add_rule_arguments(parser)
     add = parser.add_argument
     nargs: str | int = "+" if several else 1
-    add("--clyde-speed", nargs=nargs, type=float, default=[0.25], metavar="V", help="m/s (0.25)")
+    add("--clyde-speed", nargs=nargs, type=finite_number(), default=[0.25], metavar="V", help="m/s (0.25)")
     add("--clyde-spawn", choices=("connected", "anywhere"), help="Clyde's cells at the start (preset's)")
-    add("--clyde-spawn-distance", type=float, metavar="M", help="from the robot, at least, m (preset's)")
-    add("--spacing", type=float, metavar="M", help="of the pellets, m (preset's)")
-    add("--time-limit", type=float, metavar="S", help="of a round, s (preset's)")
+    add("--clyde-spawn-distance", type=finite_number(), metavar="M", help="from the robot, at least, m (preset's)")
+    add("--spacing", type=finite_number(), metavar="M", help="of the pellets, m (preset's)")
+    add("--time-limit", type=finite_number(), metavar="S", help="of a round, s (preset's)")
     add("--endless", action="store_true", help="round after round, Clyde faster each time, until the robot is caught")
 
 
 def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What ``--set`` changes.
+    """The fields that ``--set`` changes.
 
     Raises:
         ConfigError: not a field and a value of it, or Clyde's speed.

@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from eval.compare.rows import Row
-from eval.compare.table import group_title, groups, short_name
-from eval.files import replaced
+from pacman_env.files import replaced
+
+from .rows import Row
+from .table import group_title, groups, short_name
 
 # Okabe and Ito's palette, told apart by the colour-blind too
 _COMPLETE, _ALL_BUT_ONE = "#0072B2", "#56B4E9"

@@ -1,6 +1,6 @@
-"""What is reported of one policy on one map at one of Clyde's speeds: a row of plain numbers.
+"""The results of one policy on one map at one of Clyde's speeds: a row of plain numbers.
 
-The JSON of ``eval.compare`` is ``{"schema": 2, "version", "kind", "seed", "seeds", "preset", "execution", "maps",
+The JSON of ``pacman-env compare`` is ``{"schema": 2, "version", "kind", "seed", "seeds", "preset", "execution", "maps",
 "policies", "arguments", "config", "rows"}``:
 
 - ``kind``: ``round``, or ``endless`` for endless games; all rows are of this kind.
@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.statistics import bootstrapped_mean, paired_difference, wilson
+from pacman_env.episodes.statistics import bootstrapped_mean, paired_difference, wilson
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 Row = dict[str, Any]
@@ -56,7 +56,7 @@ def make_row(
         map_name: the map.
         policy: the policy as named in results.
         clyde_speed: m/s.
-        records: (E,) of type ``eval.compare.episodes.EPISODE``.
+        records: (E,) of type ``pacman_env.episodes.rollout.EPISODE``.
         decision_ms: (T,) times of single decisions.
         first: (E,) records of the policy to compare with, in the same seeds; None: this is that policy.
         endless: the records are of endless games.

@@ -6,7 +6,7 @@ import itertools
 import textwrap
 from collections.abc import Callable, Sequence
 
-from eval.compare.rows import Row
+from .rows import Row
 
 _WIDTH = 136
 _NAME_WIDTH = 22

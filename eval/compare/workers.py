@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.episodes import EPISODE, play
-from eval.compare.scenarios import Levels, Place, open_place, parts_of_play
 from pacman_env.config import Config
+from pacman_env.episodes.rollout import EPISODE, play
+
+from .policies import is_checkpoint, load_policy
+from .scenarios import Levels, Scenario, open_scenario, parts_of_play
 
 _LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
 
@@ -24,11 +26,10 @@ _LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
 class Block:
     """Rounds of one policy on one map under one configuration. Plain data: it travels to other processes."""
 
-    map: Place
+    scenario: Scenario
     config: Config
     policy: str
     seeds: NDArray[np.uint64]
-    trust: bool = False  # the policy may be a checkpoint
 
 
 Played = tuple[NDArray, NDArray[np.float64]]
@@ -43,9 +44,10 @@ class _Piece(NamedTuple):
 
 
 def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> Played:
-    """Records and decision times of one block, as :func:`eval.compare.episodes.play` gives them."""
-    source = open_place(block.map, block.config)
-    return play(source, block.config, block.policy, block.seeds, trust=block.trust, on_end=on_end)
+    """Records and decision times of one block, as :func:`pacman_env.episodes.rollout.play` gives them."""
+    source = open_scenario(block.scenario, block.config)
+    policy = load_policy(block.policy) if is_checkpoint(block.policy) else block.policy
+    return play(source, block.config, policy, block.seeds, on_end=on_end)
 
 
 def play_all(
@@ -78,20 +80,20 @@ def play_all(
 def _pieces(blocks: Sequence[Block], workers: int) -> list[_Piece]:
     """The blocks cut up; on levels, what all blocks play on the same ones comes together, while these are kept."""
     pieces: list[_Piece] = []
-    for place, group in itertools.groupby(range(len(blocks)), key=lambda number: blocks[number].map):
-        of_place = [piece for number in group for piece in _cut(number, blocks[number], workers)]
-        pieces += sorted(of_place, key=lambda piece: piece.part) if isinstance(place, Levels) else of_place
+    for scenario, group in itertools.groupby(range(len(blocks)), key=lambda number: blocks[number].scenario):
+        of_scenario = [piece for number in group for piece in _cut(number, blocks[number], workers)]
+        pieces += sorted(of_scenario, key=lambda piece: piece.part) if isinstance(scenario, Levels) else of_scenario
     return pieces
 
 
 def _cut(number: int, block: Block, workers: int) -> list[_Piece]:
     count = 1 if workers == 1 else max(workers, math.ceil(len(block.seeds) / _LARGEST_PIECE))
-    parts = parts_of_play(block.map, block.config, block.seeds, count)
+    parts = parts_of_play(block.scenario, block.config, block.seeds, count)
     return [_Piece(number, k, rounds) for k, rounds in enumerate(parts)]
 
 
 def _joined(blocks: Sequence[Block], pieces: Sequence[_Piece], played: Sequence[Played]) -> list[Played]:
-    """What was played of each block, its rounds in their order again."""
+    """The results of each block, its rounds in their order again."""
     results = []
     for number, block in enumerate(blocks):
         mine = [(piece.rounds, played[k]) for k, piece in enumerate(pieces) if piece.number == number]

@@ -1,1 +1,1 @@
-"""One round again, filmed: ``python -m eval.replay``."""
+"""One round again, filmed: ``pacman-env replay``."""

@@ -1,21 +1,21 @@
-"""One game played by one policy, tick by tick: pictures of it, and when and why the policy changed its goal.
+"""One game played by one policy, tick by tick: its film, and when and why the policy changed its goal.
 
-The game is bit for bit that of ``episodes`` with the same seed. Films are written in ``video``.
+The game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the same seed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.episodes import MOST_ROUNDS, allowed
-from eval.compare.policies import make_contestant
-from eval.replay.video import Frame
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
+from pacman_env.files import replaced
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
@@ -23,6 +23,12 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
+from ..compare.policies import load_policy
+
+SPEED_UP = 4.0
+_LAST_FRAME_S = 1.5  # of film, so that the end can be seen
+
+Frame = NDArray[np.uint8]
 _Terms = list[dict[str, float | bool | str]]
 
 
@@ -34,7 +40,7 @@ class Change(NamedTuple):
     why: str
 
 
-class Watched:
+class RecordedGame:
     """A game of its own for one policy.
 
     Attributes:
@@ -42,14 +48,12 @@ class Watched:
         changes: of its goal, so far.
     """
 
-    def __init__(
-        self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str, trust: bool = False
-    ) -> None:
-        """Begin the game; the arguments are those of :func:`eval.compare.episodes.play`."""
+    def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
+        """Begin the game; ``spec`` is that of :func:`~eval.compare.policies.load_policy`."""
         self.name = name
         self.changes: list[Change] = []
         self._batch = GameBatch(source, config, 1)
-        self._policy = make_contestant(spec, trust)
+        self._policy = load_policy(spec)
         self._chosen = -1  # none yet
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
@@ -91,7 +95,7 @@ class Watched:
         return render_frame(self._batch, 0, height=height, title=self.name)
 
     def outcome(self) -> str:
-        """What came of the game, in words."""
+        """The result of the game, in words."""
         batch, game = self._batch, self._batch.games[0]
         seconds = self._before_s + game["step"] * batch.config.physics_step_s
         if batch.config.endless:
@@ -100,7 +104,7 @@ class Watched:
         return f"{OUTCOMES[game['end']]} after {seconds:.1f} s, {game['collected']} of {game['spawned']} pellets{lost}"
 
 
-def film(games: Sequence[Watched], height: int) -> Iterator[Frame]:
+def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
     """Frames (height, W, 3), RGB, one per decision, the games side by side, until the last has ended."""
     panels = [game.picture(height) for game in games]
     yield np.hstack(panels)
@@ -110,6 +114,27 @@ def film(games: Sequence[Watched], height: int) -> Iterator[Frame]:
                 game.step()
                 panels[k] = game.picture(height)
         yield np.hstack(panels)
+
+
+def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
+    """Write frames, ``tick_s`` apart and of even sides, as .mp4 or .gif, ``SPEED_UP`` times as fast.
+
+    Raises:
+        ModuleNotFoundError: imageio is missing.
+    """
+    import imageio.v2 as imageio
+
+    fps = SPEED_UP / tick_s
+    with replaced(path) as temporary:
+        if path.suffix == ".gif":
+            writer = imageio.get_writer(temporary, mode="I", duration=1000 / fps, loop=0)
+        else:
+            writer = imageio.get_writer(temporary, fps=fps, codec="libx264", macro_block_size=2)
+        with writer:
+            for frame in frames:
+                writer.append_data(frame)
+            for _ in range(round(_LAST_FRAME_S * fps)):
+                writer.append_data(frame)
 
 
 def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:

@@ -1,1 +1,1 @@
-"""The page that explains a comparison: ``python -m eval.report``."""
+"""The page that explains a comparison: ``pacman-env report``."""

@@ -1,36 +1,38 @@
-"""Policies against one another on one page: ``python -m eval.report``. Arguments, order of work, result files.
+"""Policies against one another on one page: ``pacman-env report``. Arguments, order of work, result files.
 
-Rounds are chosen in ``report_plan``, played in ``parallel``, counted in ``report_numbers`` and shown by
-``report_page``.
+Rounds are chosen in ``plan``, played by ``eval.compare.workers``, counted in ``numbers`` and shown by ``page``.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import datetime
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 
-from eval.command import status_of
-from eval.compare.arguments import add_place_arguments, add_rule_arguments, at_least, rule_changes
-from eval.compare.episodes import episode_seeds
-from eval.compare.policies import add_policy_arguments, check_contestants, contestant_names
-from eval.compare.scenarios import Levels, about_place, named_places, open_place, places
-from eval.compare.workers import play_all
-from eval.files import prepare, replaced
-from eval.report.models import model_facts
-from eval.report.numbers import Numbers, numbers
-from eval.report.plan import Plan, blocks, check_single_rounds, parse_variant
 from pacman_env import __version__
-from pacman_env.cli.main import Parser
+from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import PRESETS, ConfigError, make_config
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.files import prepare, replaced
+from pacman_env.policies.learned import PRETRAINED
+from pacman_env.policies.metadata import read_planner
+
+from ..compare.arguments import add_rule_arguments, add_scenario_arguments, rule_changes
+from ..compare.policies import add_policy_arguments, named_policies
+from ..compare.scenarios import Levels, describe_scenario, named_scenarios, open_scenario, scenarios
+from ..compare.workers import play_all
+from .numbers import Numbers, numbers
+from .plan import Plan, blocks, check_single_rounds, parse_variant
 
 SCHEMA = 1
 _SPEEDS = tuple(round(0.15 + 0.05 * k, 2) for k in range(10))
@@ -41,11 +43,12 @@ _NUMBERS = {
 }
 _NO_REFUGES = "without refuges=refuges.spread=0,refuges.nooks=0"
 _FILM_HEIGHT = 480
+_LONGEST_FACT = 80  # characters
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog="eval.report",
+        prog="pacman-env report",
         description="Let policies play the same rounds and write one HTML page about them: completion per map and over"
         " Clyde's speeds, endless games, rounds that only one of two completes, variants of the settings, and decision"
         " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
@@ -54,10 +57,10 @@ def _parser() -> argparse.ArgumentParser:
     add_policy_arguments(parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="whom the others are compared with (%(default)s)")
-    add_place_arguments(parser, several=True)
+    add_scenario_arguments(parser, several=True)
     add_rule_arguments(parser)
-    add("--clyde-speed", type=float, default=0.25, metavar="V", help="of all but the curve, m/s (%(default)s)")
-    add("--speeds", nargs="+", type=float, metavar="V", help="Clyde's speeds of the curve, m/s (0.15 0.2 ... 0.6)")
+    add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="of all but the curve, m/s (0.25)")
+    add("--speeds", nargs="+", type=finite_number(), metavar="V", help="of the curve, m/s (0.15 0.2 ... 0.6)")
     add(
         "--variant",
         action="append",
@@ -66,11 +69,11 @@ def _parser() -> argparse.ArgumentParser:
         help="the same rounds with other settings, such as 'slow=robot.speed_mps=0.2,preset=ideal'; may be given again;"
         " alone: none (the other preset; without refuges)",
     )
-    add("--episodes", type=at_least(2), metavar="N", help="rounds per map, speed, variant and policy (200)")
-    add("--endless", type=at_least(0), metavar="N", help="endless games per map and policy (100)")
-    add("--seed", type=at_least(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (%(default)s)")
-    add("--workers", type=at_least(1), default=1, metavar="N", help="processes (%(default)s)")
-    add("--replays", type=at_least(0), default=0, metavar="K", help="films of rounds that one of two lost (0)")
+    add("--episodes", type=whole_number(2), metavar="N", help="rounds per map, speed, variant and policy (200)")
+    add("--endless", type=whole_number(0), metavar="N", help="endless games per map and policy (100)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (%(default)s)")
+    add("--replays", type=whole_number(0), default=0, metavar="K", help="films of rounds that one of two lost (0)")
     add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
     add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
@@ -78,21 +81,16 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Make the report; returns the exit status: 0, or 2 after one line on stderr.
-
-    Raises:
-        SystemExit: after ``--help`` and bad arguments, as argparse does.
-    """
-    parser = _parser()
-    arguments = parser.parse_args(argv)
-    command = shlex.join(["python", "-m", "eval.report", *(sys.argv[1:] if argv is None else argv)])
-    return status_of(parser.prog, lambda: _report(arguments, command))
+    """Make the report; returns the exit status."""
+    argv = sys.argv[1:] if argv is None else argv
+    command = shlex.join(["pacman-env", "report", *argv])
+    return run_command(_parser(), argv, lambda arguments: _report(arguments, command))
 
 
 def _report(arguments: argparse.Namespace, command: str) -> None:
     from tqdm import tqdm
 
-    from eval.report.page import render_page
+    from .page import render_page
 
     plan = _plan(arguments)
     report = _header(plan, arguments, command)
@@ -135,14 +133,11 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         check_single_rounds(variant.config, f"--variant {variant.name}: ")
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
-    policies = list(dict.fromkeys([*arguments.policies, arguments.baseline]))
-    check_contestants(policies, arguments.trust)
-    policy_names = contestant_names(policies)
+    policies = named_policies([*arguments.policies, arguments.baseline])
     return Plan(
-        maps=named_places(places(arguments), [config, *(variant.config for variant in variants)]),
-        policies={name: spec for spec, name in policy_names.items()},
-        baseline=policy_names[arguments.baseline],
-        trust=arguments.trust,
+        maps=named_scenarios(scenarios(arguments), [config, *(variant.config for variant in variants)]),
+        policies={name: spec for spec, name in policies.items()},
+        baseline=policies[arguments.baseline],
         preset=arguments.preset,
         execution=arguments.execution,
         settings=tuple(arguments.set),
@@ -166,7 +161,7 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
 
 
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
-    """What was played, with all that is needed to play it again."""
+    """All that is needed to play the rounds again."""
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -182,9 +177,9 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
         "clyde_speed": plan.speed,
         "quick": arguments.quick,
         "maps": [
-            about_place(name, place, plan.config)
-            | {"pellets": None if isinstance(place, Levels) else open_place(place, plan.config).first.pellets}
-            for name, place in plan.maps.items()
+            describe_scenario(name, scenario, plan.config)
+            | {"pellets": None if isinstance(scenario, Levels) else open_scenario(scenario, plan.config).first.pellets}
+            for name, scenario in plan.maps.items()
         ],
         "policies": [
             {"name": name, "spec": spec, "baseline": name == plan.baseline, "facts": model_facts(spec)}
@@ -198,15 +193,14 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
     """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
     if pair is None or wanted == 0:
         return []
-    from eval.replay.recording import Watched, film
-    from eval.replay.video import save_video
+    from ..replay.recording import RecordedGame, film, save_video
 
     paths = []
     for row in _in_turn(pair["wins"], pair["losses"])[:wanted]:
         path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
-        source, seed = open_place(plan.maps[row["map"]], plan.config), np.uint64(int(row["seed"]))
+        source, seed = open_scenario(plan.maps[row["map"]], plan.config), np.uint64(int(row["seed"]))
         games = [
-            Watched(source, plan.config, plan.policies[name], seed, name, plan.trust)
+            RecordedGame(source, plan.config, plan.policies[name], seed, name)
             for name in (pair["policy"], pair["baseline"])
         ]
         save_video(film(games, _FILM_HEIGHT), path, plan.config.execution.tick_s)
@@ -215,11 +209,28 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
     return paths
 
 
-def _in_turn(first: Sequence[Any], second: Sequence[Any]) -> list[Any]:
-    """One of the first, one of the second and so on, then what is left of the longer."""
-    both = min(len(first), len(second))
-    mixed = [one for pair in zip(first, second, strict=False) for one in pair]
-    return [*mixed, *first[both:], *second[both:]]
+def _in_turn(*rows: Sequence[Any]) -> list[Any]:
+    """One of each in turn, then what is left of the longer."""
+    return [row for row in chain.from_iterable(zip_longest(*rows)) if row is not None]
+
+
+def model_facts(spec: str) -> dict[str, str]:
+    """The metadata of ``FILE.onnx``, or of the planner that the package ships, by dotted name; {} for other policies.
+
+    Raises:
+        ValueError: the file is no planner for this version.
+    """
+    path = PRETRAINED if spec == "ppo" else Path(spec)
+    return dict(_flat(dataclasses.asdict(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
+
+
+def _flat(facts: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in facts.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            words = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            yield prefix + name, words if len(words) <= _LONGEST_FACT else words[: _LONGEST_FACT - 1] + "…"
 
 
 if __name__ == "__main__":

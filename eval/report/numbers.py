@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.statistics import (
+from pacman_env.episodes.statistics import (
     bootstrapped_improvement,
     bootstrapped_iqm,
     bootstrapped_mean,
     paired_difference,
     wilson,
 )
-from eval.compare.workers import Played
-from eval.report.plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, replay_command
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
+
+from ..compare.workers import Played
+from .plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, replay_command
 
 END_NAMES = {COMPLETE: "complete", DEAD: "caught", TIMEOUT: "time-out", CLEARED: "pellets lost"}
 Numbers = dict[str, Any]
@@ -191,6 +192,6 @@ def _outcome(record: Any) -> Numbers:
 
 
 def _raw(cell: Cell, records: NDArray) -> Numbers:
-    """What happened in each round, in the order of the seeds."""
+    """The records of the rounds, in the order of the seeds."""
     shown: Sequence[str] = [name for name in records.dtype.names or () if name != "seed"]
     return {**cell._asdict(), **{name: records[name].tolist() for name in shown}}

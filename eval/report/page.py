@@ -1,37 +1,28 @@
-"""The report's numbers as one HTML page that needs nothing else. Which numbers there are is ``report_numbers``'s."""
+"""The report's numbers as one HTML page that needs nothing else. Which numbers there are is decided by ``numbers``."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from pacman_env.episodes.rollout import MOST_ROUNDS
 
-from eval.compare.episodes import MOST_ROUNDS
-from eval.report.charts import COLOURS, Line, curve_chart, interval_bar
-from eval.report.numbers import END_NAMES, Numbers
+from ..templates import render
+from .charts import COLOURS, Line, curve_chart, interval_bar
+from .numbers import END_NAMES, Numbers
 
-_TEMPLATES = Path(__file__).parent / "templates"
 _ROUNDS_SHOWN = 12  # of either kind
 _IQM_MAPS = 4  # with fewer maps than these nothing is left out of the mean
 
 
 def render_page(report: Numbers) -> str:
-    """The page of a report as ``eval.report`` writes it to JSON; every text in it is escaped."""
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"percent": percent, "percents": percents, "number": number, "numbers": numbers}
+    """The page of a report as ``pacman-env report`` writes it to JSON; every text in it is escaped."""
     names = [policy["name"] for policy in report["policies"]]
-    return environment.get_template("report.html.j2").render(
+    return render(
+        "report.html.j2",
+        {"percent": percent, "percents": percents, "number": number, "numbers": numbers},
         r=report,
         names=names,
         baseline=next(policy["name"] for policy in report["policies"] if policy["baseline"]),
@@ -51,7 +42,7 @@ def render_page(report: Numbers) -> str:
 
 
 def headline(report: Numbers) -> str:
-    """What came out, in words: the first policy against the baseline."""
+    """The result in words: the first policy against the baseline."""
     pair = report["pair"]
     if pair is None:
         row = report["summary"][0]

@@ -1,4 +1,4 @@
-"""What a report is to play: policies, places, speeds and variants, and the blocks of rounds that follow from them.
+"""The plan of a report: policies, scenarios, speeds and variants, and the blocks of rounds that follow from them.
 
 Nothing is played here; the command line's words become configurations, and configurations become blocks.
 """
@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.arguments import check_goals
-from eval.compare.scenarios import Levels, Place
-from eval.compare.workers import Block
 from pacman_env.config import Config, ConfigError, make_config, parse_settings
+
+from ..compare.arguments import check_goals
+from ..compare.scenarios import Levels, Scenario
+from ..compare.workers import Block
 
 _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is no separator
 
@@ -48,10 +49,9 @@ ROUNDS, ENDLESS_GAMES = "rounds", "endless games"
 class Plan:
     """All that decides the numbers of a report."""
 
-    maps: dict[str, Place]  # by name
+    maps: dict[str, Scenario]  # by name
     policies: dict[str, str]  # by name, what each is made from
     baseline: str  # its name
-    trust: bool  # checkpoints may be loaded
     preset: str
     execution: str
     settings: tuple[str, ...]
@@ -104,7 +104,7 @@ def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str
 
 
 def check_single_rounds(config: Config, where: str = "") -> None:
-    """What the report adds by itself, or cannot measure, must not be set.
+    """Refuse what the report adds by itself, or cannot measure.
 
     Raises:
         ConfigError: endless games, velocities, or ghosts that wait to be told.
@@ -120,7 +120,7 @@ def check_single_rounds(config: Config, where: str = "") -> None:
 def blocks(plan: Plan) -> dict[Cell, Block]:
     """Everything to be played, each thing once; what is on one map follows one another, while that is at hand."""
     result = {}
-    for name, place in plan.maps.items():
+    for name, scenario in plan.maps.items():
         speeds = dict.fromkeys((plan.speed, *plan.speeds))
         parts = [(ROUNDS, plan.config.with_fields(**{"clyde.speed_mps": v}), plan.seeds) for v in speeds]
         if len(plan.endless_seeds):
@@ -128,22 +128,21 @@ def blocks(plan: Plan) -> dict[Cell, Block]:
         parts += [(variant.name, variant.config, plan.seeds) for variant in plan.variants]
         for (part, config, seeds), (policy, spec) in itertools.product(parts, plan.policies.items()):
             cell = Cell(part, name, policy, config.clyde.speed_mps)
-            result[cell] = Block(place, config, spec, seeds, plan.trust)
+            result[cell] = Block(scenario, config, spec, seeds)
     return result
 
 
 def replay_command(plan: Plan, map_name: str, seed: int) -> str:
     """The command that shows a round of the first policy and the baseline side by side."""
     pair = [plan.policies[name] for name in (plan.challenger, plan.baseline) if name is not None]
-    place = plan.maps[map_name]
-    words = ["python", "-m", "eval.replay", str(seed)]
-    if isinstance(place, Levels):
-        words += ["--levels", place.split, "--num-levels", str(place.count)]
-        words += [] if place.start is None else ["--start-level", str(place.start)]
+    scenario = plan.maps[map_name]
+    words = ["pacman-env", "replay", str(seed)]
+    if isinstance(scenario, Levels):
+        words += ["--levels", scenario.split, "--num-levels", str(scenario.count)]
+        words += [] if scenario.start is None else ["--start-level", str(scenario.start)]
     else:
-        words += ["--map", place]
+        words += ["--map", scenario]
     words += ["--policies", *pair]
-    words += ["--trust"] if plan.trust and any(spec.endswith(".zip") for spec in pair) else []
     words += ["--clyde-speed", repr(plan.speed)]
     words += [] if plan.preset == "robot" else ["--preset", plan.preset]
     words += [] if plan.execution == "robust" else ["--execution", plan.execution]

@@ -1,7 +1,8 @@
 """The ``pacman-env`` command: arguments, output and exit status; all work is done by the packages below.
 
 A group of subcommands is a function that adds its parsers to the command and sets ``run`` on each of them;
-:data:`GROUPS` lists the groups. Heavy modules are imported by the subcommand that needs them.
+:data:`GROUPS` lists the groups. The commands of the evaluation and of training have modules of their own, which
+:data:`MODULES` lists. Heavy modules are imported by the subcommand that needs them.
 """
 
 from __future__ import annotations
@@ -9,23 +10,35 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from pacman_env import __version__
+from pacman_env.cli.command import Parser, finite_number, guarded, run_command, whole_number
 
-ERROR_STATUS = 2
-
-
-class Parser(argparse.ArgumentParser):
-    """Bad arguments are one line on stderr, as every other error."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print it and exit with status 2."""
-        self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
+#: By command: its module in this package, and what it does.
+MODULES = {
+    "compare": ("eval.compare.__main__", "policies on the same rounds: a table, a plot, a film"),
+    "report": ("eval.report.__main__", "policies on the same rounds: a page that explains itself"),
+    "replay": ("eval.replay.__main__", "one round again, filmed, with the policies' reasons"),
+    "benchmark": ("eval.benchmarks.throughput", "how fast the environments are"),
+    "versions": ("eval.benchmarks.versions", "how fast they are beside those of another checkout"),
+    "decision": ("eval.benchmarks.decision", "what one decision of a policy costs"),
+    "feature-cost": ("eval.benchmarks.feature_cost", "what a learned planner's features cost"),
+    "node-load": ("eval.benchmarks.node_load", "what the game's nodes cost a computer (ROS)"),
+    "validation": ("eval.checks.validation", "the simulator beside the ten real trials"),
+    "navigation": ("eval.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
+    "houses": ("eval.checks.generated_levels", "whether generated houses can be played, judged independently"),
+    "fuzz": ("eval.checks.fuzz", "random actions under random configurations"),
+    "campaign": ("eval.campaign.__main__", "random games of the nodes, with faults (ROS)"),
+    "train": ("train.ppo", "train a planner"),
+    "tune": ("train.tune", "search for hyperparameters"),
+    "adversary": ("train.adversary", "train a planner and a Clyde against each other"),
+    "export": ("train.export", "a trained planner as an ONNX file"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,28 +47,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: after ``--help``, ``--version`` and bad arguments, as argparse does.
     """
-    parser = Parser(prog="pacman-env", description="PacManBot: maps, games and policies.")
+    argv = sys.argv[1:] if argv is None else argv
+    if argv and argv[0] in MODULES:
+        module, _ = MODULES[argv[0]]
+        extra = "train" if module.startswith("train") else "eval"
+        return guarded(f"pacman-env {argv[0]}", lambda: import_module(f"pacman_env.{module}").main(argv[1:]), extra)
+    parser = Parser(prog="pacman-env", description="PacManBot: maps, games, policies, their evaluation and training.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_group in GROUPS:
         add_group(commands)
-    arguments = parser.parse_args(argv)
-    try:
-        status: int = arguments.run(arguments)
-    except (ValueError, OSError) as error:  # MapError and ConfigError are ValueErrors
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return status
-
-
-def _finite(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
-    return value
+    for name, (_, words) in MODULES.items():
+        commands.add_parser(name, help=words)  # its arguments are its module's
+    return run_command(parser, argv, lambda arguments: arguments.run(arguments))
 
 
 def _add_map_group(commands: Any) -> None:
@@ -65,14 +69,16 @@ def _add_map_group(commands: Any) -> None:
     check = group.add_parser("check", help="areas, pellets and warnings of one map")
     check.add_argument("map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name")
     check.add_argument("--json", action="store_true", help="print the report as JSON")
-    check.add_argument("--home", nargs=2, type=_finite, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)")
-    check.add_argument("--spacing", type=_finite, default=2.0, help="pellet spacing, m (%(default)s)")
+    check.add_argument(
+        "--home", nargs=2, type=finite_number(), default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)"
+    )
+    check.add_argument("--spacing", type=finite_number(), default=2.0, help="pellet spacing, m (%(default)s)")
     check.set_defaults(run=_map_check)
     group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)
     generate = group.add_parser("generate", help="write the houses of levels as map files")
     generate.add_argument("folder", type=Path, help="where generated-LEVEL.yaml and .pgm go")
-    generate.add_argument("--level", type=_not_negative, default=0, help="the first level (%(default)s)")
-    generate.add_argument("--count", type=_not_negative, default=1, help="how many (%(default)s)")
+    generate.add_argument("--level", type=whole_number(0), default=0, help="the first level (%(default)s)")
+    generate.add_argument("--count", type=whole_number(0), default=1, help="how many (%(default)s)")
     generate.set_defaults(run=_map_generate)
 
 
@@ -136,27 +142,17 @@ def _add_play(commands: Any) -> None:
     )
     play.add_argument("--preset", default="robot", help="robot or ideal (%(default)s)")
     play.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
-    play.add_argument("--seed", type=_not_negative, help="of the first round; the others follow from it (random)")
-    play.add_argument("--clyde-speed", type=_finite, metavar="M_PER_S", help="Clyde's speed")
-    play.add_argument("--time-limit", type=_finite, metavar="S", help="length of a round at most")
+    play.add_argument("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
+    play.add_argument("--clyde-speed", type=finite_number(), metavar="M_PER_S", help="Clyde's speed")
+    play.add_argument("--time-limit", type=finite_number(), metavar="S", help="length of a round at most")
     play.add_argument("--drive", action="store_true", help="drive with the arrow keys instead of naming goals")
     play.add_argument("--endless", action="store_true", help="round after round, Clyde faster each time")
     play.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
     )
-    play.add_argument("--fps", type=_finite, default=20.0, help="pictures per second, about (%(default)s)")
-    play.add_argument("--speed", type=_finite, default=1.0, help="times real time (%(default)s)")
+    play.add_argument("--fps", type=finite_number(), default=20.0, help="pictures per second, about (%(default)s)")
+    play.add_argument("--speed", type=finite_number(), default=1.0, help="times real time (%(default)s)")
     play.set_defaults(run=_play)
-
-
-def _not_negative(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = -1
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least 0")
-    return value
 
 
 def _play(arguments: argparse.Namespace) -> int:
@@ -194,7 +190,9 @@ def _add_ros_group(commands: Any) -> None:
     up.add_argument(
         "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
     )
-    up.add_argument("--speed", type=_finite, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
+    up.add_argument(
+        "--speed", type=finite_number(), default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)"
+    )
     up.add_argument("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
     up.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
     up.add_argument(
@@ -209,7 +207,7 @@ def _add_ros_group(commands: Any) -> None:
     record.set_defaults(run=_ros_record)
     for parser in (up, record):
         parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
-        parser.add_argument("--domain-id", type=_not_negative, help="ROS_DOMAIN_ID (that of the environment)")
+        parser.add_argument("--domain-id", type=whole_number(0), help="ROS_DOMAIN_ID (that of the environment)")
     replay = group.add_parser("replay", help="what a policy would have done in a recorded game")
     replay.add_argument("bag", type=Path, help="a bag's folder or its .mcap file")
     replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map of the game")

@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import hashlib
 import json
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -132,12 +133,8 @@ class Config(Checked):
         Raises:
             ConfigError: an unknown name.
         """
-        value: Any = self
-        for part in name.split("."):
-            if not hasattr(value, part):
-                raise ConfigError(f"unknown configuration field {name!r}")
-            value = getattr(value, part)
-        return value
+        kind_of(name)
+        return operator.attrgetter(name)(self)
 
     def as_dict(self) -> dict[str, Any]:
         """All fields as nested plain data, as JSON has it, for results and logs."""

@@ -211,13 +211,16 @@ class RandomizeConfig(Checked, group="randomize"):
         return [(name, *value) for name, value in named if value is not None]
 
 
+Kinds = Annotated[tuple[str, ...], Meta(min_length=1)]
+
+
 @dataclass(frozen=True)
 class ObservationConfig(Checked, group="observation"):
     """What an observation holds; any combination of the kinds."""
 
     #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), grid (picture around the
     #: robot), planner (what the learned planner reads); in any order.
-    kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
+    kinds: Kinds = ("features",)
     scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: Positive = 0.15  # RPLIDAR A1
     scan_maximum_m: Positive = 12.0  # RPLIDAR A1

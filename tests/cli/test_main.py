@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pacman_env import __version__
-from pacman_env.cli.main import main
+from pacman_env.cli.main import MODULES, main
 from pacman_env.world.maps import occupancy
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -146,12 +146,37 @@ def test_list_names_the_shipped_maps(
     assert capsys.readouterr().out == "attic\ncellar\n"
 
 
-def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_version() -> None:
-    code = "import runpy, sys; sys.argv = ['pacman-env', '--version']\n"
+@pytest.mark.parametrize(("option", "said"), [("--version", __version__), ("--help", "usage: pacman-env ")])
+def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_help(option: str, said: str) -> None:
+    code = f"import runpy, sys; sys.argv = ['pacman-env', '{option}']\n"
     code += "try: runpy.run_module('pacman_env.cli.main', run_name='__main__')\n"
-    code += "finally: print(sorted({'cv2', 'numba', 'pymunk', 'torch'} & set(sys.modules)))"
+    heavy = {"cv2", "gymnasium", "matplotlib", "numba", "numpy", "onnxruntime", "pymunk", "torch", "yaml"}
+    code += f"finally: print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n[]\n", "")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(said)
+    assert done.stdout.endswith("\n[]\n")
+
+
+@pytest.mark.parametrize("command", MODULES)
+def test_every_command_has_a_help_of_its_own(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("psutil")
+    if MODULES[command][0].startswith("train"):
+        pytest.importorskip("torch")
+        pytest.importorskip("optuna")
+    with pytest.raises(SystemExit, match="0"):
+        main([command, "--help"])
+    assert capsys.readouterr().out.startswith(f"usage: pacman-env {command} ")
+
+
+def test_what_a_command_needs_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for name in [name for name in sys.modules if name.startswith("pacman_env.train")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert main(["train", "--quick"]) == 2
+    assert capsys.readouterr().err == "pacman-env train: needs torch: pip install 'pacman_env[train]'\n"
 
 
 def test_version_as_a_process() -> None:

@@ -32,7 +32,17 @@ def test_a_removed_registration_comes_back(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_importing_loads_no_simulator() -> None:
-    heavy = {"numba", "pymunk", "cv2", "pygame", "torch", "matplotlib", "pacman_env.sim", "pacman_env.world"}
+    heavy = {
+        "gymnasium",
+        "numba",
+        "pymunk",
+        "cv2",
+        "pygame",
+        "torch",
+        "matplotlib",
+        "pacman_env.sim",
+        "pacman_env.world",
+    }
     code = f"import sys, pacman_env; print(sorted({heavy} & set(sys.modules)))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"

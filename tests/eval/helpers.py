@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eval.compare.episodes import EPISODE, episode_seeds, play
-from eval.compare.scenarios import Levels, open_place
+from eval.compare.scenarios import Levels, open_scenario
 from pacman_env.config import make_config
+from pacman_env.episodes.rollout import EPISODE, episode_seeds, play
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 from pacman_env.sim.maps.assets import map_assets
 
@@ -34,13 +34,13 @@ def played(policy: str, episodes: int = 12, batch_size: int = 64) -> tuple[NDArr
 
 @functools.cache
 def played_on_levels(policy: str, batch_size: int = 64) -> NDArray:
-    source = open_place(LEVELS, LEVELS_CONFIG)
+    source = open_scenario(LEVELS, LEVELS_CONFIG)
     return play(source, LEVELS_CONFIG, policy, episode_seeds(5, 8), batch_size=batch_size)[0]
 
 
 @functools.cache
 def played_endless(policy: str, batch_size: int = 64) -> NDArray:
-    source = open_place("house", ENDLESS)
+    source = open_scenario("house", ENDLESS)
     return play(source, ENDLESS, policy, episode_seeds(5, 8), batch_size=batch_size)[0]
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eval.compare.episodes import episode_seeds, play
 from pacman_env.config import make_config
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.execution import COMPLETE, RUNNING
 from pacman_env.heuristics.lookahead import Lookahead
 from pacman_env.policies.base import Policy

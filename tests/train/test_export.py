@@ -129,17 +129,8 @@ def test_only_files_ending_in_onnx_are_written(tmp_path: Path) -> None:
         export_planner(random_network(), tmp_path / "mine.bin", FACTS)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "mine.zip: loading a Stable-Baselines3 file executes code from it"),
-        (["--trust"], "mine.zip: no such file"),
-    ],
-)
-def test_the_command_refuses_what_is_not_trusted_or_not_there(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_refuses_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     checkpoint, out = tmp_path / "mine.zip", tmp_path / "mine.onnx"
-    assert main([str(checkpoint), "--out", str(out), *arguments]) == 2
-    assert message in capsys.readouterr().err
+    assert main([str(checkpoint), "--out", str(out)]) == 2
+    assert "mine.zip: no such file" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

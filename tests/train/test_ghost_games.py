@@ -12,13 +12,16 @@ pytest.importorskip("sb3_contrib")
 
 import dataclasses
 
+import gymnasium as gym
+from stable_baselines3.common.vec_env import DummyVecEnv
+
 import pacman_env
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import planner_features
 from train.arguments import FOLDER, Arguments, load_hyperparameters
 from train.games import game_settings
-from train.ghost_games import CLYDE, GhostGames, make_ghost_games
+from train.ghost_games import CLYDE, ghost_games, make_ghost_games
 
 GAMES, SCALE = 3, 0.5
 HYPER = dataclasses.replace(
@@ -37,8 +40,8 @@ def quick(**changes: Any) -> PacManBotParallelEnv:
     return pacman_env.parallel_env(**({"map": "house", "settings": {"time_limit_s": 6.0}} | changes))
 
 
-def begun(envs: list[PacManBotParallelEnv], seed: int = 5) -> GhostGames:
-    games = GhostGames(envs, ROBOT)
+def begun(envs: list[PacManBotParallelEnv], seed: int = 5) -> DummyVecEnv:
+    games = ghost_games(envs, ROBOT)
     games.seed(seed)
     games.reset()
     return games
@@ -88,20 +91,20 @@ def test_observations_are_in_the_space_and_not_reused() -> None:
 
 def test_training_games_are_zero_sum_scaled_and_end_at_the_time_limit() -> None:
     games = make_ghost_games(ARGUMENTS, 0, ROBOT)
-    world: GhostGames = games.venv  # type: ignore[assignment]
+    world: DummyVecEnv = games.venv  # type: ignore[assignment]
     for env in world.envs:
-        env.max_cycles = 12
+        env.game.max_cycles = 12  # type: ignore[attr-defined]
     paid: list[float] = []
     step = PacManBotParallelEnv.step
 
-    class Watched(PacManBotParallelEnv):
+    class Paid(PacManBotParallelEnv):
         def step(self, actions: dict[str, Any]) -> Any:
             result = step(self, actions)
             paid.append(result[1][PACMAN])
             return result
 
     for env in world.envs:
-        env.__class__ = Watched
+        env.game.__class__ = Paid  # type: ignore[attr-defined]
     games.seed(0)
     games.reset()
     truncated = 0
@@ -116,17 +119,17 @@ def test_training_games_are_zero_sum_scaled_and_end_at_the_time_limit() -> None:
 
 def test_each_game_has_houses_of_its_own_and_each_segment_others() -> None:
     def levels(segment: int) -> list[tuple[int, int]]:
-        world: GhostGames = make_ghost_games(ARGUMENTS, segment, ROBOT).venv  # type: ignore[assignment]
-        return [(env.batch.source.start_level, env.batch.source.num_levels) for env in world.envs]  # type: ignore[attr-defined]
+        world: DummyVecEnv = make_ghost_games(ARGUMENTS, segment, ROBOT).venv  # type: ignore[assignment]
+        return [(env.game.batch.source.start_level, env.game.batch.source.num_levels) for env in world.envs]  # type: ignore[attr-defined]
 
     assert levels(0) == [(0, 2), (2, 2), (4, 2)]
     assert levels(1) == [(6, 2), (8, 2), (10, 2)]
 
 
 def test_the_game_is_the_one_the_planner_is_trained_on() -> None:
-    world: GhostGames = make_ghost_games(ARGUMENTS, 0, ROBOT).venv  # type: ignore[assignment]
+    world: DummyVecEnv = make_ghost_games(ARGUMENTS, 0, ROBOT).venv  # type: ignore[assignment]
     for name in ("clyde_speed_mps", "speed_mps"):
-        assert getattr(world.envs[0].config.randomize, name) == game_settings(ARGUMENTS)[f"randomize.{name}"]
+        assert getattr(world.envs[0].game.config.randomize, name) == game_settings(ARGUMENTS)[f"randomize.{name}"]
 
 
 def test_the_same_seed_gives_the_same_bits() -> None:
@@ -147,11 +150,11 @@ def test_masks_and_attributes_are_found_by_the_names_that_are_asked_for() -> Non
     games = begun([quick() for _ in range(2)])
     assert games.has_attr("action_masks")
     assert not games.has_attr("no_such_thing")
-    assert games.get_attr("rewards") == ["zero_sum", "zero_sum"]
-    games.set_attr("max_cycles", 7, indices=1)
-    assert games.get_attr("max_cycles") == [None, 7]
-    assert len(games.env_method("state")) == 2
-    assert games.env_is_wrapped(object) == [False, False]
+    assert [game.rewards for game in games.get_attr("game")] == ["zero_sum", "zero_sum"]
+    games.set_attr("render_mode", "ansi", indices=1)
+    assert games.get_attr("render_mode") == [None, "ansi"]
+    assert len(games.env_method("action_masks")) == 2
+    assert games.env_is_wrapped(gym.Wrapper) == [False, False]
     games.close()
 
 
@@ -167,4 +170,4 @@ def test_masks_and_attributes_are_found_by_the_names_that_are_asked_for() -> Non
 )
 def test_games_that_do_not_fit_are_refused(envs: list[dict[str, Any]]) -> None:
     with pytest.raises(ValueError, match="agents and candidates of the games"):
-        GhostGames([quick(**changes) for changes in envs], ROBOT)
+        ghost_games([quick(**changes) for changes in envs], ROBOT)

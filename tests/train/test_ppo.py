@@ -16,7 +16,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 pytest.importorskip("tyro")
 
-from eval.compare.episodes import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.assets import map_assets
@@ -56,7 +56,7 @@ def test_the_planner_that_is_written_plays(trained: Path) -> None:
 def test_the_planner_is_the_best_checkpoint(trained: Path, tmp_path: Path) -> None:
     from train.export import main as export
 
-    assert export([str(trained / "best.zip"), "--out", str(tmp_path / "again.onnx"), "--trust"]) == 0
+    assert export([str(trained / "best.zip"), "--out", str(tmp_path / "again.onnx")]) == 0
     assert (tmp_path / "again.onnx").read_bytes() == (trained / "planner.onnx").read_bytes()
 
 
@@ -145,7 +145,7 @@ def test_errors_are_one_line_with_status_2(
 ) -> None:
     assert main([*tiny_options(tmp_path, "--out", str(tmp_path / "run")), *options]) == 2
     told = capsys.readouterr().err
-    assert told.startswith("train.ppo: ")
+    assert told.startswith("pacman-env train: ")
     assert message in told
     assert told.count("\n") == 1
     assert not (tmp_path / "run" / "planner.onnx").exists()
@@ -167,7 +167,7 @@ def test_the_policy_in_torch_decides_as_the_file_does(trained: Path) -> None:
     """At the robot's speed that both take from the run."""
     from train.checkpoint import load_planner
 
-    in_torch = load_planner(trained / "best.zip", trust=True)
+    in_torch = load_planner(trained / "best.zip")
     assert isinstance(in_torch, TorchPlanner)
     assert in_torch.robot_speed_mps == game_config(tiny()).robot.speed_mps
     situation = random_situation(2, 30)

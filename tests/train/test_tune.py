@@ -207,7 +207,7 @@ def test_the_command_writes_a_file_and_says_so(tmp_path: Path, capsys: pytest.Ca
     options = ["--config", str(section(tmp_path)), "--out", str(tmp_path / "study"), "--trials", "1"]
     options += ["--decisions", "32", "--segments", "1", "--evaluation", "1", "--threads", "1", "--no-progress"]
     assert main(options) == 0
-    assert f"python -m train.ppo --config {tmp_path / 'study' / 'best.yaml'}" in capsys.readouterr().out
+    assert f"pacman-env train --config {tmp_path / 'study' / 'best.yaml'}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_errors_are_one_line_with_status_2(
 ) -> None:
     assert main(["--config", str(section(tmp_path)), "--out", str(tmp_path / "study"), *options]) == 2
     told = capsys.readouterr().err
-    assert told.startswith("train.tune: ")
+    assert told.startswith("pacman-env tune: ")
     assert message in told
     assert told.count("\n") == 1
 

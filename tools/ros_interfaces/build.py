@@ -21,13 +21,13 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from pathlib import Path
 
+from pacman_env.cli.command import ERROR_STATUS, Parser, run_command
 from tools.ros_interfaces.definitions import Package, check_packages, find_packages
 from tools.ros_interfaces.libraries import BuildError, command, compile_package, link_package
 from tools.ros_interfaces.wheel import NAME, write_wheel
 
 HERE = Path(__file__).resolve().parent
 PREFIX = Path(sys.prefix)
-ERROR_STATUS = 2
 #: Loads every library, and the type support of every type: nothing is left to go wrong at a publisher.
 TRY = """
 import ctypes, importlib, sys
@@ -41,19 +41,22 @@ for name in sys.argv[1:]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns 0, or 2 after saying on stderr what is wrong or missing."""
-    parser = argparse.ArgumentParser(prog="tools.ros_interfaces.build", description=__doc__.split("\n")[0])
+    """Build; returns the exit status: 2 after saying on stderr what is wrong or missing."""
+    parser = Parser(prog="tools.ros_interfaces.build", description=__doc__)
     parser.add_argument("--definitions", type=Path, default=HERE, help="folder of packages (those of this project)")
     parser.add_argument("--wheel", type=Path, metavar="FOLDER", help="build all and write the wheel; install nothing")
-    arguments = parser.parse_args(argv)
+    return run_command(parser, argv, _build, "ros")
+
+
+def _build(arguments: argparse.Namespace) -> int:
+    packages = find_packages(arguments.definitions)
     try:
-        packages = find_packages(arguments.definitions)
         if arguments.wheel is None:
             install(packages)
         else:
             print(build_wheel(packages, arguments.wheel))
-    except (ValueError, OSError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
+    except BuildError as error:  # a compiler's output, of many lines
+        print(f"tools.ros_interfaces.build: {error}", file=sys.stderr)
         return ERROR_STATUS
     return 0
 

@@ -29,7 +29,7 @@ ALWAYS_USED = {"builtin_interfaces", "service_msgs", "action_msgs", "unique_iden
 
 
 class BuildError(ValueError):
-    """What a compiler or a generator had to say."""
+    """The complaint of a compiler or a generator."""
 
 
 def command(arguments: Iterable[object]) -> None:

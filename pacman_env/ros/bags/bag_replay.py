@@ -34,7 +34,7 @@ _READ = (
     topics.GAME_STATUS,
     topics.PELLET_MARKERS,
     topics.REMOVE_PELLET,
-    topics.CLYDE_POSE,
+    *topics.GHOST_POSES,
     topics.CLYDE_SPEED,
     topics.AMCL_POSE,
     topics.ODOMETRY,
@@ -136,10 +136,11 @@ class _Walk:
     """One pass through a bag: what the robot knows at each moment, and a decision at each tick."""
 
     def __init__(self, bag: Bag, assets: MapAssets, config: Config, policy: Policy, report: ReplayReport) -> None:
-        self._live = RobotView(assets, config)
+        self._view = RobotView(assets, config)
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
+        self._ghosts = {topics.GHOST_POSES[k].name: k for k in range(len(config.clyde.ghosts))}
         self._has_scores = bag.has(SCORES)  # else it is another planner's game
         self._chosen_before = -1
         self._plans = [] if self._has_scores else list(_plans(bag, assets))
@@ -186,7 +187,7 @@ class _Walk:
             raise BagError(f"{self._path}: no round was played in it")
         if report.decisions == 0:
             raise BagError(
-                f"{self._path}: no decision can be made: it lacks poses, Clyde or pellets of map {report.map}"
+                f"{self._path}: no decision can be made: it lacks poses, a ghost or pellets of map {report.map}"
             )
 
     def _take(self, recorded: Recorded) -> None:
@@ -196,15 +197,16 @@ class _Walk:
         elif topic == topics.GAME_STATUS.name:
             self._statuses[message.data.partition(":")[0]] += 1
         elif topic == topics.PELLET_MARKERS.name:
-            self._left = set(self._live.pellets(pellets_of(message)).known)
+            self._left = set(self._view.pellets(pellets_of(message)).known)
         elif topic == topics.REMOVE_PELLET.name:
             self._gone.add(message.data)
         elif topic == topics.CLYDE_SPEED.name:
-            self._live.clyde_speed_mps = message.data
-        elif topic == topics.CLYDE_POSE.name:
+            self._view.clyde_speed_mps = message.data
+        elif topic in self._ghosts:
             x, y, _ = pose_of(message)
-            self._live.see_ghost(0, x, y, nanoseconds_of(message.header.stamp))
-            self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
+            self._view.see_ghost(self._ghosts[topic], x, y, nanoseconds_of(message.header.stamp))
+            if topic == topics.CLYDE_POSE.name:
+                self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
         elif topic == topics.AMCL_POSE.name:
             self._motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
         elif topic == topics.ODOMETRY.name:
@@ -219,7 +221,7 @@ class _Walk:
             self._began_s = self._due_s = at_s
             self._motion.counts = True
             self._chosen_before = -1
-            self._live.begin()
+            self._view.begin()
             self._policy.reset(np.ones(1, dtype=np.bool_))
         elif not running:
             self._motion.counts = False  # shows and the way home are no driving for pellets
@@ -230,7 +232,7 @@ class _Walk:
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
         """``pursued``: where the robot was going, ``recorded``: what was chosen; -1: nothing, None: not known."""
         pose, left = self._motion.believed, self._left - self._gone
-        if pose is None or self._live.unseen or not left or self._live.off_the_map(*pose[:2]):
+        if pose is None or self._view.unseen or not left or self._view.off_the_map(*pose[:2]):
             return
         seen = Seen(
             time_s=at_s - self._began_s,
@@ -239,7 +241,7 @@ class _Walk:
             velocity=self._velocity,
             pursued=pursued,
         )
-        situation = self._live.situation(seen)
+        situation = self._view.situation(seen)
         began = time.perf_counter()
         chosen = int(self._policy.select(situation)[0])
         self._elapsed_ms.append((time.perf_counter() - began) * 1e3)
@@ -247,7 +249,7 @@ class _Walk:
         if recorded is None:
             self._report.unknown += 1
             return
-        recorded = self._live.hold if recorded < 0 else recorded
+        recorded = self._view.hold if recorded < 0 else recorded
         if recorded == chosen:
             self._report.same += 1
             self._differs = None
@@ -266,7 +268,7 @@ class _Walk:
         return before[-1] if before else -1
 
     def _name(self, candidate: int) -> str:
-        goal = self._live.goal(candidate)
+        goal = self._view.goal(candidate)
         if goal is None:
             return KIND_NAMES[2]
         kind = f"refuge {candidate - self._assets.pellets}" if goal.pellet is None else f"pellet {goal.pellet}"
@@ -286,6 +288,8 @@ def recorded_config(bag: Bag) -> Config:
             if said["node"] == SELECTOR:
                 fields = differences(make_config().as_dict(), said["configuration"])
                 found = make_config(**{name: value for name, (_, value) in fields.items()})
+                ghosts = ("policy" if name.endswith(".onnx") else name for name in found.clyde.ghosts)  # only seen here
+                found = found.with_fields(**{"clyde.ghosts": tuple(ghosts)})
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
             raise BagError(f"{topics.CONFIGURATION.name}: not a configuration of this version: {error}") from None
     return found

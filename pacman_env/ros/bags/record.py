@@ -40,7 +40,7 @@ RECORDED = (
     topics.CLYDE_SPEED,
     topics.PELLET_MARKERS,
     topics.REMOVE_PELLET,
-    topics.CLYDE_POSE,
+    *topics.GHOST_POSES,
     topics.CLICKED_POINT,
     topics.GAME_EVENT,
     topics.GAME_STATUS,

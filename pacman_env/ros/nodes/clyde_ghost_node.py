@@ -45,7 +45,6 @@ _DIAMETER_M = 0.35  # of the marker; original
 _COLOURS = ((1.0, 0.31, 0.0), (1.0, 0.0, 0.0), (1.0, 0.6, 0.8), (0.0, 1.0, 1.0))
 _OBSTACLE_Z_M = 0.25  # where the costmap looks for him; original
 _LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
-_CLEAR_DISTANCE_M = 0.5  # a costmap is not cleared before a ghost has moved this far
 _ANSWER_S = 10.0  # an answer that is not there by then will not come
 _ALL = np.ones(1, np.bool_)
 
@@ -182,7 +181,8 @@ class ClydeGhostNode(GameNode):
                 self.ghosts.decide(self._choices())
             self.ghosts.step()
             apart = max(map(math.dist, self._cleared_at, self._places()))
-            if self._clear_s and apart >= _CLEAR_DISTANCE_M and not 0 <= now - self._cleared_s < self._clear_s:
+            moved = apart >= self.config.nav2.clear_distance_m
+            if self._clear_s and moved and not 0 <= now - self._cleared_s < self._clear_s:
                 self._clear_costmap()
         self._show()
 

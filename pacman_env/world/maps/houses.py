@@ -45,7 +45,7 @@ def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
 
 
 class House:
-    """A house before it is surveyed: floor, ``rooms``, ``doors`` between them, ``windows``, pieces of ``furniture``.
+    """A house before it is surveyed: its floor, ``rooms``, ``doors`` between them, and pieces of ``furniture``.
 
     ``shapes`` are in m around the middle of the building, ``turn`` in rad; ``dice`` are left for the survey.
     """
@@ -74,7 +74,7 @@ class House:
         for k, leaf, side in leaves:  # once all that must stay clear is known
             if self.dice.chance(_LEAF_SHARE) and self.rooms[k].place(leaf, side):
                 self._add(SOLID, leaf)
-        self.windows = self._build_windows()
+        self._build_windows()
         self.furniture = 0
         for room in self.rooms:
             shapes, pieces = room.furnish(self.dice)
@@ -120,8 +120,8 @@ class House:
         hinge = low + width + 0.03 if dice.chance(0.5) else low - 0.08
         return wall.b, rect(ends[0], hinge, ends[1], hinge + 0.05), (2 if wall.upright else 0) + (sign < 0)
 
-    def _build_windows(self) -> int:
-        dice, count, pitch = self.dice, 0, _PANE_M + _POST_M
+    def _build_windows(self) -> None:
+        dice, pitch = self.dice, _PANE_M + _POST_M
         filled = [*self.floor.rooms, *([self.floor.core] if self.floor.core else [])]
         for k, (x0, y0, x1, y1) in enumerate(self.floor.rooms):
             for side in range(4):  # low y, high y, low x, high x
@@ -138,8 +138,6 @@ class House:
                 for a in (start + n * pitch for n in range(panes)):
                     pane = (a, at - deep, a + _PANE_M, at + deep)
                     self._add(GLASS, pane if side < 2 else (pane[1], pane[0], pane[3], pane[2]))
-                count += 1
-        return count
 
 
 def _turn_degrees(dice: Dice) -> float:

@@ -69,7 +69,15 @@ class OccupancyMap:
         object.__setattr__(self, "grey", grey)
         object.__setattr__(self, "occupancy", occupancy)
         object.__setattr__(self, "origin", tuple(map(float, self.origin)))
-        _check_settings(self.name, **self._settings())
+        if not (math.isfinite(self.resolution) and self.resolution > 0):
+            raise MapError(f"{self.name}: key 'resolution': {self.resolution} must be above 0 m per pixel")
+        if len(self.origin) != 3 or not all(map(math.isfinite, self.origin)):
+            raise MapError(f"{self.name}: key 'origin': {self.origin} must be three finite numbers (x, y, yaw)")
+        for key in ("occupied_thresh", "free_thresh"):
+            if not 0 <= getattr(self, key) <= 1:
+                raise MapError(f"{self.name}: key '{key}': {getattr(self, key)} must be within 0..1")
+        if self.mode not in MODES:
+            raise MapError(f"{self.name}: key 'mode': {reprlib.repr(self.mode)} must be one of {', '.join(MODES)}")
 
     def _settings(self) -> dict[str, Any]:
         keys = ("resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
@@ -264,7 +272,6 @@ def _load(path: Path, name: str) -> OccupancyMap:
         "negate": _negate(path, keys),
         "mode": mode.lower() if isinstance(mode, str) else mode,
     }
-    _check_settings(str(path), **settings)
     image = _required(path, keys, "image")
     if not isinstance(image, str) or not image or "\0" in image:
         raise MapError(f"{path}: key 'image': {reprlib.repr(image)} must be the name of a file")
@@ -272,28 +279,10 @@ def _load(path: Path, name: str) -> OccupancyMap:
         pixels, opaque = read_image(path.parent / image)
     except ImageError as error:
         raise MapError(f"{path}: key 'image': {path.parent / image}: {error}") from error
-    return OccupancyMap.from_pixels(name, pixels, opaque=opaque, **settings)
-
-
-def _check_settings(
-    where: str,
-    *,
-    resolution: float,
-    origin: tuple[float, float, float],
-    occupied_thresh: float,
-    free_thresh: float,
-    negate: bool,
-    mode: str,
-) -> None:
-    if not (math.isfinite(resolution) and resolution > 0):
-        raise MapError(f"{where}: key 'resolution': {resolution} must be above 0 m per pixel")
-    if len(origin) != 3 or not all(map(math.isfinite, origin)):
-        raise MapError(f"{where}: key 'origin': {origin} must be three finite numbers (x, y, yaw)")
-    for key, value in (("occupied_thresh", occupied_thresh), ("free_thresh", free_thresh)):
-        if not 0 <= value <= 1:
-            raise MapError(f"{where}: key '{key}': {value} must be within 0..1")
-    if mode not in MODES:
-        raise MapError(f"{where}: key 'mode': {reprlib.repr(mode)} must be one of {', '.join(MODES)}")
+    try:
+        return OccupancyMap.from_pixels(name, pixels, opaque=opaque, **settings)
+    except MapError as error:
+        raise MapError(f"{path}: {error}") from error
 
 
 def _required(path: Path, keys: dict[Any, Any], key: str) -> Any:

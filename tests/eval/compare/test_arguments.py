@@ -4,7 +4,8 @@ import argparse
 
 import pytest
 
-from eval.compare.arguments import add_game_arguments, at_least, check_goals, game_configs, rule_changes
+from eval.compare.arguments import add_game_arguments, check_goals, game_configs, rule_changes
+from pacman_env.cli.command import whole_number
 from pacman_env.config import ConfigError, make_config
 
 
@@ -15,7 +16,7 @@ def parse(*words: str, several: bool = True) -> argparse.Namespace:
 
 
 def test_whole_numbers_are_taken_from_the_least_to_the_most() -> None:
-    number = at_least(1, 2**64 - 1)
+    number = whole_number(1, 2**64 - 1)
     assert number("1") == 1
     assert number("18446744073709551615") == 2**64 - 1
     for text, message in (("0", "at least 1"), ("18446744073709551616", "at most"), ("1.5", "no whole number")):

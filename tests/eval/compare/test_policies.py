@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
 
-from eval.compare.policies import check_contestants, contestant_names, make_contestant
+from eval.compare.policies import load_policy, named_policies, result_names
 
 
 @pytest.mark.parametrize(
@@ -19,39 +20,36 @@ from eval.compare.policies import check_contestants, contestant_names, make_cont
     ],
 )
 def test_files_are_called_by_their_stems_unless_another_is_called_so(specs: list[str], names: list[str]) -> None:
-    assert contestant_names(specs) == dict(zip(specs, names, strict=True))
+    assert result_names(specs) == dict(zip(specs, names, strict=True))
 
 
 def test_a_registered_policy_is_made_anew_each_time() -> None:
-    assert make_contestant("nearest").name == "nearest"
-    assert make_contestant("nearest") is not make_contestant("nearest")
+    assert load_policy("nearest").name == "nearest"
+    assert load_policy("nearest") is not load_policy("nearest")
 
 
-def test_a_checkpoint_is_refused_by_name_before_the_file_is_opened(tmp_path: Path) -> None:
+@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="nothing here loads checkpoints")
+@pytest.mark.parametrize("content", [None, b"anything"])
+def test_a_file_that_is_no_checkpoint_is_refused_by_name(content: bytes | None, tmp_path: Path) -> None:
     path = tmp_path / "run.zip"
-    with pytest.raises(ValueError, match=r"run\.zip: loading executes code from the file; give --trust"):
-        make_contestant(str(path))
-    path.write_bytes(b"anything")
-    with pytest.raises(ValueError, match="loading executes code"):
-        check_contestants(["nearest", str(path)], trust=False)
+    if content is not None:
+        path.write_bytes(content)
+    for load in (load_policy, lambda spec: named_policies(["nearest", spec])):
+        with pytest.raises(ValueError, match=r"run\.zip: no "):
+            load(str(path))
 
 
-@pytest.mark.skipif(
-    any(importlib.util.find_spec(name) is None for name in ("train.checkpoint", "sb3_contrib")),
-    reason="nothing here loads checkpoints",
-)
-def test_a_trusted_file_that_is_no_checkpoint_is_refused_as_such(tmp_path: Path) -> None:
-    path = tmp_path / "run.zip"
-    path.write_bytes(b"anything")
-    with pytest.raises(ValueError, match=r"run\.zip"):
-        make_contestant(str(path), trust=True)
+def test_a_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(ValueError, match=r"run\.zip: needs torch: pip install 'pacman_env\[train\]'"):
+        load_policy("run.zip")
 
 
 def test_the_packages_planner_is_made_by_its_name() -> None:
-    assert make_contestant("ppo").name == "ppo"
+    assert load_policy("ppo").name == "ppo"
 
 
 @pytest.mark.parametrize("spec", ["nobody", "nowhere.onnx"])
 def test_a_policy_that_there_is_not_is_refused_early(spec: str) -> None:
     with pytest.raises(ValueError, match=spec):
-        check_contestants(["nearest", spec], trust=False)
+        named_policies(["nearest", spec])

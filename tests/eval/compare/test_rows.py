@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eval.compare.rows import Row, make_row
-from eval.compare.statistics import bootstrapped_mean, paired_difference, wilson
+from pacman_env.episodes.statistics import bootstrapped_mean, paired_difference, wilson
 from pacman_env.game.execution import DEAD, TIMEOUT
 from tests.eval.helpers import FIVE, OTHER_FIVE, records
 

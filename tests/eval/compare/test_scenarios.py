@@ -9,9 +9,9 @@ import pytest
 
 from eval.compare import scenarios as sources
 from eval.compare.arguments import LEVELS_PLAYED, add_game_arguments
-from eval.compare.episodes import episode_seeds
-from eval.compare.scenarios import Levels, about_place, named_places, open_place, parts_of_play, places
+from eval.compare.scenarios import Levels, describe_scenario, named_scenarios, open_scenario, parts_of_play, scenarios
 from pacman_env.config import ConfigError
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.sim.maps.generated import TEST_LEVEL, GeneratedMaps
 from pacman_env.world.maps.occupancy import MapError, load_map
 from tests.eval.helpers import CONFIG, LEVELS, LEVELS_CONFIG
@@ -34,7 +34,7 @@ def given(*words: str) -> argparse.Namespace:
     ],
 )
 def test_places_are_what_was_asked_for(words: list[str], expected: list[object]) -> None:
-    assert places(given(*words)) == expected
+    assert scenarios(given(*words)) == expected
 
 
 @pytest.mark.parametrize(
@@ -48,18 +48,18 @@ def test_places_are_what_was_asked_for(words: list[str], expected: list[object])
 )
 def test_what_cannot_be_meant_is_refused(words: list[str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        places(given(*words))
+        scenarios(given(*words))
 
 
 def test_levels_that_the_split_does_not_have_are_refused() -> None:
     with pytest.raises(ConfigError, match="num_levels = 1001"):
-        open_place(Levels("test", None, 1001), CONFIG)
+        open_scenario(Levels("test", None, 1001), CONFIG)
     with pytest.raises(ConfigError, match="start_level = 3"):
-        open_place(Levels("test", 3, 1), CONFIG)
+        open_scenario(Levels("test", 3, 1), CONFIG)
 
 
 def test_levels_are_drawn_and_prepared_as_an_environment_does() -> None:
-    ours = open_place(LEVELS, LEVELS_CONFIG)
+    ours = open_scenario(LEVELS, LEVELS_CONFIG)
     theirs = GeneratedMaps.named("generated:test", LEVELS_CONFIG, None, LEVELS.count)
     seeds = episode_seeds(1, 20)
     np.testing.assert_array_equal(ours.levels_of(seeds), theirs.levels_of(seeds))
@@ -72,15 +72,15 @@ def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_other_pel
     sources._prepared.cache_clear()
     for speed in (0.25, 0.4):
         config = LEVELS_CONFIG.with_fields(**{"clyde.speed_mps": speed, "endless": speed > 0.3})
-        open_place(LEVELS, config).prepare(TEST_LEVEL)
+        open_scenario(LEVELS, config).prepare(TEST_LEVEL)
     assert sources._prepared.cache_info().misses == 1
-    denser = open_place(LEVELS, LEVELS_CONFIG.with_fields(**{"pellets.spacing_m": 1.5})).prepare(TEST_LEVEL)
-    assert denser.pellets > open_place(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).pellets
+    denser = open_scenario(LEVELS, LEVELS_CONFIG.with_fields(**{"pellets.spacing_m": 1.5})).prepare(TEST_LEVEL)
+    assert denser.pellets > open_scenario(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).pellets
 
 
 def test_names_are_the_maps_own_and_that_of_the_split(tmp_path: Path) -> None:
     file = str(load_map("maze").save(tmp_path / "maze.yaml"))
-    assert named_places(["house", file, LEVELS], [LEVELS_CONFIG]) == {
+    assert named_scenarios(["house", file, LEVELS], [LEVELS_CONFIG]) == {
         "house": "house",
         "maze": file,
         "generated:test": LEVELS,
@@ -90,24 +90,28 @@ def test_names_are_the_maps_own_and_that_of_the_split(tmp_path: Path) -> None:
 def test_places_that_could_not_be_told_apart_or_played_on_are_refused(tmp_path: Path) -> None:
     load_map("maze").save(tmp_path / "maze.yaml")
     with pytest.raises(ValueError, match="two maps are called maze"):
-        named_places(["maze", "house", str(tmp_path / "maze.yaml")], [CONFIG])
+        named_scenarios(["maze", "house", str(tmp_path / "maze.yaml")], [CONFIG])
     far = CONFIG.with_fields(**{"clyde.spawn_distance_m": 1000.0})
-    for place in ("house", LEVELS):
+    for scenario in ("house", LEVELS):
         with pytest.raises((ConfigError, MapError), match="spawn_distance_m"):
-            named_places([place], [CONFIG, far])
+            named_scenarios([scenario], [CONFIG, far])
 
 
 def test_a_result_file_says_where_a_place_is_found_again() -> None:
-    assert about_place("maze", "maze", CONFIG) == {"name": "maze", "source": "maze", "hash": load_map("maze").hash}
-    about = about_place("x", LEVELS, LEVELS_CONFIG)
-    assert about["hash"] == open_place(LEVELS, LEVELS_CONFIG).first.occupancy.hash
+    assert describe_scenario("maze", "maze", CONFIG) == {
+        "name": "maze",
+        "source": "maze",
+        "hash": load_map("maze").hash,
+    }
+    about = describe_scenario("x", LEVELS, LEVELS_CONFIG)
+    assert about["hash"] == open_scenario(LEVELS, LEVELS_CONFIG).first.occupancy.hash
     del about["hash"]
     assert about == {"name": "x", "source": "--levels test", "start_level": TEST_LEVEL, "num_levels": 2}
 
 
 def test_parts_hold_every_round_once_and_rounds_of_a_level_together() -> None:
     seeds, many = episode_seeds(0, 400), Levels("test", None, 250)
-    levels = open_place(many, LEVELS_CONFIG).levels_of(seeds)
+    levels = open_scenario(many, LEVELS_CONFIG).levels_of(seeds)
     parts = parts_of_play(many, LEVELS_CONFIG, seeds, 2)
     assert sorted(np.concatenate(parts)) == list(range(400))
     assert len(parts) > 2

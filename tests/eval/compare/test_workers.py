@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.compare.episodes import episode_seeds
 from eval.compare.workers import Block, play_all
+from pacman_env.episodes.rollout import episode_seeds
 from tests.eval.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
 
 

@@ -6,19 +6,19 @@ import re
 import numpy as np
 import pytest
 
-from eval.compare.episodes import episode_seeds
-from eval.compare.scenarios import Place, open_place
-from eval.replay.recording import Watched, film
+from eval.compare.scenarios import Scenario, open_scenario
+from eval.replay.recording import RecordedGame, film
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.game.ghosts import BEHAVIOURS
 from tests.eval.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 
 SEED = episode_seeds(5, 1)[0]
 
 
-def watched(policy: str, place: Place = "house", config: Config = CONFIG, seed: np.uint64 = SEED) -> Watched:
-    game = Watched(open_place(place, config), config, policy, seed, policy.upper())
+def watched(policy: str, scenario: Scenario = "house", config: Config = CONFIG, seed: np.uint64 = SEED) -> RecordedGame:
+    game = RecordedGame(open_scenario(scenario, config), config, policy, seed, policy.upper())
     while not game.over:
         game.step()
     return game
@@ -73,7 +73,7 @@ def test_a_score_beats_that_of_the_goal_before_where_that_may_still_be_chosen() 
 
 
 def test_a_film_shows_the_games_side_by_side_until_the_last_has_ended() -> None:
-    games = [Watched(open_place("house", CONFIG), CONFIG, name, SEED, name) for name in ("nearest", "random")]
+    games = [RecordedGame(open_scenario("house", CONFIG), CONFIG, name, SEED, name) for name in ("nearest", "random")]
     frames = list(film(games, 120))
     longest = max(played(policy)[0]["time_s"][0] for policy in ("nearest", "random"))
     assert len(frames) == 1 + round(longest / CONFIG.execution.tick_s)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from eval.compare.episodes import episode_seeds
 from eval.replay.__main__ import main
-from eval.replay.page import page
-from eval.replay.recording import Change, Watched
+from eval.replay.recording import Change, RecordedGame
+from eval.templates import render
+from pacman_env.episodes.rollout import episode_seeds
 from tests.eval.helpers import CONFIG, played, played_on_levels, refused_in_one_line
 from tests.eval.replay.test_video import film
 
@@ -64,11 +64,11 @@ def test_the_film_lies_in_results_unless_it_is_named(tmp_path: Path, monkeypatch
 
 
 def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
-    from eval.compare.scenarios import open_place
+    from eval.compare.scenarios import open_scenario
 
-    game = Watched(open_place("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
+    game = RecordedGame(open_scenario("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
     game.changes.append(Change("1.0 s", "pellet & more", "<script>"))
-    text = page("a < b", b"film", [game])
+    text = render("replay.html.j2", title="a < b", video="", games=[game])
     for escaped in ("&lt;b&gt;policy", "pellet &amp; more", "&lt;script&gt;", "<h1>a &lt; b</h1>"):
         assert escaped in text
     assert "<script" not in text
@@ -91,7 +91,7 @@ def test_what_is_not_installed_is_named(
         (["first"], "'first' is no whole number"),
         ([], "SEED"),
         (["1", "--policies", "nobody"], "unknown policy 'nobody'"),
-        (["1", "--policies", "run.zip"], "give --trust"),
+        (["1", "--policies", "run.zip"], "run.zip: "),
         (["1", "--out", "film.avi"], "must end in one of .mp4, .gif, .html"),
         (["1", "--map", "house", "--levels", "test"], "not beside --map"),
         (["1", "--map", "nowhere"], "nowhere"),

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eval.compare.__main__ import main
-from eval.replay.video import save_video
+from eval.replay.recording import save_video
 
 
 def film(path: Path) -> list[NDArray]:

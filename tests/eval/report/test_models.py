@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
-from eval.report.models import model_facts
+from eval.report.__main__ import model_facts
 from pacman_env.policies.metadata import read_planner
 from tests.train.planners import random_planner
 

@@ -4,8 +4,7 @@ import shlex
 
 import pytest
 
-from eval.compare.episodes import episode_seeds
-from eval.compare.scenarios import Levels, Place
+from eval.compare.scenarios import Levels, Scenario
 from eval.report.plan import (
     ENDLESS_GAMES,
     ROUNDS,
@@ -17,18 +16,16 @@ from eval.report.plan import (
     replay_command,
 )
 from pacman_env.config import ConfigError, make_config
+from pacman_env.episodes.rollout import episode_seeds
 
 HOUSE, LEVELS = "some folder/house.yaml", Levels("test", None, 7)
 
 
-def plan(
-    *variants: str, settings: tuple[str, ...] = (), trust: bool = False, file: str = "runs/best.onnx", **maps: Place
-) -> Plan:
+def plan(*variants: str, settings: tuple[str, ...] = (), file: str = "runs/best.onnx", **maps: Scenario) -> Plan:
     return Plan(
         maps={"house": HOUSE, "generated:test": LEVELS, **maps},
         policies={"clyde_aware": "clyde_aware", "best": file},
         baseline="clyde_aware",
-        trust=trust,
         preset="ideal",
         execution="as_built",
         settings=settings,
@@ -51,7 +48,7 @@ def test_everything_is_played_once() -> None:
     ]
     assert len(work) == 2 * len(house)
     for cell, block in work.items():
-        assert block.map == (HOUSE if cell.map == "house" else LEVELS)
+        assert block.scenario == (HOUSE if cell.map == "house" else LEVELS)
         assert block.policy == ("runs/best.onnx" if cell.policy == "best" else "clyde_aware")
         assert block.config.clyde.speed_mps == cell.speed
         assert block.config.endless == (cell.part == ENDLESS_GAMES)
@@ -100,16 +97,16 @@ def test_what_is_not_played_in_single_rounds_is_named(changes: dict[str, object]
 
 def test_a_replay_repeats_everything_that_decides_a_round() -> None:
     words = shlex.split(replay_command(plan(settings=("refuges.nooks=0", "time_limit_s=60")), "house", 2**63))
-    assert words[:6] == ["python", "-m", "eval.replay", str(2**63), "--map", "some folder/house.yaml"]
-    assert words[6:11] == ["--policies", "runs/best.onnx", "clyde_aware", "--clyde-speed", "0.25"]
-    assert words[11:15] == ["--preset", "ideal", "--execution", "as_built"]
-    assert words[15:] == ["--set", "refuges.nooks=0", "--set", "time_limit_s=60"]
-    words = shlex.split(replay_command(plan(trust=True), "generated:test", 5))
-    assert words[4:8] == ["--levels", "test", "--num-levels", "7"]
-    assert words[8:12] == ["--policies", "runs/best.onnx", "clyde_aware", "--clyde-speed"]  # what it needs no trust for
-    words = shlex.split(replay_command(plan(trust=True, file="a.zip", some=Levels("train", 5, 9)), "some", 5))
-    assert words[4:10] == ["--levels", "train", "--num-levels", "9", "--start-level", "5"]
-    assert words[10:14] == ["--policies", "a.zip", "clyde_aware", "--trust"]
+    assert words[:5] == ["pacman-env", "replay", str(2**63), "--map", "some folder/house.yaml"]
+    assert words[5:10] == ["--policies", "runs/best.onnx", "clyde_aware", "--clyde-speed", "0.25"]
+    assert words[10:14] == ["--preset", "ideal", "--execution", "as_built"]
+    assert words[14:] == ["--set", "refuges.nooks=0", "--set", "time_limit_s=60"]
+    words = shlex.split(replay_command(plan(), "generated:test", 5))
+    assert words[3:7] == ["--levels", "test", "--num-levels", "7"]
+    assert words[7:11] == ["--policies", "runs/best.onnx", "clyde_aware", "--clyde-speed"]
+    words = shlex.split(replay_command(plan(file="a.zip", some=Levels("train", 5, 9)), "some", 5))
+    assert words[3:9] == ["--levels", "train", "--num-levels", "9", "--start-level", "5"]
+    assert words[9:12] == ["--policies", "a.zip", "clyde_aware"]
 
 
 def test_the_challenger_is_the_first_that_is_not_the_baseline() -> None:

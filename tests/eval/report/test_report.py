@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from eval.compare.statistics import wilson
 from eval.replay.__main__ import main as replay
 from eval.report.__main__ import main
 from eval.report.page import headline, render_page
 from pacman_env import __version__
+from pacman_env.episodes.statistics import wilson
 from pacman_env.game.execution import COMPLETE
 from pacman_env.world.maps.occupancy import load_map
 from tests.eval.helpers import CONFIG, refused_in_one_line
@@ -25,7 +25,7 @@ VOID = {"meta", "br", "path", "circle", "rect", "polyline", "polygon", "i"}
 
 
 class Tags(HTMLParser):
-    """Every tag is closed in its place; attributes that name files are kept."""
+    """Every tag is closed in its scenario; attributes that name files are kept."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ def test_the_json_says_what_was_played(made: tuple[dict[str, Any], Path]) -> Non
     assert (report["version"], report["seed"], report["execution"]) == (__version__, 5, "as_built")
     occupancy = load_map("house")
     assert [(m["name"], m["hash"]) for m in report["maps"]] == [("house", occupancy.hash)]
-    assert report["command"].startswith("python -m eval.report --set pellets.spacing_m=3")
+    assert report["command"].startswith("pacman-env report --set pellets.spacing_m=3")
     assert f"--out {page}" in report["command"]
     assert report["config"] == json.loads(json.dumps(CONFIG.as_dict()))
     assert [(p["name"], p["baseline"]) for p in report["policies"]] == [("clyde_aware", False), ("random", True)]
@@ -123,7 +123,7 @@ def test_the_pair_holds_exactly_the_rounds_that_part_them(made: tuple[dict[str, 
     assert len(report["pair"]["wins"]) > 0
     row = report["pair"]["wins"][0]
     assert (row["ours"]["end"], row["theirs"]["end"] != "complete") == ("complete", True)
-    assert row["command"].startswith(f"python -m eval.replay {row['seed']} --map house")
+    assert row["command"].startswith(f"pacman-env replay {row['seed']} --map house")
     assert row["command"] in " ".join("".join(Tags(page.read_text()).text).split())
 
 
@@ -138,9 +138,9 @@ def test_the_command_beside_a_round_plays_it_again(
     pair = made[0]["pair"]
     row = pair[side][0]
     words = shlex.split(row["command"])
-    assert words[:3] == ["python", "-m", "eval.replay"]
+    assert words[:2] == ["pacman-env", "replay"]
     monkeypatch.chdir(tmp_path)
-    assert replay(words[3:]) == 0
+    assert replay(words[2:]) == 0
     assert (tmp_path / "results" / f"replay-{row['seed']}.mp4").stat().st_size > 1000
     text = capsys.readouterr().out
     for policy, outcome in ((pair["policy"], row["ours"]), (pair["baseline"], row["theirs"])):
@@ -249,9 +249,9 @@ def test_the_headline_claims_no_more_than_the_interval(
         (["--baseline", "nearst"], "unknown policy 'nearst'"),
         (["--episodes", "1"], "must be at least 2"),
         (["--speeds", "-1"], "clyde.speed_mps"),
-        (["--clyde-speed", "nan"], "clyde.speed_mps"),
+        (["--clyde-speed", "nan"], "'nan' is not a finite number"),
         (["--set", "clyde.speed_mps=1"], "--clyde-speed"),
-        (["--policies", "run.zip"], "give --trust"),
+        (["--policies", "run.zip"], "run.zip: "),
         (["--set", "endless=true"], "endless = True: is what --endless N plays"),
         (["--set", "nav2.haste=1"], "unknown configuration field 'nav2.haste'"),
         (["--variant", "calm"], "must be NAME=SETTINGS"),

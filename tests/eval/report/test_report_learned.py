@@ -16,11 +16,11 @@ pytest.importorskip("sb3_contrib")
 
 from sb3_contrib import MaskablePPO
 
-from eval.compare.episodes import episode_seeds, play
 from eval.replay.__main__ import main as replay
 from eval.report.__main__ import main
 from pacman_env.config import make_config
 from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.maps.assets import map_assets
 from tests.train.planners import FACTS, random_planner
@@ -61,7 +61,7 @@ def test_a_planners_file_is_reported_and_seen_again(
     row = (made["pair"]["wins"] + made["pair"]["losses"])[0]
     assert (tmp_path / row["film"]).is_file()
     monkeypatch.chdir(tmp_path)
-    assert replay(shlex.split(row["command"])[3:]) == 0
+    assert replay(shlex.split(row["command"])[2:]) == 0
     text = capsys.readouterr().out
     for name, outcome in (("mine", row["ours"]), ("nearest", row["theirs"])):
         assert f"{outcome['time_s']:.1f} s, {outcome['collected']} of {outcome['pellets']} pellets" in (
@@ -69,19 +69,14 @@ def test_a_planners_file_is_reported_and_seen_again(
         )
 
 
-def test_a_checkpoint_takes_part_if_it_is_trusted_and_plays_as_its_export(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_checkpoint_takes_part_and_plays_as_its_export(tmp_path: Path) -> None:
     checkpoint, exported = tmp_path / "run.zip", tmp_path / "mine.onnx"
     env = PacManBotVecEnv(2, map="house", observation="planner")
     MaskablePPO(EntityPolicy, env, n_steps=4, batch_size=8, seed=0, device="cpu").save(checkpoint)
     write_facts(facts_path(checkpoint), FACTS)
-    export_planner(load_network(checkpoint, trust=True), exported, FACTS)
+    export_planner(load_network(checkpoint), exported, FACTS)
     policies = ["--policies", str(checkpoint), str(exported), "--baseline", "nearest"]
-    assert main([*FEW, *policies, "--out", str(tmp_path / "page.html")]) == 2
-    assert "run.zip: loading executes code from the file; give --trust" in capsys.readouterr().err
-    made = report(tmp_path, *policies, "--trust")
+    made = report(tmp_path, *policies)
     assert set(played(made, "run")) == {"rounds", "endless games"}
     assert len(set(played(made, "run")["rounds"]["collected"])) > 1
     assert played(made, "run") == played(made, "mine")
-    assert all(" --trust " in row["command"] for row in made["pair"]["wins"] + made["pair"]["losses"])

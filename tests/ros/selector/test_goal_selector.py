@@ -114,12 +114,12 @@ def test_bad_messages_reach_nothing_but_the_log(game: Game) -> None:
     game.say(topics.CLYDE_SPEED, -1.0)
     broken = [transform_message("odom", "base_link", (math.nan, 0.0, 0.0), game.probe.stamp())]
     game.say(topics.TF, topics.TF.type(transforms=broken))
-    condition = game.condition(lambda c: "bad tf" in c["troubles"] and c["pellets_strange"], "the troubles")
+    condition = game.condition(lambda c: "bad tf" in c["troubles"] and c["pellets_unknown"], "the troubles")
     assert set(condition["troubles"]) >= {
         *("bad amcl_pose", "bad clyde_pose", "bad game_command", "bad game_state", "bad clyde/speed"),
         *("bad tf", "strange pellets", "off the map"),
     }
-    assert sorted(condition["pellets_strange"]) == sorted(foreign)
+    assert sorted(condition["pellets_unknown"]) == sorted(foreign)
     assert condition["state"] == "running"
     assert process.output.count("bad") < 20
     game.stand(*game.pose)
@@ -135,7 +135,7 @@ def test_ten_thousand_markers_do_not_hold_the_robot_up(game: Game) -> None:
     game.running_goal(1)
     many = dict(game.left) | {100_000 + k: (0.01 * k, 0.0) for k in range(10_000 - len(game.left) - 1)}
     game.say(topics.PELLET_MARKERS, markers_of(many, game.probe.stamp()))
-    game.condition(lambda c: len(c["pellets_strange"]) == 20 and c["pellets_left"] == len(game.left), "the markers")
+    game.condition(lambda c: len(c["pellets_unknown"]) == 20 and c["pellets_left"] == len(game.left), "the markers")
     x, y, _ = game.pose
     game.clyde(x, y + 0.1)
     game.status("death_detected")
@@ -175,7 +175,7 @@ def test_a_decision_takes_less_than_20_ms(policy: str) -> None:
     cells = house().clyde.position[house().clyde.cells_in(0)]
     for k in range(1000):
         now = 0.5 * k
-        selection.live.see_ghost(0, *cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
+        selection.view.see_ghost(0, *cells[(37 * k) % len(cells)].tolist(), int(now * 1e9) + 1)
         before = time.thread_time()
         selection.decide(now, sent.extend)
         took.append(time.thread_time() - before)

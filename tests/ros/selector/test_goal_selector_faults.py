@@ -40,7 +40,7 @@ def test_fault_5_a_rejected_goal_is_not_asked_for_again_and_again(game: Game) ->
     game.running_goal(4)
     assert len(set(game.nav2.all[:4])) == 4
     condition = game.condition(lambda c: c["goals_rejected"] == 3)
-    assert len(condition["barred"]) == 3
+    assert len(condition["masked"]) == 3
 
 
 def test_fault_6_a_goal_accepted_after_disable_is_cancelled_at_once(game: Game) -> None:

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.compare.episodes import MOST_ROUNDS, allowed, episode_seeds, play
-from eval.compare.scenarios import open_place
+from eval.compare.scenarios import open_scenario
+from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies import registry
@@ -89,7 +89,7 @@ def test_a_choice_that_is_forbidden_becomes_hold() -> None:
 def test_a_round_on_a_level_does_not_depend_on_the_batch(batch_size: int) -> None:
     records = played_on_levels("lookahead")
     np.testing.assert_array_equal(records, played_on_levels("lookahead", batch_size))
-    np.testing.assert_array_equal(records["level"], open_place(LEVELS, LEVELS_CONFIG).levels_of(episode_seeds(5, 8)))
+    np.testing.assert_array_equal(records["level"], open_scenario(LEVELS, LEVELS_CONFIG).levels_of(episode_seeds(5, 8)))
     assert len(set(records["level"])) == 2
 
 

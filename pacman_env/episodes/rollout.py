@@ -1,4 +1,4 @@
-"""Rounds, or endless games, played by a policy: seeds in, one record for each out.
+"""Rounds, or endless games, played by a policy in the simulator: seeds in, one record for each out.
 
 The records depend on map, configuration, policy and seeds alone, not on the batch a round is played in.
 """
@@ -12,10 +12,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.compare.policies import make_contestant
 from pacman_env.config import Config
 from pacman_env.game.execution import COMPLETE, RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import LevelSource
@@ -63,11 +63,10 @@ def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDAr
 def play(
     source: LevelSource | MapAssets,
     config: Config,
-    spec: str | Policy,
+    robot: str | Policy,
     seeds: NDArray[np.uint64],
     *,
     batch_size: int = BATCH,
-    trust: bool = False,
     ghost: Policy | None = None,
     on_end: Callable[[int], object] | None = None,
 ) -> tuple[NDArray, NDArray[np.float64]]:
@@ -76,11 +75,10 @@ def play(
     Args:
         source: the map, or levels of which each seed draws one.
         config: the game.
-        spec: the policy, or what :func:`eval.compare.policies.make_contestant` makes it from.
+        robot: the policy, or what ``make_policy`` makes it from.
         seeds: (E,) at least one.
         batch_size: at most so many games at once.
-        trust: the policy may be a checkpoint.
-        ghost: in the seat of the only ghost, whose behaviour is ``policy``.
+        ghost: the policy of the only ghost, whose behaviour is ``policy``.
         on_end: called with the number of rounds that ended in a step.
 
     Returns:
@@ -90,7 +88,7 @@ def play(
     """
     n = min(batch_size, len(seeds))
     batch = GameBatch(source, config, n)
-    policy, timed = (make_contestant(spec, trust) if isinstance(spec, str) else copy.copy(spec) for _ in range(2))
+    policy, timed = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
     clock = _DecisionClock(timed)
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
@@ -104,8 +102,8 @@ def play(
         situation = batch.situation()
         playing = np.flatnonzero(episode >= 0)
         clock.look(situation, playing)
-        told = None if ghost is None else ghost.select(batch.situation(0))[:, None]
-        batch.step(_choices(policy, situation, playing, batch.hold), told)
+        ghost_goal = None if ghost is None else ghost.select(batch.situation(0))[:, None]
+        batch.step(_choices(policy, situation, playing, batch.hold), ghost_goal)
         follows = batch.games["tick_rounds"] > 0
         if follows.any():
             before_s[follows] += situation.time_s[follows] + config.execution.tick_s
@@ -131,7 +129,7 @@ def play(
 
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """What the policy picks for each game; towards the end, when few still play, it is not asked about the others."""
+    """(N,) the policy's choice for each game; when few still play, it is not asked about the others."""
     nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
     if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
         return allowed(situation, policy.select(situation), hold)
@@ -142,7 +140,7 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
 
 
 def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:
-    """What came of the games ``index``."""
+    """The records of the games ``index``."""
     games = batch.games[index]
     result = np.zeros(len(index), dtype=EPISODE)
     result["seed"] = games["episode_seed"]

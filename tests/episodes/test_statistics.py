@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from eval.compare.statistics import (
+from pacman_env.episodes.statistics import (
     bootstrap_weights,
     bootstrapped_improvement,
     bootstrapped_iqm,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from eval.files import prepare, replaced
+from pacman_env.files import prepare, replaced
 
 
 def test_folders_are_created(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Estimates and their confidence intervals. What is counted is decided in ``rows`` and ``report_numbers``."""
+"""Estimates and their confidence intervals. What is counted is decided by whoever reports it."""
 
 from __future__ import annotations
 

@@ -1,0 +1,92 @@
+"""The frame of every command: one line for whatever is wrong, and argument types that check a range."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+ERROR_STATUS = 2
+
+
+class Parser(argparse.ArgumentParser):
+    """Bad arguments are one line on stderr, as every other error."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print it and exit with status 2."""
+        self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
+
+
+def run_command(
+    parser: argparse.ArgumentParser,
+    argv: Sequence[str] | None,
+    work: Callable[[argparse.Namespace], int | None],
+    extra: str = "eval",
+) -> int:
+    """Parse the arguments and do the work with them.
+
+    Args:
+        parser: of the command.
+        argv: its arguments; None: those of the process.
+        work: returns an exit status; None is 0.
+        extra: of the package, whose libraries the work needs.
+
+    Returns:
+        The exit status: the work's, or 2 after one line on stderr.
+
+    Raises:
+        SystemExit: after ``--help`` and bad arguments, as argparse does.
+    """
+    arguments = parser.parse_args(argv)
+    return guarded(parser.prog, lambda: work(arguments), extra)
+
+
+def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> int:
+    """The exit status of ``work``; what it cannot do becomes one line on stderr and 2."""
+    try:
+        return work() or 0
+    except ModuleNotFoundError as error:
+        message = f"needs {error.name}: pip install 'pacman_env[{extra}]'"
+    except (ValueError, OSError, FloatingPointError) as error:  # MapError and ConfigError are ValueErrors
+        message = " ".join(str(error).split())
+    print(f"{prog}: {message}", file=sys.stderr)
+    return ERROR_STATUS
+
+
+def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """An argument type: a whole number of at least ``least``, and at most ``most``."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+        _check_range(text, value, least, most)
+        return value
+
+    return parse
+
+
+def finite_number(least: float | None = None, most: float | None = None) -> Callable[[str], float]:
+    """An argument type: a finite number of at least ``least``, and at most ``most``."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+        _check_range(text, value, least, most)
+        return value
+
+    return parse
+
+
+def _check_range(text: str, value: float, least: float | None, most: float | None) -> None:
+    if least is not None and value < least:
+        raise argparse.ArgumentTypeError(f"{text}: must be at least {least}")
+    if most is not None and value > most:
+        raise argparse.ArgumentTypeError(f"{text}: must be at most {most}")

@@ -1,0 +1,1 @@
+"""Episodes that policies play in the simulator, and the statistics of what comes of them."""

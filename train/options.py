@@ -1,0 +1,88 @@
+"""A dataclass of settings as options of a command: names, types and defaults are its fields', help the words below."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import dataclasses
+import inspect
+import itertools
+import textwrap
+import types
+import typing
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pacman_env.cli.command import finite_number
+
+T = TypeVar("T")
+_SCALARS: dict[Any, dict[str, Any]] = {
+    int: {"type": int, "metavar": "N"},
+    float: {"type": finite_number(), "metavar": "X"},
+    str: {"metavar": "WORD"},
+    Path: {"type": Path, "metavar": "PATH"},
+}
+
+
+def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, default: T) -> T:
+    """A dataclass like ``default`` with what is given on the command line; dataclasses in it are options of their own.
+
+    Raises:
+        SystemExit: after ``--help``, bad arguments, and values that the dataclass refuses.
+    """
+    _add_options(parser, default)
+    arguments = vars(parser.parse_args(argv))
+    try:
+        return _replaced(default, arguments)
+    except ValueError as error:
+        parser.error(str(error))
+
+
+def _add_options(parser: argparse.ArgumentParser, default: Any) -> None:
+    words, hints = _help(type(default)), typing.get_type_hints(type(default))
+    for name, value in _values(default).items():
+        if dataclasses.is_dataclass(value):
+            _add_options(parser, value)
+            continue
+        shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
+        text = f"{words.get(name, '')} ({shown})".lstrip().replace("%", "%%")
+        parser.add_argument(f"--{name.replace('_', '-')}", default=value, help=text, **_kind(hints[name]))
+
+
+def _replaced(default: T, given: dict[str, Any]) -> T:
+    changes = {}
+    for name, value in _values(default).items():
+        new = _replaced(value, given) if dataclasses.is_dataclass(value) else given[name]
+        changes[name] = tuple(new) if isinstance(new, list) else new
+    return dataclasses.replace(default, **changes)  # type: ignore[type-var]
+
+
+def _values(default: Any) -> dict[str, Any]:
+    return {field.name: getattr(default, field.name) for field in dataclasses.fields(default)}
+
+
+def _kind(hint: Any) -> dict[str, Any]:
+    """The arguments of ``add_argument`` for a value of this type."""
+    if hint is bool:
+        return {"action": argparse.BooleanOptionalAction}
+    if typing.get_origin(hint) is types.UnionType:
+        (hint,) = (one for one in typing.get_args(hint) if one is not type(None))
+    if typing.get_origin(hint) is not tuple:
+        return _SCALARS[hint]
+    first, second = typing.get_args(hint)
+    if second is not Ellipsis:
+        return {**_SCALARS[first], "nargs": 2}
+    return {"choices": typing.get_args(first), "nargs": "*"}
+
+
+def _help(kind: type) -> dict[str, str]:
+    """The string below each field of a class."""
+    (node,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(node, ast.ClassDef)
+    return {
+        field.target.id: " ".join(inspect.cleandoc(words.value.value).split())
+        for field, words in itertools.pairwise(node.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(words, ast.Expr) and isinstance(words.value, ast.Constant) and isinstance(words.value.value, str)
+    }
