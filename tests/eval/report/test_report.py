@@ -257,7 +257,7 @@ def test_the_headline_claims_no_more_than_the_interval(
         (["--variant", "calm"], "must be NAME=SETTINGS"),
         (["--variant", "v=action=velocity"], "--variant v: action = 'velocity'"),
         (["--variant", "v=refuges.nooks=0", "v=refuges.nooks=1"], "--variant v: given twice"),
-        (["--variant", "v=clyde.spawn_distance_m=1000"], "spawn_distance_m"),
+        (["--variant", "v=clyde.spawn_distance_m=-1"], "spawn_distance_m"),
         (["--out", "page.htm"], "must end in .html"),
         (["--json", "page.html", "--out", "page.html"], "is the page's file too"),
     ],

@@ -133,7 +133,7 @@ def test_clydes_in_a_pocket_walk_alike_alone_and_among_games_in_another_phase() 
     assets = map_assets(drawn(rows, square_m=0.55, origin=(-2.5, -2.0, 0.0)), config)
     together = seeded(GameBatch(assets, config, 600))
     together.step(np.full(600, together.hold))
-    part = assets.clyde.part[together._ghost_paths[:, 0, 0]]
+    part = assets.clyde.part[together._ghosts.paths[:, 0, 0]]
     pocket = int(np.flatnonzero(part > 0)[0])
     late = np.array([k for k in range(600) if k != pocket])
     alone = seeded(GameBatch(assets, config, 1), pocket)
@@ -196,7 +196,7 @@ def test_pellets_are_picked_up_within_the_radius_and_no_others(preset: str) -> N
     assert (batch.games["collected"][0], batch.games["tick_pellets"][0]) == (3, 0)
 
 
-def test_the_last_pellet_completes_the_round_and_death_at_the_same_time_comes_first() -> None:
+def test_the_last_pellet_completes_the_round_also_where_clyde_is_at_the_same_time() -> None:
     everywhere = {**SHY, "execution.pickup_radius_m": 100.0}
     batch = new_batch(make_config("robot", **everywhere))
     batch.step(np.array([0]))
@@ -204,7 +204,7 @@ def test_the_last_pellet_completes_the_round_and_death_at_the_same_time_comes_fi
     assert (game["end"], game["collected"], game["spawned"]) == (COMPLETE, batch.assets.pellets, batch.assets.pellets)
     batch = new_batch(make_config("robot", **{**everywhere, "execution.death_radius_m": 100.0}))
     batch.step(np.array([0]))
-    assert (batch.games["end"][0], batch.games["collected"][0]) == (DEAD, batch.assets.pellets)
+    assert (batch.games["end"][0], batch.games["collected"][0]) == (COMPLETE, batch.assets.pellets)
 
 
 def test_the_time_limit_ends_a_round_at_its_tick() -> None:

@@ -121,7 +121,7 @@ def test_from_a_pocket_there_is_no_way_so_he_wanders_there_and_pursues_no_place(
     np.testing.assert_array_equal(told.ghosts["place"][:, 0], np.where(pocket, -1, 0))
 
 
-@pytest.mark.parametrize("bad", [[[0], [-1]], [[24], [0]], [[0, 0], [0, 0]], [0, 0]])
+@pytest.mark.parametrize("bad", [[[0], [-1]], [[27], [0]], [[0, 0], [0, 0]], [0, 0]])
 def test_choices_that_are_none_are_refused_and_change_nothing(bad: list[Any]) -> None:
     batch, twin = (games(2, "policy") for _ in range(2))
     assert batch.hold == 23
