@@ -208,14 +208,14 @@ class Table:
                 "map_yaml": map_yaml,
                 "speed": speed,
                 "home": f"{_at(*_HOME)[0]},{_at(*_HOME)[1]},0.0",
-                "settings": ["localization.sigma_xy_m=0.01", "localization.sigma_yaw_rad=0.02"],  # the closet is narrow
             },
             "pellet_manager": {"map_yaml": map_yaml},
             "clyde_ghost_node": {"map_yaml": map_yaml, "seed": 1},
             SELECTOR: {"map_yaml": map_yaml, "policy": policy},
         }
+        settings = ["localization.sigma_xy_m=0.01", "localization.sigma_yaw_rad=0.02"]  # the closet is narrow
         for node in (SIMULATOR, *GAME, SELECTOR):
-            system.start(module_of(node), use_sim_time=True, **own.get(node, {}))
+            system.start(module_of(node), use_sim_time=True, settings=settings, **own.get(node, {}))
         waiter = system.start(module_of(WAIT), use_sim_time=True)
         probe.wait_for(lambda: waiter.popen.poll() == 0, UP_S, "the robot's pose")
         probe.wait_for(self._ready, UP_S, "the planner")
@@ -224,7 +224,8 @@ class Table:
     def _ready(self) -> bool:
         condition = json.loads(self.tape.value(DIAGNOSTICS) or "{}")
         wanted = {"active": True, "nav2": True, "state": "menu", "pellets_left": PELLETS}
-        known = all(condition.get(name) is not None for name in ("home", "clyde", "pose"))
+        known = all(condition.get(name) is not None for name in ("home", "pose"))
+        known = known and None not in condition["ghosts"]["clyde"]
         return known and all(condition[name] == value for name, value in wanted.items())
 
     def _greet(self) -> None:
