@@ -25,6 +25,7 @@ from tqdm import tqdm
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.files import write_json
 from pacman_env.policies.learned import LearnedPlanner
@@ -40,7 +41,6 @@ from .ghost_games import make_ghost_games
 from .imitation import imitate
 from .network import EntityNetwork
 from .opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from .options import parse_options
 from .policy import new_model
 from .run import LearningRate, TrainingCallback, facts_of, restore
 

@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from itertools import chain
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +24,6 @@ from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 
 Make = Callable[[], PacManBotVecEnv]
-
-
-class _Process(Protocol):
-    """A place where parts are stepped: a call that is sent is answered by the next ``receive``."""
-
-    def send(self, call: str, arguments: Sequence[tuple[Any, ...]]) -> None: ...
-
-    def receive(self) -> list[Any]: ...
 
 
 class _Part:
@@ -71,24 +63,18 @@ class _Part:
         self.games.close()
 
 
-class _Here:
-    """Parts in this process."""
+class _Parts:
+    """Parts in one process."""
 
     def __init__(self) -> None:
         self.parts: list[_Part] = []
-        self._sent: tuple[str, Sequence[tuple[Any, ...]]] = "", ()
 
-    def send(self, call: str, arguments: Sequence[tuple[Any, ...]]) -> None:
-        """Keep what is to be done; it is done when the answer is asked for, while workers do theirs."""
-        self._sent = call, arguments
-
-    def receive(self) -> list[Any]:
-        """The answers of all parts to what was sent, a call of theirs; ``make`` gives this process other parts."""
-        call, arguments = self._sent
-        if call == "make":
+    def call(self, name: str, arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """The answers of all parts to a call of theirs; ``make`` gives the process other parts."""
+        if name == "make":
             self.parts = [_Part(*one) for one in arguments]
-            call, arguments = "size", [()] * len(self.parts)
-        return [getattr(part, call)(*one) for part, one in zip(self.parts, arguments, strict=True)]
+            name, arguments = "size", [()] * len(self.parts)
+        return [getattr(part, name)(*one) for part, one in zip(self.parts, arguments, strict=True)]
 
 
 class Worker:
@@ -101,14 +87,14 @@ class Worker:
         self._process.start()
         other.close()
 
-    def send(self, call: str, arguments: Sequence[tuple[Any, ...]]) -> None:
-        """Have something done there, as ``_Here`` does it.
+    def send(self, name: str, arguments: Sequence[tuple[Any, ...]]) -> None:
+        """Have a call answered there, as ``_Parts.call`` does it.
 
         Raises:
             RuntimeError: the process has ended.
         """
         try:
-            self._pipe.send((call, arguments))
+            self._pipe.send((name, arguments))
         except OSError:
             raise self._ended() from None
 
@@ -143,22 +129,23 @@ class Worker:
     def close(self) -> None:
         """End the process."""
         self._pipe.close()
-        self._process.join(timeout=5.0)
+        self._process.join(timeout=60.0)  # it may still be importing what it needs
         if self._process.is_alive():
-            self._process.terminate()
+            self._process.kill()
+            self._process.join()
 
 
 def _serve(pipe: Connection) -> None:
     """The work of a worker, until nobody sends any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is for the process that learns
-    here = _Here()
+    parts = _Parts()
     while True:
         try:
-            here.send(*pipe.recv())
+            call = pipe.recv()
         except (EOFError, OSError):
             return
         try:
-            result, error = here.receive(), None
+            result, error = parts.call(*call), None
         except Exception:  # whatever it is, it is told
             result, error = [], traceback.format_exc()
         pipe.send((result, error))
@@ -178,9 +165,8 @@ class ParallelGames(VecEnv):
     def __init__(self, parts: Sequence[Make], workers: Sequence[Worker] = ()) -> None:
         if not parts:
             raise ValueError("no games to play")
-        self.here = _Here()
-        self._processes: list[_Process] = [self.here]
-        self._processes.extend(workers[: len(parts) - 1])
+        self.here = _Parts()
+        self._workers = list(workers[: len(parts) - 1])
         self._parts = len(parts)
         games, candidates = zip(*self._all("make", parts), strict=True)
         if len(set(candidates)) != 1:
@@ -190,15 +176,16 @@ class ParallelGames(VecEnv):
         super().__init__(int(self._ends[-1]), self._own.observation_space, self._own.action_space)
         self._actions: NDArray[Any] = np.zeros(self.num_envs, dtype=np.int64)
 
-    def _all(self, call: str, *arguments: Sequence[Any]) -> list[Any]:
+    def _all(self, name: str, *arguments: Sequence[Any]) -> list[Any]:
         """The answers of all parts to a call, each with its own arguments; all processes are at it together."""
         each = list(zip(*arguments, strict=True)) if arguments else [()] * self._parts
-        count = len(self._processes)
-        for k in reversed(range(count)):
-            self._processes[k].send(call, each[k::count])
+        count = 1 + len(self._workers)
+        for k, worker in enumerate(self._workers, start=1):
+            worker.send(name, each[k::count])
         answers: list[Any] = [None] * self._parts
-        for k, process in enumerate(self._processes):
-            answers[k::count] = process.receive()
+        answers[::count] = self.here.call(name, each[::count])
+        for k, worker in enumerate(self._workers, start=1):
+            answers[k::count] = worker.receive()
         return answers
 
     def reset(self) -> Observation:
@@ -233,7 +220,7 @@ class ParallelGames(VecEnv):
         Raises:
             AttributeError: there is none of this name.
         """
-        return self._own.get_attr(attr_name, [0]) * len(self._chosen(indices))
+        return self._own.get_attr(attr_name, [0]) * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Refused.
@@ -254,15 +241,11 @@ class ParallelGames(VecEnv):
         if method_name != "action_masks":
             raise AttributeError(f"games of several processes have no method {method_name!r}, only 'action_masks'")
         masks = np.concatenate(self._all("masks"))
-        return list(masks[self._chosen(indices)])
+        return [masks[i] for i in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """Whether the wrapper is ``Monitor``."""
-        return self._own.env_is_wrapped(wrapper_class, [0]) * len(self._chosen(indices))
-
-    def _chosen(self, indices: VecEnvIndices) -> NDArray[np.int64]:
-        every = np.arange(self.num_envs)
-        return every if indices is None else every[np.atleast_1d(np.asarray(indices, dtype=np.int64))]
+        return self._own.env_is_wrapped(wrapper_class, [0]) * len(list(self._get_indices(indices)))
 
 
 def _joined(observations: Sequence[Observation]) -> Observation:

@@ -20,6 +20,7 @@ from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
 from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.options import parse_options
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.episodes.statistics import paired_difference, wilson
@@ -33,7 +34,6 @@ from .export import export_planner
 from .game_workers import Worker
 from .games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
 from .imitation import imitate
-from .options import parse_options
 from .policy import new_model
 from .run import LearningRate, Run, TrainingCallback, restore
 

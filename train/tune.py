@@ -22,11 +22,11 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
 from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
 from pacman_env.files import prepare, replaced
 
 from .arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
-from .options import parse_options
 from .ppo import train
 from .run import check_same
 

@@ -11,20 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from .sections import (
-    ClydeConfig,
-    ExecutionConfig,
-    LocalizationConfig,
-    Nav2Config,
-    ObservationConfig,
-    PelletConfig,
-    RandomizeConfig,
-    RefugeConfig,
-    RewardConfig,
-    RobotConfig,
-    ScorerConfig,
-    ShowConfig,
-)
+from . import sections
 from .validation import AtLeastOne, Checked, ConfigError, Positive, kinds, require
 
 MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
@@ -38,22 +25,24 @@ def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
 class Config(Checked):
     """One complete configuration of a game."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
-    localization: LocalizationConfig = field(default_factory=LocalizationConfig)
-    nav2: Nav2Config = field(default_factory=Nav2Config)
-    pellets: PelletConfig = field(default_factory=PelletConfig)
-    clyde: ClydeConfig = field(default_factory=ClydeConfig)
-    execution: ExecutionConfig = field(default_factory=ExecutionConfig)
-    scorer: ScorerConfig = field(default_factory=ScorerConfig)
-    show: ShowConfig = field(default_factory=ShowConfig)
-    reward: RewardConfig = field(default_factory=RewardConfig)
+    robot: sections.RobotConfig = field(default_factory=sections.RobotConfig)
+    localization: sections.LocalizationConfig = field(default_factory=sections.LocalizationConfig)
+    nav2: sections.Nav2Config = field(default_factory=sections.Nav2Config)
+    pellets: sections.PelletConfig = field(default_factory=sections.PelletConfig)
+    clyde: sections.ClydeConfig = field(default_factory=sections.ClydeConfig)
+    execution: sections.ExecutionConfig = field(default_factory=sections.ExecutionConfig)
+    scorer: sections.ScorerConfig = field(default_factory=sections.ScorerConfig)
+    show: sections.ShowConfig = field(default_factory=sections.ShowConfig)
+    reward: sections.RewardConfig = field(default_factory=sections.RewardConfig)
     #: Of each ghost that is an agent, where rewards are not zero-sum.
-    ghost_reward: RewardConfig = field(
-        default_factory=lambda: RewardConfig(pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0)
+    ghost_reward: sections.RewardConfig = field(
+        default_factory=lambda: sections.RewardConfig(
+            pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0
+        )
     )
-    refuges: RefugeConfig = field(default_factory=RefugeConfig)
-    randomize: RandomizeConfig = field(default_factory=RandomizeConfig)
-    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    refuges: sections.RefugeConfig = field(default_factory=sections.RefugeConfig)
+    randomize: sections.RandomizeConfig = field(default_factory=sections.RandomizeConfig)
+    observation: sections.ObservationConfig = field(default_factory=sections.ObservationConfig)
     action: Literal["goal", "velocity"] = "goal"  # a candidate goal, or v and omega of the base
     endless: bool = False  # round follows round, Clyde faster each time, until the robot is caught
     physics_step_s: Positive = 0.05  # Nav2's controller rate, 20 Hz

@@ -111,7 +111,7 @@ def test_what_fails_in_a_worker_is_told_with_its_place_and_it_goes_on(worker: Wo
     games = ParallelGames([partial(SOME, 1), partial(SOME, 1)], [worker])
     games.reset()
     worker.send("choices", [("no policy of this name",)])
-    with pytest.raises(RuntimeError, match=r"in a worker:(.|\n)*parallel\.py(.|\n)*no policy of this name"):
+    with pytest.raises(RuntimeError, match=r"in a worker:(.|\n)*game_workers\.py(.|\n)*no policy of this name"):
         worker.receive()
     assert games.step(np.zeros(2, dtype=np.int64))[1].shape == (2,)
 

@@ -220,7 +220,10 @@ class Selection:
             "pose": None if belief is None else list(belief.pose),
             "pose_source": None if belief is None else belief.source,
             "pose_age_s": None if belief is None else belief.age_s,
-            "ghosts": dict(zip(GHOST_NAMES, self.view.ghosts, strict=False)),
+            **{
+                name: None if name in self.view.unseen else place
+                for name, place in zip(GHOST_NAMES, self.view.ghosts, strict=False)
+            },
             "pellets_left": len(executor.left),
             "pellets_unreachable": self._out_of_reach(executor.left),
             "pellets_unknown": list(self._pellets.unknown[:20]),

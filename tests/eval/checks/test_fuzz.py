@@ -103,8 +103,8 @@ def test_a_fault_ends_the_run_with_the_seed_that_repeats_it(
     assert main(["--maps", "maze", "--episodes", "20", "--seed", "0"]) == 1
     found, repeat = capsys.readouterr().out.splitlines()[1:]
     assert message in found
-    assert repeat.startswith("repeat: python -m eval.checks.fuzz ")
-    assert main(repeat.removeprefix("repeat: python -m eval.checks.fuzz ").split()) == 1
+    assert repeat.startswith("repeat: pacman-env fuzz ")
+    assert main(repeat.removeprefix("repeat: pacman-env fuzz ").split()) == 1
     assert capsys.readouterr().out.splitlines()[1:] == [found, repeat]
 
 

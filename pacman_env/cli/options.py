@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pacman_env.cli.command import finite_number
+from .command import finite_number
 
 T = TypeVar("T")
 _SCALARS: dict[Any, dict[str, Any]] = {
