@@ -181,7 +181,7 @@ class Recorder:
         return (
             self.state is not None
             and bool(self.condition.get("active"))
-            and None not in self.condition.get("ghosts", {"clyde": [None]})["clyde"]
+            and self.condition.get("clyde") is not None
             and self.condition.get("pellets_left", 0) > 0
             and all(client.service_is_ready() for client in clients)
             and self._fault.get_subscription_count() > 0

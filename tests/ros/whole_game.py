@@ -224,8 +224,7 @@ class Table:
     def _ready(self) -> bool:
         condition = json.loads(self.tape.value(DIAGNOSTICS) or "{}")
         wanted = {"active": True, "nav2": True, "state": "menu", "pellets_left": PELLETS}
-        known = all(condition.get(name) is not None for name in ("home", "pose"))
-        known = known and None not in condition["ghosts"]["clyde"]
+        known = all(condition.get(name) is not None for name in ("home", "clyde", "pose"))
         return known and all(condition[name] == value for name, value in wanted.items())
 
     def _greet(self) -> None:
