@@ -92,9 +92,6 @@ class PelletConfig(Checked, group="pellets"):
     reachable_only: bool = True  # False, the original: also pellets the robot can never reach
 
 
-Ghosts = Annotated[tuple[str, ...], Meta(min_length=1, max_length=4)]
-
-
 @dataclass(frozen=True)
 class ClydeConfig(Checked, group="clyde"):
     """Algorithm 2, for Clyde and for the ghosts beside him."""
@@ -106,9 +103,13 @@ class ClydeConfig(Checked, group="clyde"):
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
     spawn_distance_m: NotNegative = 1.5  # at least this far from the robot in a straight line; original: 0
     click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where he can be puts him there
-    ghosts: Ghosts = ("wander",)  # behaviours of one to four: Clyde, Blinky, Pinky, Inky
+    ghosts: tuple[str, ...] = ("wander",)  # behaviours of one to four: Clyde, Blinky, Pinky, Inky
     # Arcade: Clyde turns away at 8 tiles; a tile is taken as the pick-up radius, what the robot sweeps on either side.
     arcade_distance_m: Positive = 2.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(1 <= len(self.ghosts) <= 4, "clyde.ghosts", self.ghosts, "must name one to four behaviours")
 
 
 @dataclass(frozen=True)

@@ -295,7 +295,8 @@ def test_rewards_and_ends_are_as_documented(execution: str, more: dict[str, floa
         if outcome == "caught":
             assert observation["clyde"][4] <= config.execution.death_radius_m + 1e-6
         else:
-            assert observation["clyde"][4] > config.execution.death_radius_m - 1e-6
+            if outcome == "timeout":  # the last pellet completes the round, however near Clyde is
+                assert observation["clyde"][4] > config.execution.death_radius_m - 1e-6
             assert (gone == 4) == (outcome != "timeout")
             assert (outcome == "cleared") == (gone == 4 and info["lost"] > 0)
         assert (len(steps) == 36) >= (outcome == "timeout")

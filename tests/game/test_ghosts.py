@@ -212,10 +212,12 @@ def test_without_a_distance_he_may_start_beside_the_robot() -> None:
     assert np.hypot(*(place - assets.grid.home[:2]).T).min() < 0.3
 
 
-def test_a_distance_that_no_cell_has_is_refused_with_the_farthest() -> None:
+def test_where_no_cell_is_far_enough_he_starts_on_the_farthest() -> None:
     config = make_config("robot", **{"pellets.spacing_m": 1.0, "clyde.spawn_distance_m": 50.0})
-    with pytest.raises(ConfigError, match=r"clyde\.spawn_distance_m = 50\.0: Clyde's farthest cell is \d+\.\d\d m"):
-        spawn_places(config)
+    assets, place = spawn_places(config, 20)
+    cells = assets.clyde.position[assets.clyde.cells_in(assets.clyde_part)]
+    farthest = np.hypot(*(cells - assets.grid.home[:2]).T).max()
+    np.testing.assert_allclose(np.hypot(*(place - assets.grid.home[:2]).T), farthest)
 
 
 @pytest.mark.parametrize("preset", ["robot", "ideal"])

@@ -127,7 +127,7 @@ def test_the_plot_lies_beside_the_json_unless_named(tmp_path: Path) -> None:
         (["--levels", "test", "--start-level", "5"], "start_level = 5"),
         (["--start-level", "5"], "--start-level: is for --levels"),
         (["--set", "nav2.haste=1"], "unknown configuration field 'nav2.haste'"),
-        (["--clyde-spawn-distance", "1000"], "spawn_distance_m"),
+        (["--clyde-spawn-distance", "-1"], "spawn_distance_m"),
         (["--video", "film.avi"], "must end in .mp4 or .gif"),
         (["--plot", "plot.jpg"], "must end in .png"),
         (["--json", "x.png"], "is the plot's file too"),
