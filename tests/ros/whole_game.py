@@ -208,14 +208,14 @@ class Table:
                 "map_yaml": map_yaml,
                 "speed": speed,
                 "home": f"{_at(*_HOME)[0]},{_at(*_HOME)[1]},0.0",
-                "settings": ["localization.sigma_xy_m=0.01", "localization.sigma_yaw_rad=0.02"],  # the closet is narrow
             },
             "pellet_manager": {"map_yaml": map_yaml},
             "clyde_ghost_node": {"map_yaml": map_yaml, "seed": 1},
             SELECTOR: {"map_yaml": map_yaml, "policy": policy},
         }
+        settings = ["localization.sigma_xy_m=0.01", "localization.sigma_yaw_rad=0.02"]  # the closet is narrow
         for node in (SIMULATOR, *GAME, SELECTOR):
-            system.start(module_of(node), use_sim_time=True, **own.get(node, {}))
+            system.start(module_of(node), use_sim_time=True, settings=settings, **own.get(node, {}))
         waiter = system.start(module_of(WAIT), use_sim_time=True)
         probe.wait_for(lambda: waiter.popen.poll() == 0, UP_S, "the robot's pose")
         probe.wait_for(self._ready, UP_S, "the planner")

@@ -293,8 +293,8 @@ def a_game(**changes: Any) -> dict[str, Any]:
     [
         ({"written_s": 1.0}, ""),
         ({"owner": {"namespace": "/robot_7"}}, ""),
-        ({"state": {"state": "running"}}, "must have the fields"),
-        ({"state": [1]}, "must have the fields"),
+        ({"state": {"state": "running"}}, "snapshot.score is missing"),
+        ({"state": [1]}, "snapshot = [1]: must be an object"),
         ({"format": 1}, "another version"),
     ],
 )

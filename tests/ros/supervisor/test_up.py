@@ -116,7 +116,7 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
         (["--map", "house", "--sim", "--speed", "11"], "speed 11: must be 1 to 10"),
         (["--map", "house", "--domain-id", "102"], "domain id 102"),
         (["--map", "house", "--preset", "lunar"], "unknown preset 'lunar'"),
-        (["--map", "house", "--set", "clyde.speed_mps=fast"], "clyde.speed_mps = 'fast': must be a number"),
+        (["--map", "house", "--set", "clyde.speed_mps=fast"], "clyde.speed_mps = 'fast': must be a finite number"),
         (["--map", "house", "--set", "clyde.sped=1"], "unknown configuration field 'clyde.sped'"),
     ],
 )
