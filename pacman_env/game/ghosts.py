@@ -116,9 +116,9 @@ def find_behaviour(name: str) -> Behaviour:
     try:
         entry = _ALL_BEHAVIOURS.find(name)
     except PluginError as error:
-        raise ConfigError(f"clyde.ghosts: {error}") from error
+        raise ConfigError(str(error)) from error
     if not isinstance(entry, Behaviour):
-        raise ConfigError(f"clyde.ghosts: {name!r} is {entry!r}, must be a Behaviour")
+        raise ConfigError(f"ghost behaviour {name!r}: {entry!r} is none, must be a Behaviour")
     return entry
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...game.ghosts import GHOST_NAMES, POLICY, WANDER, find_behaviour
+from ...game.ghosts import POLICY, WANDER, find_behaviour
 from ..maps.ghost_cells import search_memory
 from ..maps.level_stack import LevelStack
 from . import ghost_kernels, records
@@ -26,10 +26,11 @@ class Ghosts:
     """
 
     def __init__(self, n: int, config: Config) -> None:
-        """Raises ConfigError for a behaviour that there is not, and for too many ghosts."""
-        behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
-        if len(behaviours) > len(GHOST_NAMES):
-            raise ConfigError(f"clyde.ghosts = {config.clyde.ghosts}: at most {len(GHOST_NAMES)}")
+        """Raises ConfigError for a behaviour that there is not."""
+        try:
+            behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
+        except ConfigError as error:
+            raise ConfigError(f"clyde.ghosts = {config.clyde.ghosts!r}: {error}") from error
         self.state = np.zeros((n, len(behaviours)), dtype=records.GHOST)
         self.paths = np.zeros((n, len(behaviours), 0), dtype=np.int32)
         self.obstacles = np.zeros((n, len(behaviours), 3))
