@@ -175,7 +175,7 @@ def test_the_example_ghost_goes_where_the_robot_is_about_to_be(example: None) ->
 def test_what_is_no_ghost_is_refused(example: None) -> None:
     with pytest.raises(ConfigError, match=r"unknown ghost behaviour 'sulk': choose one of .*, ambush, or"):
         make(ghosts="sulk")
-    with pytest.raises(ConfigError, match=r"clyde\.ghosts: 'json:loads' is .*, must be a Behaviour"):
+    with pytest.raises(ConfigError, match=r"clyde\.ghosts = \('json:loads',\): .*, must be a Behaviour"):
         make(ghosts="json:loads")
 
 

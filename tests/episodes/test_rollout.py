@@ -73,7 +73,7 @@ def test_the_record_is_that_of_the_game_played_alone_by_hand() -> None:
     record = played("nearest")[0][2]
     assert record["end"] == batch.games["end"][0]
     assert record["collected"] == batch.games["collected"][0]
-    assert record["time_s"] == pytest.approx(batch.games["tick"][0] * CONFIG.execution.tick_s)
+    assert record["time_s"] == pytest.approx(batch.games["step"][0] * CONFIG.physics_step_s)
 
 
 def test_a_choice_that_is_forbidden_becomes_hold() -> None:
