@@ -6,7 +6,6 @@ Rounds are chosen in ``plan``, played by ``eval.compare.workers``, counted in ``
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import datetime
 import json
 import shlex
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import msgspec
 import numpy as np
 
 from pacman_env import __version__
@@ -221,7 +221,7 @@ def model_facts(spec: str) -> dict[str, str]:
         ValueError: the file is no planner for this version.
     """
     path = PRETRAINED if spec == "ppo" else Path(spec)
-    return dict(_flat(dataclasses.asdict(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
+    return dict(_flat(msgspec.to_builtins(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
 
 
 def _flat(facts: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

@@ -158,7 +158,7 @@ def test_only_policies_without_a_state_are_spared_games_that_are_over(
         made.append(kind())
         return made[-1]
 
-    monkeypatch.setitem(registry._FACTORIES, "watcher", make)
+    monkeypatch.setitem(registry.POLICIES._own, "watcher", make)
     records, _ = play(map_assets("house", CONFIG), CONFIG, "watcher", episode_seeds(5, 4))
     np.testing.assert_array_equal(records, played("nearest")[0][:4])
     asked = set(made[0].asked)

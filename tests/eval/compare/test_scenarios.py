@@ -91,9 +91,9 @@ def test_places_that_could_not_be_told_apart_or_played_on_are_refused(tmp_path: 
     load_map("maze").save(tmp_path / "maze.yaml")
     with pytest.raises(ValueError, match="two maps are called maze"):
         named_scenarios(["maze", "house", str(tmp_path / "maze.yaml")], [CONFIG])
-    far = CONFIG.with_fields(**{"clyde.spawn_distance_m": 1000.0})
+    far = CONFIG.with_fields(**{"clyde.clearance_m": 50.0})
     for scenario in ("house", LEVELS):
-        with pytest.raises((ConfigError, MapError), match="spawn_distance_m"):
+        with pytest.raises((ConfigError, MapError), match="clearance_m"):
             named_scenarios([scenario], [CONFIG, far])
 
 

@@ -224,17 +224,17 @@ def test_the_nearest_cell_is_found_for_any_place() -> None:
 def test_cells_away_from_places_are_all_those_of_the_part_and_no_others() -> None:
     cells = pocket_cells()
     places = [tuple(cells.position[cells.cells_in(0)[0]]), (2.0, 2.0)]
-    found = set(cells.away_from(0, places, 1.5).tolist())
+    found = set(cells.start_cells(ClydeConfig(spawn_distance_m=1.5), 0, places).tolist())
     for k in range(len(cells.position)):
         far = min(math.dist(cells.position[k], place) for place in places) >= 1.5
         assert (k in found) == (far and cells.part[k] == 0)
     assert 0 < len(found) < len(cells.cells_in(0))
-    assert set(cells.away_from(1, [], 1.5)) == set(cells.cells_in(1))
+    assert set(cells.start_cells(ClydeConfig(spawn_distance_m=1.5), 1, [])) == set(cells.cells_in(1))
 
 
 def test_where_no_cell_is_far_enough_the_farthest_is_taken() -> None:
     cells = pocket_cells()
     place = tuple(cells.position[cells.cells_in(0)[0]])
-    (cell,) = cells.away_from(0, [place], 100.0)
+    (cell,) = cells.start_cells(ClydeConfig(spawn_distance_m=100.0), 0, [place])
     distances = [math.dist(cells.position[k], place) for k in cells.cells_in(0)]
     assert math.dist(cells.position[cell], place) == max(distances)

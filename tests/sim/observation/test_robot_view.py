@@ -149,7 +149,7 @@ def house() -> RobotView:
 
 def test_a_situation_needs_a_clyde() -> None:
     game = RobotView(house().assets, config_of())
-    with pytest.raises(ValueError, match="Clyde has not been seen yet"):
+    with pytest.raises(ValueError, match="clyde has not been seen yet"):
         game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
 
 
@@ -192,7 +192,7 @@ def test_a_clyde_put_elsewhere_has_no_velocity_and_a_repeated_message_changes_no
     assert game.situation(seen).clyde_velocity[0].tolist() == [0.0, 0.0]
     game.see_ghost(0, here[0] + 3.0, here[1], 10**8)
     assert game.situation(seen).clyde_velocity[0].tolist() == [0.0, 0.0]
-    assert game.clyde == (here[0] + 3.0, here[1])
+    assert game.ghosts == [(here[0] + 3.0, here[1])]
 
 
 def test_the_closing_speed_is_that_of_the_time_passed_and_kept_at_a_second_look() -> None:
@@ -236,7 +236,7 @@ def test_a_rehearsal_leaves_nothing_behind() -> None:
     game = RobotView(house().assets, config_of())
     rehearsed = game.rehearsal()
     assert rehearsed.mask.all()
-    assert game.clyde is None
+    assert game.unseen == ["clyde"]
     make_policy("lookahead").select(rehearsed)
     game.see_ghost(0, 2.0, 0.0, 0)
     first = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=()))
