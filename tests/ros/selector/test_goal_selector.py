@@ -161,7 +161,7 @@ def test_transforms_are_believed_before_the_latched_pose(game: Game) -> None:
 @pytest.mark.parametrize("policy", ["ppo", "lookahead", "clyde_aware"])
 def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
     troubles: list[str] = []
-    selection = Selection("house", make_config(), policy, None, 1.0, lambda kind, text: troubles.append(text))
+    selection = Selection(make_config(), "house", policy, None, 1.0, lambda kind, text: troubles.append(text))
     executor, sent = selection.executor, []
     calls: list[int] = []
     stamp = pose_message(0.0, 0.0, 0.0, rclpy.time.Time().to_msg()).header.stamp
