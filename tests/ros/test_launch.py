@@ -143,7 +143,7 @@ def test_every_node_is_a_command_of_the_ros_package_and_a_module(monkeypatch: py
     monkeypatch.chdir(ROOT)
     runpy.run_path("setup.py")
     command, *nodes = given["entry_points"]["console_scripts"]
-    assert command == "pacman-env = pacman_env.cli:main"
+    assert command == "pacman-env = pacman_env.cli.main:main"
     assert nodes == [f"{name} = {module_of(name)}:main" for name in NODES]
     for name in NODES:
         assert "def main(" in (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), name
