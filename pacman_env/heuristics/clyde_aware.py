@@ -23,11 +23,50 @@ from pacman_env.game.goal_cost import (
     scorer_parameters,
 )
 from pacman_env.jit import kernel
-from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation, hold_index
-from pacman_env.sim.observation.situation import PELLET, Situation
+from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
+from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
 #: Names of the terms of a candidate in an explanation, in the order of their columns.
 _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipped")
+
+
+@kernel
+def choose_batch(
+    terms: NDArray[np.float64],
+    kind: NDArray[np.int8],
+    mask: NDArray[np.bool_],
+    current: NDArray[np.int64],
+    prefer_safe: NDArray[np.bool_],
+    margin_m: float,
+    goal: NDArray[np.int64],
+) -> None:
+    """The goal (N,) of every game: a pellet, else HOLD, else -1. The first of equals wins.
+
+    Order: the cheapest safe pellet if ``prefer_safe``, the cheapest not skipped, the cheapest of all. The
+    current pellet is kept unless the new one costs less by more than the margin.
+    """
+    for n in range(len(goal)):
+        best, safe, fallback, hold = -1, -1, -1, -1
+        for c in range(terms.shape[1]):
+            if kind[n, c] == HOLD and hold < 0:
+                hold = c
+            cost = terms[n, c, TOTAL]
+            if kind[n, c] != PELLET or not mask[n, c] or not cost < np.inf:
+                continue
+            if fallback < 0 or cost < terms[n, fallback, TOTAL]:
+                fallback = c
+            if terms[n, c, SKIPPED]:
+                continue
+            if best < 0 or cost < terms[n, best, TOTAL]:
+                best = c
+            if terms[n, c, SAFE] and (safe < 0 or cost < terms[n, safe, TOTAL]):
+                safe = c
+        chosen = safe if prefer_safe[n] and safe >= 0 else best if best >= 0 else fallback
+        k = current[n]
+        pursued = chosen >= 0 and 0 <= k < terms.shape[1] and kind[n, k] == PELLET and mask[n, k]
+        if pursued and terms[n, k, TOTAL] <= terms[n, chosen, TOTAL] + margin_m:
+            chosen = k
+        goal[n] = chosen if chosen >= 0 else hold
 
 
 @kernel
@@ -91,27 +130,23 @@ class ClydeAware(BasePolicy):
     def select(self, situation: Situation) -> NDArray[np.int64]:
         """(N,) goal; HOLD where no pellet may be chosen.
 
-        The cheapest safe pellet where the deployed form is threatened, else the cheapest not skipped, else the cheapest
-        of all, the first of equals. The current pellet is kept unless the new one costs less by more than the margin.
-
         Raises:
             ValueError: the number of games changed without a reset while games are remembered.
         """
         terms, threatened = self._rate(situation)
         if self.parameters.threat_exit_margin_m > 0:
             self._threatened = threatened
-        total = terms[..., TOTAL]
-        cost = np.where(situation.mask & (situation.kind == PELLET) & (total < np.inf), total, np.inf)
-        near = np.where(terms[..., SKIPPED] > 0, np.inf, cost)
-        safe = np.where((terms[..., SAFE] > 0) & threatened[:, None] & (self.form == "deployed"), near, np.inf)
-        games, goal, goal_cost = np.arange(len(cost)), hold_index(situation), np.full(len(cost), -np.inf)
-        for costs in (cost, near, safe):  # the last in which there is a pellet
-            best = costs.argmin(axis=1)
-            found = costs[games, best] < np.inf
-            goal, goal_cost = np.where(found, best, goal), np.where(found, costs[games, best], goal_cost)
-        current = situation.current
-        keep = (current >= 0) & (cost[games, current] <= goal_cost + self.parameters.replan_margin_m)
-        return np.where(keep, current, goal)
+        goal = np.empty(len(terms), np.int64)
+        choose_batch(
+            terms,
+            situation.kind,
+            situation.mask,
+            situation.current,
+            threatened & (self.form == "deployed"),
+            self.parameters.replan_margin_m,
+            goal,
+        )
+        return goal
 
     def explain(self, situation: Situation) -> Explanation:
         """Per pellet: distance, Clyde risk, direction penalty, total (m), and the flags of the decision."""
