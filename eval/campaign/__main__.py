@@ -297,7 +297,7 @@ def run(arguments: argparse.Namespace) -> int:
     if find_spec("rclpy") is None:
         raise ValueError("this needs ROS 2 Jazzy: see docs/robot.md")
     seeds = arguments.only or list(range(arguments.seed, arguments.seed + arguments.games))
-    folder = arguments.logs or Path(tempfile.mkdtemp(prefix="robot_games_"))
+    folder = arguments.logs or Path(tempfile.mkdtemp(prefix="campaign_"))
     began = time.monotonic()
     if arguments.json:
         prepare(arguments.json)

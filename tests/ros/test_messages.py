@@ -211,7 +211,7 @@ def test_times_are_seconds() -> None:
 
 
 @pytest.mark.parametrize(
-    "entry", [e for e in vars(topics).values() if isinstance(e, topics.Topic | topics.Service | topics.Action)]
+    "entry", [e for e in vars(topics).values() if isinstance(e, topics.Topic | topics.Service | topics.RosAction)]
 )
 def test_every_type_that_is_named_exists(entry: Any) -> None:
     package, _, name = entry.type_name.partition("/")

@@ -10,7 +10,6 @@ import pytest
 
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
-pytest.importorskip("tyro")
 
 import torch
 import yaml

@@ -14,7 +14,6 @@ import pytest
 
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
-pytest.importorskip("tyro")
 
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.policies.learned import LearnedPlanner

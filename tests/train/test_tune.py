@@ -13,7 +13,6 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 pytest.importorskip("optuna")
-pytest.importorskip("tyro")
 
 from tests.train.test_arguments import section, tiny
 from train import ppo, tune
