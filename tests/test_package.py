@@ -35,8 +35,10 @@ print(json.dumps({"package": pacman_env.__file__, "version": pacman_env.__versio
 """
 
 
-def run(*command: str, cwd: Path, **environment: str) -> str:
-    """Output and errors of a command that has to succeed."""
+def run(*command: str, cwd: Path, site: Path | None = None, **environment: str) -> str:
+    """Output and errors of a command that has to succeed; with what is installed in ``site`` and its own kernels."""
+    if site is not None:
+        environment |= {"PYTHONPATH": str(site), "PACMAN_ENV_CACHE": str(site.with_name("cache"))}
     result = subprocess.run(
         command, cwd=cwd, env={**os.environ, **environment}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
@@ -64,18 +66,16 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 @pytest.fixture(scope="module")
 def site(built: tuple[Path, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the wheel installed, without its dependencies."""
-    folder = tmp_path_factory.mktemp("site")
+    folder = tmp_path_factory.mktemp("installed") / "site"
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index", "--no-deps"]
-    run(*pip, "--target", str(folder), str(built[0]), cwd=folder)
+    run(*pip, "--target", str(folder), str(built[0]), cwd=folder.parent)
     return folder
 
 
 @pytest.fixture(scope="module")
 def played(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     elsewhere = tmp_path_factory.mktemp("elsewhere")
-    out = run(
-        sys.executable, "-W", "error", "-c", PLAY, cwd=elsewhere, PYTHONPATH=str(site), PACMAN_ENV_CACHE=str(elsewhere)
-    )
+    out = run(sys.executable, "-W", "error", "-c", PLAY, cwd=elsewhere, site=site)
     return json.loads(out.splitlines()[-1])
 
 
@@ -115,20 +115,20 @@ def test_every_shipped_map_is_played_from_the_wheel(played: dict[str, Any], site
 
 def test_the_installed_command_lists_the_maps(site: Path, tmp_path: Path) -> None:
     script = site / "bin" / "pacman-env"
-    out = run(sys.executable, str(script), "map", "list", cwd=tmp_path, PYTHONPATH=str(site))
+    out = run(sys.executable, str(script), "map", "list", cwd=tmp_path, site=site)
     assert out.split() == shipped_maps()
 
 
 def test_the_installed_command_compares_policies_in_an_empty_folder(site: Path, tmp_path: Path) -> None:
     """With workers, to which blocks of rounds are pickled by the names of the installed package."""
     script = [sys.executable, str(site / "bin" / "pacman-env")]
-    short = ["--episodes", "2", "--time-limit", "20", "--policies", "nearest", "random", "--workers", "2"]
-    out = run(*script, "compare", *short, "--json", "results/numbers.json", cwd=tmp_path, PYTHONPATH=str(site))
-    assert "written: results/numbers.json, results/numbers.png" in out
-    assert {path.name for path in (tmp_path / "results").iterdir()} == {"numbers.json", "numbers.png"}
     few = ["--episodes", "2", "--endless", "0", "--speeds", "0.3", "--variant", "--set", "time_limit_s=20"]
-    run(*script, "report", *few, "--policies", "nearest", cwd=tmp_path, PYTHONPATH=str(site))
+    run(*script, "report", *few, "--policies", "nearest", "--workers", "1", cwd=tmp_path, site=site)
     assert "<svg" in (tmp_path / "results" / "report.html").read_text()
+    short = ["--episodes", "2", "--time-limit", "20", "--policies", "nearest", "random", "--workers", "2"]
+    out = run(*script, "compare", *short, "--json", "results/numbers.json", cwd=tmp_path, site=site)
+    assert "written: results/numbers.json, results/numbers.png" in out
+    assert {path.name for path in (tmp_path / "results").iterdir()} == {"numbers.json", "numbers.png", "report.html"}
 
 
 @pytest.mark.parametrize("command", [["train", "--quick", "--help"], ["tune", "--help"]])
@@ -136,7 +136,7 @@ def test_the_installed_command_trains(site: Path, tmp_path: Path, command: list[
     """Hyperparameters are read before the help is shown."""
     pytest.importorskip("torch")
     pytest.importorskip("optuna")
-    out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, PYTHONPATH=str(site))
+    out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, site=site)
     assert out.startswith(f"usage: pacman-env {command[0]} ")
 
 
@@ -148,5 +148,5 @@ def test_a_checkpoint_of_the_checkout_is_compared_by_the_installed_command(site:
     tiny += ["--imitation", "0", "--levels", "2", "--evaluation", "0", "--threads", "1", "--no-progress"]
     run(sys.executable, "-m", "train.ppo", *tiny, "--out", str(tmp_path / "run"), cwd=ROOT, PYTHONPATH=str(ROOT))
     command = ["compare", "--episodes", "2", "--time-limit", "5", "--policies", "run/last.zip"]
-    out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, PYTHONPATH=str(site))
+    out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, site=site)
     assert "last " in out

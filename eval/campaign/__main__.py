@@ -28,11 +28,13 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
+from pacman_env.config import make_config
 from pacman_env.files import prepare, write_json
+from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS
 from pacman_env.ros.supervisor.processes import Lost
 
-from .schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step, schedule
+from .schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step, ground_of, part_of_map, schedule
 from .system import System
 from .verdict import Evidence, outcome, violations
 
@@ -71,6 +73,12 @@ class Verdict:
         )
 
 
+def verdict_on(plan: Schedule) -> Verdict:
+    """That of a game that is yet to be played."""
+    name, within_m = ground_of(plan.seed)
+    return Verdict(plan.seed, name if math.isinf(within_m) else f"{name}, {within_m:g} m", plan.policy)
+
+
 def waits(state: str | None, condition: Mapping[str, Any], plan: Schedule) -> bool:
     """Whether the planner holds on purpose: a Clyde who stands on the last pellet lets nobody collect it."""
     return state == "running" and condition.get("pursued") == HOLD and plan.clyde_speed_mps * STILL_S < MOTION_M
@@ -79,14 +87,14 @@ def waits(state: str | None, condition: Mapping[str, Any], plan: Schedule) -> bo
 class Played:
     """One game, from the menu to the menu."""
 
-    def __init__(self, system: System, plan: Schedule) -> None:
+    def __init__(self, system: System, pellets: frozenset[int], plan: Schedule) -> None:
         self._system, self._recorder, self._plan = system, system.recorder, plan
         self._waiting = list(plan.steps)
         self._ends: dict[str, tuple[float, float]] = {}  # faults that are active: when each began and ends
         self._quiet_s = 0.0  # since when no fault has been active
         self._answers: list[Any] = []
-        self.evidence = Evidence(system.pellets, plan.clyde_speed_mps)
-        self.verdict = Verdict(plan.seed, system.ground, plan.policy)
+        self.evidence = Evidence(pellets, plan.clyde_speed_mps)
+        self.verdict = verdict_on(plan)
 
     def play(self) -> Verdict:
         """The verdict."""
@@ -247,19 +255,21 @@ def play(seeds: Sequence[int], speed: float, folder: Path, domain: int | None) -
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_LOG_DIR"] = str(folder)
     for block in _blocks(seeds):
+        ground = part_of_map(*ground_of(block[0]))
+        pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
         while block:
             place = folder / f"{block[0]:05d}"
             place.mkdir(parents=True, exist_ok=True)
             before = len(verdicts)
-            system = System(block[0], speed, place)
+            system = System(str(ground.save(place / "ground.yaml")), block[0], speed, place)
             try:
                 with system:
                     while block and not (verdicts[before:] and verdicts[-1].violations):
-                        verdicts.append(Played(system, schedule(block.pop(0))).play())
+                        verdicts.append(Played(system, pellets, schedule(block.pop(0))).play())
                         print(verdicts[-1].line(), flush=True)
             except Lost as lost:
-                seed = block.pop(0)
-                verdicts.append(Verdict(seed, system.ground, schedule(seed).policy, violations=[str(lost)]))
+                verdicts.append(verdict_on(schedule(block.pop(0))))
+                verdicts[-1].violations.append(str(lost))
             verdicts[-1].violations += system.said
             if verdicts[-1].violations:  # what follows from them is not looked for: another system for the rest
                 print(*(f"      VIOLATION {line}" for line in verdicts[-1].violations), sep="\n", flush=True)

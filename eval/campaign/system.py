@@ -6,17 +6,14 @@ Also what can be seen of the processes from outside: whether they live, what the
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import re
 import time
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from pacman_env.config import make_config
-from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros.supervisor.game_nodes import (
     REFEREE,
     SELECTOR,
@@ -27,8 +24,6 @@ from pacman_env.ros.supervisor.game_nodes import (
     full_namespace,
 )
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
-
-from .schedule import ground_of, part_of_map
 
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
@@ -74,19 +69,34 @@ def bad_lines(text: str) -> list[str]:
 
 
 class System:
-    """All processes of a game on one ground, and the recorder; ``with`` starts and stops them."""
+    """All processes of a game over the simulated robot, and the recorder; ``with`` starts and stops them.
 
-    def __init__(self, seed: int, speed: float, folder: Path) -> None:
-        name, within_m = ground_of(seed)
-        ground = part_of_map(name, within_m)
-        self.ground = name if math.isinf(within_m) else f"{name}, {within_m:g} m"
-        self.pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
+    Args:
+        map_yaml: of the ground that is played on.
+        seed: of robot and ghosts.
+        speed: of simulated time.
+        folder: for the logs.
+        settings: of the configuration, ``name=value``.
+        preset: likewise.
+    """
+
+    def __init__(
+        self,
+        map_yaml: str,
+        seed: int,
+        speed: float,
+        folder: Path,
+        settings: Sequence[str] = (),
+        preset: str = "robot",
+    ) -> None:
         extra: dict[str, Any] = {
             SIMULATOR: {"seed": seed},
             "clyde_ghost_node": {"seed": seed},
             REFEREE: {"state_file": ""},
         }
-        self._setup = GameSetup(str(ground.save(folder / "ground.yaml")), "nearest", sim=True, speed=speed, extra=extra)
+        self._setup = GameSetup(
+            map_yaml, "nearest", sim=True, speed=speed, preset=preset, settings=tuple(settings), extra=extra
+        )
         self.folder = folder
         self._read: dict[Path, int] = {}  # bytes of the logs
         self.said: list[str] = []  # by the process group

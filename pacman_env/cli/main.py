@@ -34,6 +34,7 @@ MODULES = {
     "houses": ("eval.checks.generated_levels", "whether generated houses can be played, judged independently"),
     "fuzz": ("eval.checks.fuzz", "random actions under random configurations"),
     "campaign": ("eval.campaign.__main__", "random games of the nodes, with faults (ROS)"),
+    "robot-rounds": ("eval.campaign.robot_rounds", "rounds of the nodes beside rounds of the simulator (ROS)"),
     "train": ("train.ppo", "train a planner"),
     "tune": ("train.tune", "search for hyperparameters"),
     "adversary": ("train.adversary", "train a planner and a Clyde against each other"),

@@ -1,0 +1,301 @@
+"""Rounds of the robot's nodes beside rounds of the simulator, under one configuration: ``pacman-env robot-rounds``.
+
+The nodes that ``pacman-env ros up --sim`` starts run as processes over the simulated robot and play games of one round
+each, from the menu over home back to the menu. The simulator plays rounds of its own: the two share the rules and the
+configuration, not what is drawn, so shares are compared, not rounds. Needs ROS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
+from pacman_env.config import Config, make_config, parse_settings
+from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.episodes.statistics import wilson
+from pacman_env.files import prepare, write_json
+from pacman_env.game.execution import COMPLETE
+from pacman_env.ros import topics
+from pacman_env.ros.supervisor.processes import Lost
+from pacman_env.sim.maps.assets import map_assets
+
+from .system import System
+
+#: A game's second round would be faster than its first; each game begins at Clyde's base speed.
+ONE_ROUND = ("clyde.speed_step_mps=0.0",)
+ANSWER_WALL_S = 30.0
+GAME_WALL_S = 600.0  # a game that takes longer is an error of the nodes
+
+
+@dataclass(frozen=True)
+class Task:
+    """Rounds that one system plays. Plain data: it travels to other processes."""
+
+    policies: tuple[str, ...]
+    speeds_mps: tuple[float, ...]
+    rounds: int  # of each policy at each speed
+    number: int  # of the system
+    seed: int
+    map: str
+    settings: tuple[str, ...]
+    pace: float  # of simulated time
+    folder: str
+
+
+@dataclass(frozen=True)
+class RobotRound:
+    """One round of the nodes."""
+
+    policy: str
+    clyde_speed_mps: float
+    end: str  # complete, dead, timeout or not started
+    collected: int
+    time_s: float  # simulated, from the state running to the state after it
+
+
+def play_task(task: Task) -> list[RobotRound]:
+    """The rounds, one after the other, in one system.
+
+    Raises:
+        Lost: a process has ended or hangs.
+    """
+    os.environ["ROS_DOMAIN_ID"] = str(int(os.environ.get("ROS_DOMAIN_ID", "1")) + task.number)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    folder = Path(task.folder) / f"system-{task.number}"
+    folder.mkdir(parents=True)
+    os.environ["ROS_LOG_DIR"] = str(folder)
+    limit_s = _config(task.settings).time_limit_s
+    played = []
+    with System(task.map, task.seed, task.pace, folder, task.settings) as system:
+        for _ in range(task.rounds):
+            for policy in task.policies:
+                for speed_mps in task.speeds_mps:
+                    played.append(play_round(system, policy, speed_mps, limit_s))
+                    _tell(task, played)
+    return played
+
+
+def _tell(task: Task, played: Sequence[RobotRound]) -> None:
+    r = played[-1]
+    print(
+        f"system {task.number}, round {len(played)}: {r.policy}, Clyde at {r.clyde_speed_mps:g} m/s, {r.end},"
+        f" {r.collected} pellets, {r.time_s:.0f} s",
+        flush=True,
+    )
+
+
+def _config(settings: Sequence[str], clyde_speed_mps: float = 0.25) -> Config:
+    return make_config("robot", "robust", **parse_settings(settings)).with_fields(
+        **{"clyde.speed_mps": clyde_speed_mps}
+    )
+
+
+def play_round(system: System, policy: str, speed_mps: float, limit_s: float) -> RobotRound:
+    """One game from the menu to the menu; a round that is not over after ``limit_s`` is broken off.
+
+    Raises:
+        Lost: the nodes do not answer, or do not end it.
+    """
+    recorder = system.recorder
+
+    def wait(condition: Any, wall_s: float, what: str) -> None:
+        if not recorder.wait_for(condition, wall_s):
+            troubles = "; ".join(system.troubles())
+            raise Lost(f"no {what} within {wall_s:g} s, state {recorder.state}: {recorder.condition} {troubles}")
+
+    recorder.forget()
+    answer = recorder.set_policy(policy)
+    wait(answer.done, ANSWER_WALL_S, "answer of the goal selector")
+    (result,) = answer.result().results
+    if not result.successful:
+        raise Lost(f"policy {policy} was refused: {result.reason}")
+    recorder.set_base_speed(speed_mps)
+
+    def speed_known() -> bool:
+        speeds = [r.value for r in recorder.records if r.topic == topics.CLYDE_SPEED.name]
+        return bool(speeds) and math.isclose(speeds[-1], speed_mps, abs_tol=1e-6)
+
+    wait(speed_known, ANSWER_WALL_S, f"Clyde's speed of {speed_mps:g} m/s")
+    started = time.time_ns()
+    answer = recorder.start()
+    wait(answer.done, ANSWER_WALL_S, "answer to game/start")
+    if not answer.result().success:
+        raise Lost(f"game/start was refused in the menu: {answer.result().message}")
+    wait(lambda: recorder.state != "menu", ANSWER_WALL_S, "game")
+    late = False
+
+    def over() -> bool:
+        nonlocal late
+        if recorder.state == "running" and recorder.time_s - recorder.state_since_s > limit_s and not late:
+            late = True
+            recorder.reset()
+        return recorder.state == "menu"
+
+    wait(over, GAME_WALL_S, "end of the game")
+    said = [record for record in recorder.records if record.at >= started]
+    states = [(r.at, r.value) for r in said if r.topic == topics.GAME_STATE.name]
+    words = [word for _, word in states]
+    running = words.index("running") if "running" in words else -1
+    if running < 0:
+        return RobotRound(policy, speed_mps, "not started", 0, 0.0)
+    at = [sample.at for sample in recorder.track]
+    begin, end = np.interp([states[running][0], states[running + 1][0]], at, [s.time_s for s in recorder.track])
+    collected = max((r.value for r in said if r.topic == topics.PELLETS_COLLECTED.name), default=0)
+    how = "timeout" if late else {"complete": "complete", "dying": "dead"}.get(words[running + 1], "not started")
+    return RobotRound(policy, speed_mps, how, int(collected), float(end - begin))
+
+
+def row(robot: Sequence[RobotRound], config: Config, source: str, policy: str, seed: int, episodes: int) -> dict:
+    """Both sides of a policy at one of Clyde's speeds."""
+    episode, _ = play(map_assets(source, config), config, policy, episode_seeds(seed, episodes))
+    complete = episode["end"] == COMPLETE
+    begun = [r for r in robot if r.end != "not started"]
+    won = [r for r in begun if r.end == "complete"]
+    least, most = wilson(int(complete.sum()), episodes)
+    share = len(won) / max(len(begun), 1)
+    return {
+        "policy": policy,
+        "clyde_speed_mps": config.clyde.speed_mps,
+        "robot_rounds": len(begun),
+        "robot_not_started": len(robot) - len(begun),
+        "robot_complete": share,
+        "robot_interval": wilson(len(won), len(begun)) if begun else (0.0, 1.0),
+        "robot_collected": float(np.mean([r.collected for r in begun])) if begun else 0.0,
+        "robot_round_s": float(np.median([r.time_s for r in won])) if won else math.nan,
+        "simulator_rounds": episodes,
+        "simulator_complete": float(complete.mean()),
+        "simulator_interval": (least, most),
+        "simulator_collected": float(episode["collected"].mean()),
+        "simulator_round_s": float(np.median(episode["time_s"][complete])) if complete.any() else math.nan,
+        "inside": least <= share <= most,
+    }
+
+
+def table(rows: Sequence[dict]) -> list[str]:
+    """The rows as lines of Markdown."""
+    lines = ["| policy | Clyde m/s | robot % | simulator % | inside | pellets | a completed round, s |"]
+    lines.append("|---|---|---|---|---|---|---|")
+    for r in rows:
+
+        def share(side: str, r: dict = r) -> str:
+            least, most = r[f"{side}_interval"]
+            return f"{100 * r[f'{side}_complete']:.1f} [{100 * least:.1f}, {100 * most:.1f}] of {r[f'{side}_rounds']}"
+
+        lines.append(
+            f"| `{r['policy']}` | {r['clyde_speed_mps']:g} | {share('robot')} | {share('simulator')} |"
+            f" {'yes' if r['inside'] else 'no'} | {r['robot_collected']:.1f}, {r['simulator_collected']:.1f} |"
+            f" {r['robot_round_s']:.0f}, {r['simulator_round_s']:.0f} |"
+        )
+    return lines
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Play, tell, and write.
+
+    Raises:
+        ValueError: no ROS, a configuration or policy that there is not, nodes that failed, or figures that cannot be
+            written.
+    """
+    if find_spec("rclpy") is None:
+        raise ValueError("this needs ROS 2 Jazzy: see docs/robot.md")
+    settings = (*ONE_ROUND, *arguments.set)
+    config = _config(settings)
+    assets = map_assets(arguments.map, config)
+    if arguments.json:
+        prepare(arguments.json)
+    folder = arguments.logs or Path(tempfile.mkdtemp(prefix="robot_rounds_"))
+    map_yaml = str(assets.occupancy.save(folder / "map.yaml"))
+    jobs = min(arguments.jobs, arguments.rounds)
+    tasks = [
+        Task(
+            tuple(arguments.policies),
+            tuple(arguments.clyde_speed),
+            len(part),
+            k,
+            arguments.seed + k,
+            map_yaml,
+            settings,
+            arguments.speed,
+            str(folder),
+        )
+        for k, part in enumerate(np.array_split(np.arange(arguments.rounds), jobs))
+    ]
+    began = time.monotonic()
+    try:
+        context = multiprocessing.get_context("spawn")  # each its own ROS domain
+        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+            played = [r for rounds in pool.map(play_task, tasks) for r in rounds]
+    except Lost as lost:
+        raise ValueError(f"{lost}; logs: {folder}") from lost
+    print(f"{len(played)} rounds in {time.monotonic() - began:.0f} s")
+    rows = []
+    for policy in arguments.policies:
+        for speed_mps in arguments.clyde_speed:
+            own = [r for r in played if (r.policy, r.clyde_speed_mps) == (policy, speed_mps)]
+            one = _config(settings, speed_mps)
+            rows.append(row(own, one, arguments.map, policy, arguments.seed, arguments.episodes))
+    print(*table(rows), sep="\n")
+    if arguments.json:
+        facts = {
+            "version": __version__,
+            "map": arguments.map,
+            "map_hash": assets.occupancy.hash,
+            "seed": arguments.seed,
+        }
+        facts |= {"configuration": config.hash, "settings": settings, "speed": arguments.speed, "rows": rows}
+        write_json(arguments.json, {**facts, "rounds": [asdict(r) for r in played]})
+    if not arguments.logs:
+        shutil.rmtree(folder)
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Play; returns the exit status."""
+    parser = Parser(prog="pacman-env robot-rounds", description=__doc__)
+    parser.add_argument("--map", default="house", help="name or YAML file")
+    parser.add_argument("--policies", nargs="+", default=["ppo", "clyde_aware"], metavar="POLICY")
+    parser.add_argument(
+        "--clyde-speed",
+        nargs="+",
+        type=finite_number(0.01, 1),
+        default=[0.25, 0.45],
+        metavar="M/S",
+        help="in each round",
+    )
+    parser.add_argument(
+        "--rounds", type=whole_number(1), default=100, metavar="N", help="of the nodes, of each policy and speed"
+    )
+    parser.add_argument(
+        "--episodes", type=whole_number(1), default=1000, metavar="N", help="of the simulator, likewise"
+    )
+    parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S")
+    parser.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="configuration fields of both sides")
+    parser.add_argument(
+        "--speed", type=finite_number(1, 10), default=10.0, metavar="X", help="of the simulated clock, 1 to 10"
+    )
+    parser.add_argument(
+        "--jobs", type=whole_number(1), default=1, metavar="N", help="systems at once, about a core each"
+    )
+    parser.add_argument("--logs", type=Path, metavar="FOLDER", help="kept there; else only after a failure")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures and every round")
+    return run_command(parser, argv, run, "ros")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

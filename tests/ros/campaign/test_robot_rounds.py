@@ -1,0 +1,88 @@
+"""Rounds over the simulated robot from start to end, against any ghosts, and their command."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from eval.campaign.robot_rounds import ONE_ROUND, main, play_round
+from eval.campaign.schedule import part_of_map
+from eval.campaign.system import System
+from pacman_env.ros import topics
+from pacman_env.ros.messages import pose_of
+from tests.plugin_example import install
+
+
+@pytest.fixture
+def ground(tmp_path: Path) -> str:
+    """Some rooms of the house."""
+    return str(part_of_map("house", 3.0).save(tmp_path / "ground.yaml"))
+
+
+def play(ground: str, folder: Path, ghosts: str, policy: str, preset: str = "robot") -> None:
+    """A round against these ghosts, which all are seen to move and of whom anyone may end it."""
+    count = len(ghosts.split(","))
+    settings = (*ONE_ROUND, f"clyde.ghosts={ghosts}")
+    folder.mkdir()
+    with System(ground, 3, 5.0, folder, settings, preset) as system:
+        recorder = system.recorder
+        places: list[list[tuple[float, float]]] = [[] for _ in range(count)]
+
+        def hear(k: int, message: Any) -> None:
+            if recorder.state == "running":
+                places[k].append(pose_of(message)[:2])
+
+        for k, topic in enumerate(topics.GHOST_POSES[:count]):
+            topic.subscription(recorder.node, partial(hear, k))
+        played = play_round(system, policy, 0.3, 600.0)
+        events = [r.value for r in recorder.records if r.topic == topics.GAME_EVENT.name]
+        statuses = [r.value for r in recorder.records if r.topic == topics.GAME_STATUS.name]
+        assert system.troubles() == []
+    assert system.said == []
+    assert played.end in ("complete", "dead")  # which of them is a matter of time
+    assert played.collected == sum(status.startswith("pellet_collected") for status in statuses)
+    killers = {f"{name} killed" for name in topics.GHOSTS[:count]}
+    assert len(killers & set(events)) == (played.end == "dead")
+    for path in places:
+        steps = [math.dist(a, b) for a, b in itertools.pairwise(path)]
+        assert max(steps) > 0.01
+
+
+def test_a_round_against_three_ghosts_of_the_table(domain: int, ground: str, tmp_path: Path) -> None:
+    play(ground, tmp_path / "logs", "arcade,chase,wander", "clyde_aware")
+
+
+def test_a_round_against_a_learned_ghost_and_one_of_a_plug_in_by_its_preset_and_policy(
+    domain: int, ground: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch")
+    pytest.importorskip("onnxruntime")
+    from tests.train.planners import random_planner
+
+    site = str(install(tmp_path))
+    monkeypatch.syspath_prepend(site)
+    monkeypatch.setenv("PYTHONPATH", site)
+    play(ground, tmp_path / "logs", f"{random_planner(tmp_path)},ambush", "shy", preset="sleepy")
+
+
+def test_the_command_sets_both_sides_beside_one_another(domain: int, ground: str, tmp_path: Path) -> None:
+    out = tmp_path / "rounds.json"
+    scale = ["--rounds", "1", "--episodes", "20"]
+    status = main(["--map", ground, "--policies", "clyde_aware", "--clyde-speed", "0.25", *scale, "--json", str(out)])
+    assert status == 0
+    found = json.loads(out.read_text())
+    (row,) = found["rows"]
+    assert row["robot_rounds"] + row["robot_not_started"] == len(found["rounds"]) == 1
+    ends = [one["end"] for one in found["rounds"]]
+    assert row["robot_complete"] == ends.count("complete")
+    assert row["inside"] == (row["simulator_interval"][0] <= row["robot_complete"] <= row["simulator_interval"][1])
+    assert all(one["collected"] > 0 for one in found["rounds"] if one["end"] == "complete")
