@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, convert, kinds, require
 
-Part = Literal["refuges", "hold", "paths", "futures"]
+Part = Literal["refuges", "hold", "paths", "prediction"]
 FOLDER = Path(__file__).with_name("hyperparameters")
 
 

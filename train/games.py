@@ -70,8 +70,9 @@ def clyde_limit(arguments: Arguments, segment: int) -> float | None:
 
 def dropped(arguments: Arguments) -> dict[str, tuple[int, ...]]:
     """Columns that the network of an ablation is not shown, and of the kinds it may not choose."""
-    names = (_PATHS if "paths" in arguments.without else ()) + (_PREDICTION if "futures" in arguments.without else ())
-    kinds = [kind for kind, part in (("is_refuge", "refuges"), ("is_hold", "hold")) if part in arguments.without]
+    without = arguments.without
+    names = (_PATHS if "paths" in without else ()) + (_PREDICTION if "prediction" in without else ())
+    kinds = [kind for kind, part in (("is_refuge", "refuges"), ("is_hold", "hold")) if part in without]
     return {
         "dropped_features": tuple(CANDIDATE_FEATURES.index(name) for name in names),
         "dropped_kinds": tuple(CANDIDATE_FEATURES.index(name) for name in kinds),

@@ -13,9 +13,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.game.goal_cost import score_situation, scorer_parameters
+from pacman_env.game.goal_cost import ScorerParameters, score_situation
 from pacman_env.jit import kernel
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.prediction import encounters
@@ -25,7 +24,7 @@ from .throughput import make_vector
 
 KINDS = (("features",), ("planner",), ("features", "planner"))
 HELD = 6  # decisions that a choice is held for
-_SCORER = scorer_parameters(make_config())
+_SCORER = ScorerParameters()
 
 
 def _rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> float:

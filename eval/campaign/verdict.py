@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pacman_env.config import ShowConfig
-from pacman_env.game.dances import SPEED_RADPS
 
 DRIVING = frozenset({"running", "returning_home"})
 SHOWS = {"starting": ShowConfig.start_s, "dying": ShowConfig.death_s}
@@ -249,7 +248,7 @@ def _turns(e: Evidence) -> Iterator[str]:
     turns = [record for record in e.of("turn") if math.isfinite(record.value)]  # others are nonsense from outside
     for record in [*turns, Record(e.track[-1].at if e.track else 0, "turn", 0.0)]:
         if record.value != 0.0:
-            if abs(record.value) > SPEED_RADPS + 1e-6:
+            if abs(record.value) > ShowConfig.spin_radps + 1e-6:
                 yield f"a turn at {record.value:.2f} rad/s"
             turn.append(record)
             continue

@@ -18,7 +18,6 @@ from .sections import (
     RefugeConfig,
     RewardConfig,
     RobotConfig,
-    ScorerConfig,
     ShowConfig,
 )
 from .settings import parse_settings
@@ -40,7 +39,6 @@ __all__ = [
     "RefugeConfig",
     "RewardConfig",
     "RobotConfig",
-    "ScorerConfig",
     "ShowConfig",
     "differences",
     "make_config",

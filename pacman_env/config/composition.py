@@ -31,7 +31,6 @@ class Config(Checked):
     pellets: sections.PelletConfig = field(default_factory=sections.PelletConfig)
     clyde: sections.ClydeConfig = field(default_factory=sections.ClydeConfig)
     execution: sections.ExecutionConfig = field(default_factory=sections.ExecutionConfig)
-    scorer: sections.ScorerConfig = field(default_factory=sections.ScorerConfig)
     show: sections.ShowConfig = field(default_factory=sections.ShowConfig)
     reward: sections.RewardConfig = field(default_factory=sections.RewardConfig)
     #: Of each ghost that is an agent, where rewards are not zero-sum.

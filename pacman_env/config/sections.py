@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from .validation import Checked, Count, NotNegative, Number, Positive, Share, require
 
+_ShowTime = Annotated[float, Meta(ge=0, le=60)]  # a robot that spins longer is a nuisance
 MAX_SPEED_MPS = 5.0  # of a ghost, however many rounds an endless game has
 
 
@@ -134,28 +135,14 @@ class ExecutionConfig(Checked, group="execution"):
 
 
 @dataclass(frozen=True)
-class ScorerConfig(Checked, group="scorer"):
-    """Algorithm 3, the handcrafted scorer as the robot ran it; its death radius is ``execution.death_radius_m``."""
-
-    risk_radius_m: NotNegative = 2.0  # r_g: Clyde nearer to a pellet than this makes it dearer, original
-    risk_weight: NotNegative = 3.0  # w_g, per m of that; original
-    direction_weight: NotNegative = 5.0  # w_d, in m; original
-    emergency_radius_m: NotNegative = 2.0  # Clyde threatens within this distance, original ...
-    warning_radius_m: NotNegative = 3.0  # ... or within this one while he closes in, original
-    approach_speed_mps: NotNegative = 0.03  # closing in means at least this fast, original
-    replan_margin_m: NotNegative = 0.3  # a new goal must cost less by more than this, original
-    threat_exit_margin_m: NotNegative = 0.0  # both radii grow by this much while Clyde threatens; original: 0
-
-
-@dataclass(frozen=True)
 class ShowConfig(Checked, group="show"):
     """Algorithm 5: how long the shows last, and how often the way home is tried."""
 
-    start_s: NotNegative = 8.0  # before a round, original
-    death_s: NotNegative = 5.0  # after a death, original
+    start_s: _ShowTime = 8.0  # before a round, original
+    death_s: _ShowTime = 5.0  # after a death, original
     home_retries: Count = 3  # more tries after a failed way home before the game gives up; original: none
     home_retry_s: NotNegative = 5.0  # pause before each of them
-    spin_radps: Positive = 1.5  # how fast the robot turns in a show, original
+    spin_radps: Annotated[float, Meta(gt=0, le=1.9)] = 1.5  # how fast the robot turns in a show, original
     swing_s: Positive = 0.25  # the shake goes to the other side this often, original
 
 

@@ -9,8 +9,6 @@ from ..config import ShowConfig
 
 Motion = Literal["spin", "shake", "stop"]
 
-SPEED_RADPS = 1.5  # original
-_SWING_S = 0.25  # from one side to the other; original
 _EDGE_S = 1e-9  # times at which the side changes are hit by sums of periods
 
 
@@ -22,8 +20,8 @@ def angular_velocity(motion: Motion, elapsed_s: float, show: ShowConfig) -> floa
     that it goes as far to the left as to the right.
     """
     if motion == "spin":
-        return SPEED_RADPS if 0 <= elapsed_s < show.start_s else None
+        return show.spin_radps if 0 <= elapsed_s < show.start_s else None
     if motion == "shake":
-        swings = math.floor((elapsed_s + _EDGE_S) / _SWING_S + 0.5)
-        return (SPEED_RADPS if swings % 2 == 0 else -SPEED_RADPS) if 0 <= elapsed_s < show.death_s else None
+        swings = math.floor((elapsed_s + _EDGE_S) / show.swing_s + 0.5)
+        return (show.spin_radps if swings % 2 == 0 else -show.spin_radps) if 0 <= elapsed_s < show.death_s else None
     return None

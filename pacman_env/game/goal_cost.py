@@ -5,36 +5,30 @@ The formula for one situation; which goal is then chosen is decided in ``heurist
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import Config
+from ..config import ExecutionConfig
 
 #: Columns of the terms of a candidate; the last two are 0 or 1.
 DISTANCE, RISK, DIRECTION, TOTAL, SAFE, SKIPPED = range(6)
 
 
 class ScorerParameters(NamedTuple):
-    """Numbers of the scorer: the group ``scorer`` of a configuration, and the death radius."""
+    """Numbers of the scorer, the policy's own: a configuration holds the game's. All are original."""
 
-    risk_radius_m: float
-    risk_weight: float
-    direction_weight: float
-    emergency_radius_m: float
-    warning_radius_m: float
-    approach_speed_mps: float
-    replan_margin_m: float
-    threat_exit_margin_m: float
-    death_radius_m: float  # no threat any more, and pellets this near Clyde are skipped
-
-
-def scorer_parameters(config: Config) -> ScorerParameters:
-    """The scorer's numbers under a configuration."""
-    return ScorerParameters(**dataclasses.asdict(config.scorer), death_radius_m=config.execution.death_radius_m)
+    risk_radius_m: float = 2.0  # r_g: Clyde nearer to a pellet than this makes it dearer
+    risk_weight: float = 3.0  # w_g, per m of that
+    direction_weight: float = 5.0  # w_d, in m
+    emergency_radius_m: float = 2.0  # Clyde threatens within this distance ...
+    warning_radius_m: float = 3.0  # ... or within this one while he closes in
+    approach_speed_mps: float = 0.03  # closing in means at least this fast
+    replan_margin_m: float = 0.3  # a new goal must cost less by more than this
+    threat_exit_margin_m: float = 0.0  # both radii grow by this much while Clyde threatens
+    death_radius_m: float = ExecutionConfig.death_radius_m  # no threat any more; pellets this near Clyde are skipped
 
 
 def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerParameters) -> bool:

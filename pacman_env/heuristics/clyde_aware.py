@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import make_config
 from pacman_env.game.goal_cost import (
     SAFE,
     SKIPPED,
@@ -20,7 +19,6 @@ from pacman_env.game.goal_cost import (
     ScorerParameters,
     is_threatening,
     score_situation,
-    scorer_parameters,
 )
 from pacman_env.jit import kernel
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
@@ -109,7 +107,7 @@ class ClydeAware(BasePolicy):
                 raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(ScorerParameters._fields)}")
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0")
-        self.parameters = scorer_parameters(make_config())._replace(**{k: float(v) for k, v in parameters.items()})
+        self.parameters = ScorerParameters(**{name: float(value) for name, value in parameters.items()})
         self.form = form
         self.name = "clyde_aware" if form == "deployed" else f"clyde_aware:{form}"
         self._threatened: NDArray[np.bool_] | None = None

@@ -29,8 +29,8 @@ Position = tuple[float, float]
 Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
 
 
-#: (9, 2) m: a ghost and eight points around him, what Nav2's costmap sees of him, at 0.05 m (original).
-GHOST_OBSTACLE = 0.05 * np.array(
+#: (9, 2) what Nav2's costmap sees of a ghost: he and eight points around him, as multiples of their distance.
+GHOST_OBSTACLE = np.array(
     [(0.0, 0.0), *((math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8))], dtype=np.float64
 )
 

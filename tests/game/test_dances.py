@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import ShowConfig
-from pacman_env.game.dances import SPEED_RADPS, angular_velocity
+from pacman_env.game.dances import angular_velocity
 
 SHOW = ShowConfig()
 
@@ -41,6 +41,18 @@ def test_the_death_shake_goes_to_and_fro_for_5_s_and_ends_where_it_began() -> No
 @given(st.sampled_from(["spin", "shake", "stop"]), st.floats(-1e9, 1e9))
 def test_no_motion_is_faster_or_longer_than_it_may_be(motion: str, elapsed: float) -> None:
     command = angular_velocity(motion, elapsed, SHOW)  # type: ignore[arg-type]
-    assert command is None or abs(command) <= SPEED_RADPS
+    assert command is None or abs(command) <= SHOW.spin_radps
     if elapsed < 0 or elapsed >= max(SHOW.start_s, SHOW.death_s) or motion == "stop":
         assert command is None
+
+
+def test_speed_and_swing_are_the_configurations() -> None:
+    show = ShowConfig(spin_radps=0.7, swing_s=1.0, death_s=2.0)
+    assert [angular_velocity("shake", at, show) for at in (0.0, 0.4, 0.6, 1.4, 1.6, 2.0)] == [
+        0.7,
+        0.7,
+        -0.7,
+        -0.7,
+        0.7,
+        None,
+    ]

@@ -19,7 +19,6 @@ pytest.importorskip("irobot_create_msgs")
 from action_msgs.msg import GoalStatus
 
 from pacman_env.config import ShowConfig, make_config
-from pacman_env.game.dances import SPEED_RADPS
 from pacman_env.game.lights import animations
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
@@ -197,7 +196,7 @@ class Motion:
         self.pause = max(
             b - a for a, b in zip(self.stamps, [*self.stamps[1:], self.stamps[0] + self.seconds], strict=True)
         )
-        self.kind = "spin" if set(self.turns) == {SPEED_RADPS} else "shake"
+        self.kind = "spin" if set(self.turns) == {ShowConfig.spin_radps} else "shake"
 
 
 def motions(game: Recording) -> list[Motion]:
@@ -243,9 +242,9 @@ def test_shows_last_as_long_as_recorded(game: Recording, golden: dict[str, Any])
 def test_the_robot_spins_before_a_round_and_shakes_after_a_death(game: Recording, golden: dict[str, Any]) -> None:
     assert [motion.kind for motion in motions(game)] == golden["motions"]
     for motion in motions(game):
-        sides = {"spin": {SPEED_RADPS}, "shake": {SPEED_RADPS, -SPEED_RADPS}}[motion.kind]
+        sides = {"spin": {ShowConfig.spin_radps}, "shake": {ShowConfig.spin_radps, -ShowConfig.spin_radps}}[motion.kind]
         assert set(motion.turns) == sides
-        assert motion.turns[0] == SPEED_RADPS
+        assert motion.turns[0] == ShowConfig.spin_radps
         assert motion.stamps[-1] - motion.stamps[0] < golden["seconds"][motion.kind] + 0.1  # never beyond its time
     assert all(said.message.twist.linear.x == 0.0 for said in game.on(topics.CMD_VEL))
 

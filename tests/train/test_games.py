@@ -125,15 +125,15 @@ def test_randomize_draws_what_else_the_real_robot_met() -> None:
 
 def test_ablations_drop_columns_that_exist_and_each_its_own() -> None:
     assert dropped(tiny()) == {"dropped_features": (), "dropped_kinds": ()}
-    parts = {part: dropped(tiny(without=(part,))) for part in ("paths", "futures", "refuges", "hold")}
+    parts = {part: dropped(tiny(without=(part,))) for part in ("paths", "prediction", "refuges", "hold")}
     kinds = {part: [CANDIDATE_FEATURES[k] for k in parts[part]["dropped_kinds"]] for part in parts}
-    assert kinds == {"paths": [], "futures": [], "refuges": ["is_refuge"], "hold": ["is_hold"]}
-    paths, futures = (set(parts[part]["dropped_features"]) for part in ("paths", "futures"))
+    assert kinds == {"paths": [], "prediction": [], "refuges": ["is_refuge"], "hold": ["is_hold"]}
+    paths, prediction = (set(parts[part]["dropped_features"]) for part in ("paths", "prediction"))
     assert len(paths) == 8
-    assert len(futures) == 6
-    assert not paths & futures
-    together = dropped(tiny(without=("paths", "futures", "refuges", "hold")))
-    assert set(together["dropped_features"]) == paths | futures
+    assert len(prediction) == 6
+    assert not paths & prediction
+    together = dropped(tiny(without=("paths", "prediction", "refuges", "hold")))
+    assert set(together["dropped_features"]) == paths | prediction
     assert len(together["dropped_kinds"]) == 2
 
 

@@ -114,13 +114,13 @@ def test_another_process_trains_the_same_bits(tmp_path: Path) -> None:
     assert one == other
 
 
-@pytest.mark.parametrize("part", ["refuges", "hold", "paths", "futures"])
+@pytest.mark.parametrize("part", ["refuges", "hold", "paths", "prediction"])
 def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path) -> None:
     options = ["--without", part, "--decisions", "64", "--out", str(tmp_path / "run")]
     assert main(tiny_options(tmp_path, *options)) == 0
     planner = LearnedPlanner(tmp_path / "run" / "planner.onnx")
     dropped = planner.metadata.dropped_kinds, len(planner.metadata.dropped_features)
-    expected = {"refuges": (("is_refuge",), 0), "hold": (("is_hold",), 0), "paths": ((), 8), "futures": ((), 6)}
+    expected = {"refuges": (("is_refuge",), 0), "hold": (("is_hold",), 0), "paths": ((), 8), "prediction": ((), 6)}
     assert dropped == expected[part]
     situation = random_situation(0, 40)
     kind = {"refuges": 1, "hold": 2}.get(part, -1)

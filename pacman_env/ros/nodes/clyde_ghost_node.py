@@ -78,6 +78,8 @@ class ClydeGhostNode(GameNode):
         self._pellets: Pellets | None = None
         self._tick_s, self._decided_s, self._began_round_s = config.execution.tick_s, -math.inf, 0.0
         self._distance_m = config.clyde.spawn_distance_m
+        radius_m = max(config.nav2.clyde_keepout_m - config.robot.inscribed_radius_m, 0.0)
+        self._around = radius_m * GHOST_OBSTACLE  # at 0.05 m, original
 
         self.ghosts = MapGhosts(assets, config, seed)
         self.ghosts.decide(self._choices())
@@ -204,7 +206,7 @@ class ClydeGhostNode(GameNode):
             self._view.see_ghost(number, *pose[:2], now.nanoseconds)
             publisher.publish(pose_message(*pose, stamp))
             self._marker.publish(marker_message(GHOSTS, number + 1, pose[:2], _DIAMETER_M, _COLOURS[number], stamp))
-        around = np.concatenate([GHOST_OBSTACLE + pose[:2] for pose in poses])
+        around = np.concatenate([self._around + pose[:2] for pose in poses])
         self._obstacle.publish(
             cloud_message(around[: 0 if self._state == "returning_home" else None], stamp, _OBSTACLE_Z_M)
         )

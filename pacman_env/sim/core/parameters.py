@@ -47,6 +47,7 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
         "no_path_steps": steps(nav2.no_path_abort_s),
         "no_control_steps": steps(nav2.no_control_abort_s),
         "stuck_steps": steps(nav2.stuck_abort_s),
+        "recovery_steps": steps(nav2.recovery_wait_s),
         "omega_max": robot.omega_radps,
         "omega_rate": 2.0 * robot.wheel_acceleration_mps2 / robot.wheel_base_m,
         "wheel_max": robot.wheel_speed_mps,

@@ -127,6 +127,7 @@ PARAMETERS = np.dtype(
         ("no_path_steps", np.int64),
         ("no_control_steps", np.int64),
         ("stuck_steps", np.int64),
+        ("recovery_steps", np.int64),
         ("omega_max", np.float64),
         ("omega_rate", np.float64),
         ("wheel_max", np.float64),

@@ -24,9 +24,6 @@ from . import kernels, records
 from .parameters import batch_parameters, draw_episodes
 from .poses import Pose, compose, inverse, wrap
 
-VELOCITY_TIMEOUT_S = 0.5  # Create 3: a velocity that is not repeated ends
-#: An initial pose farther from the truth than this is where the filter stays [I]: twice RViz's deviations.
-CONVERGES_M, CONVERGES_RAD = 1.0, 0.52
 _LONG_AGO = -1_000_000  # steps
 _NO_DECISIONS = np.zeros((1, 1, 2))
 _FAR_M = 1e6  # where Clyde is while nobody has seen him
@@ -276,7 +273,8 @@ class SimulatedRobot:
             raise ValueError(f"initial pose {pose}: must be three finite numbers")
         x, y, heading = self.pose
         off = pose[0] - x, pose[1] - y, wrap(pose[2] - heading)
-        near = math.hypot(off[0], off[1]) <= CONVERGES_M and abs(off[2]) <= CONVERGES_RAD
+        filtered = self.config.localization
+        near = math.hypot(off[0], off[1]) <= filtered.converges_m and abs(off[2]) <= filtered.converges_rad
         self.localizing = True
         self.shift_belief((0.0, 0.0, 0.0) if near else off)
 
@@ -300,7 +298,7 @@ class SimulatedRobot:
         g = self._g
         v, omega, since = self._velocity
         age = self.steps - since
-        timeout = VELOCITY_TIMEOUT_S / self.config.physics_step_s
+        timeout = self.config.robot.velocity_timeout_s / self.config.physics_step_s
         # The last command counts, and a navigator that drives gives one at each step.
         by_hand = age == 0 or (age < timeout and g["nav_state"] != navigator.ACTIVE)
         games, physics, parameters = self._games, self._physics, self._parameters

@@ -12,8 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import make_config
-from ...game.goal_cost import TOTAL, is_threatening, score_situation, scorer_parameters
+from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...jit import kernel
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction
@@ -22,7 +21,7 @@ from .situation import HOLD, PELLET, REFUGE, Situation
 VERSION = 3
 FAR_M = 20.0
 _AROUND_M = 2.5  # pellets within this way are around a place
-_SCORER = scorer_parameters(make_config())  # the handcrafted one, as deployed
+_SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
 CANDIDATE_FEATURES = (
     "is_pellet",

@@ -16,7 +16,6 @@ from .planner import write_plan
 
 IDLE, ACTIVE = 0, 1
 NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalStatus
-_WAIT_S = 5.0  # recovery "wait"
 
 NAVIGATOR_FIELDS = [
     ("x", np.float64),  # true pose and velocity: m, m, rad, m/s, m/s, rad/s
@@ -181,4 +180,4 @@ def _watch_progress(g, bx, by, p):  # type: ignore[no-untyped-def]
         if g.step - g.nav_stuck_step >= p.stuck_steps:
             _end(g, ABORTED)
         g.nav_progress_step = g.step
-        g.nav_wait_step = g.step + int(_WAIT_S / p.dt)
+        g.nav_wait_step = g.step + p.recovery_steps
