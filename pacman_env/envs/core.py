@@ -37,6 +37,7 @@ class EnvCore:
         self._observer = Observer(self.batch)
         self.parts = self._observer.parts
         self._situation: Situation | None = None
+        self._draws = bool(self.config.randomize.ranges())  # asked at every step otherwise
 
     @property
     def started(self) -> bool:
@@ -99,7 +100,7 @@ class EnvCore:
             result["level"] = batch.level_numbers()
         if self.config.endless:
             result["round"], result["score"] = games["round"].astype(np.int64), games["score"].astype(np.int64)
-        return result | drawn_values(games, self.config)
+        return result | drawn_values(games, self.config) if self._draws else result
 
     def _ghost_choices(self, given: Mapping[int, int]) -> NDArray[np.int64] | None:
         if not (self._policies or given):
