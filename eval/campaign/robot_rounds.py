@@ -78,7 +78,7 @@ def play_task(task: Task) -> list[RobotRound]:
     os.environ["ROS_DOMAIN_ID"] = str(int(os.environ.get("ROS_DOMAIN_ID", "1")) + task.number)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     folder = Path(task.folder) / f"system-{task.number}"
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     os.environ["ROS_LOG_DIR"] = str(folder)
     limit_s = _config(task.settings).time_limit_s
     played = []
@@ -220,6 +220,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         prepare(arguments.json)
     folder = arguments.logs or Path(tempfile.mkdtemp(prefix="robot_rounds_"))
+    folder.mkdir(parents=True, exist_ok=True)
     map_yaml = str(assets.occupancy.save(folder / "map.yaml"))
     jobs = min(arguments.jobs, arguments.rounds)
     tasks = [
