@@ -46,6 +46,7 @@ _COLOURS = ((1.0, 0.31, 0.0), (1.0, 0.0, 0.0), (1.0, 0.6, 0.8), (0.0, 1.0, 1.0))
 _OBSTACLE_Z_M = 0.25  # where the costmap looks for him; original
 _LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
 _ANSWER_S = 10.0  # an answer that is not there by then will not come
+_CATCH_UP_S = 1.0  # of what a late timer has left out, at most so much is made good
 _ALL = np.ones(1, np.bool_)
 
 
@@ -77,6 +78,8 @@ class ClydeGhostNode(GameNode):
         self._view = RobotView(assets, config, seed)
         self._pellets: Pellets | None = None
         self._tick_s, self._decided_s, self._began_round_s = config.execution.tick_s, -math.inf, 0.0
+        self._stepped_s: float | None = None  # when the ghosts have moved last in this round
+        self._owed_s = 0.0
         self._distance_m = config.clyde.spawn_distance_m
         radius_m = max(config.nav2.clyde_keepout_m - config.robot.inscribed_radius_m, 0.0)
         self._around = radius_m * GHOST_OBSTACLE  # at 0.05 m, original
@@ -111,8 +114,8 @@ class ClydeGhostNode(GameNode):
     def _hear_state(self, message: Any) -> None:
         state = word_of(message, topics.STATE_WORDS)
         if state == "running" != self._state:
-            self._chosen = None
-            self._began_round_s = self.now_s()
+            self._chosen = self._stepped_s = None
+            self._began_round_s, self._owed_s = self.now_s(), 0.0
             self._view.begin()
             for policy in self._policies.values():
                 policy.reset(_ALL)
@@ -181,12 +184,23 @@ class ClydeGhostNode(GameNode):
             if not 0 <= now - self._decided_s < self._tick_s - 1e-6:
                 self._decided_s = now
                 self.ghosts.decide(self._choices())
-            self.ghosts.step()
+            for _ in range(self._steps_due(now)):
+                self.ghosts.step()
             apart = max(map(math.dist, self._cleared_at, self._places()))
             moved = apart >= self.config.nav2.clear_distance_m
             if self._clear_s and moved and not 0 <= now - self._cleared_s < self._clear_s:
                 self._clear_costmap()
         self._show()
+
+    def _steps_due(self, now: float) -> int:
+        """1, or 2 while there is something to catch up on: a late timer leaves steps out, ghosts keep their speed."""
+        period_s, before_s, self._stepped_s = self.config.clyde.update_period_s, self._stepped_s, now
+        late_s = 0.0 if before_s is None else max(now - before_s - period_s, 0.0)
+        self._owed_s = min(self._owed_s + late_s, _CATCH_UP_S)
+        if self._owed_s < period_s / 2:
+            return 1
+        self._owed_s -= period_s
+        return 2
 
     def _choices(self) -> NDArray[np.int64]:
         """The candidates that policies send their ghosts to, in their order; the last one: wander on."""
