@@ -232,6 +232,7 @@ def test_lights_are_shown_when_they_change_and_notes_are_played_one_sequence_at_
     assert other.cancel() == 1
     status, result = other.end()
     assert (status, result.complete) == (CANCELED, False)
+    probe.wait_for(lambda: len(probe.values(AUDIO_SHOWN)) >= 6, what="the last end")  # says it after the result
     playing = [json.loads(text)["playing"] for text in probe.values(AUDIO_SHOWN)]
     assert playing == [True, False] * 3
     assert json.loads(probe.values(AUDIO_SHOWN)[0])["notes"] == [[440, 2.0]] * 2
