@@ -127,8 +127,7 @@ def test_he_moves_only_while_the_game_is_running_and_then_at_his_speed(probe: Pr
     poses = np.array([pose_of(m)[:2] for m in probe.messages(topics.CLYDE_POSE)])
     steps = np.hypot(*np.diff(poses, axis=0).T)
     step = 0.8 * CONFIG.clyde.update_period_s
-    assert any(steps.max() == pytest.approx(many * step, rel=0.3) for many in (1, 2))  # 2: the machine was late
-    assert steps.max() <= 2 * step + 1e-6
+    assert 0.99 * step <= steps.max() <= 2 * step + 1e-6  # two steps at once where the machine was late
     assert (steps[-4:] > 0.01).all()
     probe.publish(topics.GAME_STATE, "dying")
     next_pose(probe, 3)
