@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import math
 import multiprocessing
-import os
 import shutil
 import sys
 import tempfile
@@ -23,7 +22,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +33,7 @@ from pacman_env.ros.simulated_robot.sim_faults import FAULTS
 from pacman_env.ros.supervisor.processes import Lost
 
 from .schedule import GAMES_PER_SYSTEM, INTERFERENCES, Schedule, Step, ground_of, part_of_map, schedule
-from .system import System
+from .system import System, confine, first_domain, require_ros
 from .verdict import Evidence, outcome, violations
 
 VIOLATED = 1  # exit status
@@ -250,10 +248,7 @@ class Silent(Exception):
 def play(seeds: Sequence[int], speed: float, folder: Path, domain: int | None) -> list[Verdict]:
     """The games of some seeds, each system anew where its ground changes."""
     verdicts: list[Verdict] = []
-    if domain is not None:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_LOG_DIR"] = str(folder)
+    confine(folder, domain)
     for block in _blocks(seeds):
         ground = part_of_map(*ground_of(block[0]))
         pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
@@ -304,8 +299,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         ValueError: no ROS, or the figures cannot be written.
     """
-    if find_spec("rclpy") is None:
-        raise ValueError("this needs ROS 2 Jazzy: see docs/robot.md")
+    require_ros()
     seeds = arguments.only or list(range(arguments.seed, arguments.seed + arguments.games))
     folder = arguments.logs or Path(tempfile.mkdtemp(prefix="campaign_"))
     began = time.monotonic()
@@ -317,7 +311,7 @@ def run(arguments: argparse.Namespace) -> int:
         verdicts = play(seeds, arguments.speed, folder, arguments.domain)
     else:
         shares = [[s for b in list(_blocks(seeds))[k :: arguments.jobs] for s in b] for k in range(arguments.jobs)]
-        first = arguments.domain or int(os.environ.get("ROS_DOMAIN_ID", "1"))
+        first = arguments.domain or first_domain()
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(arguments.jobs, mp_context=context) as pool:
             futures = [

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import math
 import multiprocessing
-import os
 import shutil
 import sys
 import tempfile
@@ -18,7 +17,6 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +33,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.supervisor.processes import Lost
 from pacman_env.sim.maps.assets import map_assets
 
-from .system import System
+from .system import System, confine, first_domain, require_ros
 
 #: A game's second round would be faster than its first; each game begins at Clyde's base speed.
 ONE_ROUND = ("clyde.speed_step_mps=0.0",)
@@ -51,6 +49,7 @@ class Task:
     speeds_mps: tuple[float, ...]
     rounds: int  # of each policy at each speed
     number: int  # of the system
+    domain: int
     seed: int
     map: str
     settings: tuple[str, ...]
@@ -75,11 +74,9 @@ def play_task(task: Task) -> list[RobotRound]:
     Raises:
         Lost: a process has ended or hangs.
     """
-    os.environ["ROS_DOMAIN_ID"] = str(int(os.environ.get("ROS_DOMAIN_ID", "1")) + task.number)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     folder = Path(task.folder) / f"system-{task.number}"
     folder.mkdir(parents=True, exist_ok=True)
-    os.environ["ROS_LOG_DIR"] = str(folder)
+    confine(folder, task.domain)
     limit_s = _config(task.settings).time_limit_s
     played = []
     with System(task.map, task.seed, task.pace, folder, task.settings) as system:
@@ -212,8 +209,7 @@ def run(arguments: argparse.Namespace) -> int:
         ValueError: no ROS, a configuration or policy that there is not, nodes that failed, or figures that cannot be
             written.
     """
-    if find_spec("rclpy") is None:
-        raise ValueError("this needs ROS 2 Jazzy: see docs/robot.md")
+    require_ros()
     settings = (*ONE_ROUND, *arguments.set)
     config = _config(settings)
     assets = map_assets(arguments.map, config)
@@ -229,6 +225,7 @@ def run(arguments: argparse.Namespace) -> int:
             tuple(arguments.clyde_speed),
             len(part),
             k,
+            first_domain() + k,
             arguments.seed + k,
             map_yaml,
             settings,

@@ -11,6 +11,7 @@ import re
 import time
 from collections import defaultdict
 from collections.abc import Collection, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,25 @@ from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
+
+
+def require_ros() -> None:
+    """Raise ValueError where ROS is absent."""
+    if find_spec("rclpy") is None:
+        raise ValueError("this needs ROS 2 Jazzy: see docs/robot.md")
+
+
+def confine(folder: Path, domain: int | None) -> None:
+    """Keep what this process starts and hears on this machine, in a domain (None: as it is), its logs in a folder."""
+    if domain is not None:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_LOG_DIR"] = str(folder)
+
+
+def first_domain() -> int:
+    """The domain of the first of several systems, unless one is given."""
+    return int(os.environ.get("ROS_DOMAIN_ID", "1"))
 
 
 class Lateness:

@@ -7,25 +7,13 @@ import pytest
 
 from eval.campaign import system
 from eval.campaign.system import Lateness, bad_lines
-
-
-class WallClock:
-    """In place of the module ``time``: it goes on only when told to."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-    def time_ns(self) -> int:
-        return round((1e9 + self.now_s) * 1e9)
+from tests.wall_clock import WallClock
 
 
 def test_who_does_not_get_a_core_is_late_and_who_takes_turns_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    time = WallClock()
+    time = WallClock(100.0)
     monkeypatch.setattr(system, "time", time)
 
     def waited(process: int, seconds: float) -> None:

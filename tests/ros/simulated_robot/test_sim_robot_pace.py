@@ -13,32 +13,20 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.ros.simulated_robot import sim_robot  # noqa: E402
 from pacman_env.ros.simulated_robot.sim_robot import AT_ONCE, CATCH_UP_S, START_NS, SimRobot  # noqa: E402
 from tests.sim.robots import rooms  # noqa: E402
+from tests.wall_clock import WallClock  # noqa: E402
 
 Make = Callable[..., SimRobot]
 
 
-class Wall:
-    """In place of the module ``time``."""
-
-    def __init__(self) -> None:
-        self.now_s = 500.0
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-    def time_ns(self) -> int:
-        return round((1.5e9 + self.now_s) * 1e9)
-
-
 @pytest.fixture
-def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
-    wall = Wall()
+def wall(monkeypatch: pytest.MonkeyPatch) -> WallClock:
+    wall = WallClock()
     monkeypatch.setattr(sim_robot, "time", wall)
     return wall
 
 
 @pytest.fixture
-def make(wall: Wall, domain: int, tmp_path: Path) -> Iterator[Make]:
+def make(wall: WallClock, domain: int, tmp_path: Path) -> Iterator[Make]:
     """Makes the node in this process; nobody spins it."""
     made: list[SimRobot] = []
 
@@ -55,7 +43,7 @@ def make(wall: Wall, domain: int, tmp_path: Path) -> Iterator[Make]:
     rclpy.shutdown()
 
 
-def late(node: SimRobot, wall: Wall, seconds: float) -> int:
+def late(node: SimRobot, wall: WallClock, seconds: float) -> int:
     """Let the wall's time pass without the node, then let it catch up; how many ticks it takes."""
     wall.now_s += seconds
     for tick in range(1000):
@@ -67,7 +55,7 @@ def late(node: SimRobot, wall: Wall, seconds: float) -> int:
     raise AssertionError("it does not catch up")
 
 
-def test_time_runs_ten_times_as_fast_as_the_walls(make: Make, wall: Wall) -> None:
+def test_time_runs_ten_times_as_fast_as_the_walls(make: Make, wall: WallClock) -> None:
     node = make(use_sim_time="true", speed=10.0)
     for k in range(1, 301):
         wall.now_s += 0.01
@@ -76,7 +64,7 @@ def test_time_runs_ten_times_as_fast_as_the_walls(make: Make, wall: Wall) -> Non
         assert node._now_ns() - START_NS == pytest.approx(k * 0.1e9, abs=0.051e9)
 
 
-def test_without_simulated_time_stamps_are_the_walls(make: Make, wall: Wall) -> None:
+def test_without_simulated_time_stamps_are_the_walls(make: Make, wall: WallClock) -> None:
     node = make()
     for k in range(1, 400):
         wall.now_s += 0.03 if k % 100 else 2.0  # now and then it gets no core for a while
@@ -87,13 +75,13 @@ def test_without_simulated_time_stamps_are_the_walls(make: Make, wall: Wall) -> 
     assert node.once.counts["too slow"] == 3
 
 
-def test_a_robot_that_catches_up_is_not_deaf_meanwhile(make: Make, wall: Wall) -> None:
+def test_a_robot_that_catches_up_is_not_deaf_meanwhile(make: Make, wall: WallClock) -> None:
     node = make(use_sim_time="true", speed=10.0)
     assert late(node, wall, 0.4) >= 8
     assert node.robot.steps == pytest.approx(80, abs=1)
 
 
-def test_what_is_too_late_is_left_out(make: Make, wall: Wall) -> None:
+def test_what_is_too_late_is_left_out(make: Make, wall: WallClock) -> None:
     node = make(use_sim_time="true", speed=10.0)
     steps = node.robot.steps
     late(node, wall, 60.0)
