@@ -174,7 +174,7 @@ class RobotSide:
     def report(self) -> None:
         """The pellets as they are shown."""
         self._do(self.executor.pellets(self.shown, 0, self.now))
-        self._hear(self.referee.pellets_left(self.shown))
+        self._hear(self.referee.pellets_left(self.shown, self.now))
 
     def choose(self, candidate: int) -> bool:
         """Whether the choice was acted on."""

@@ -37,6 +37,7 @@ from .ghosts import GHOST_NAMES
 from .goals import HOME, Goals, Home, Place, Position, Sent
 from .unacknowledged import UnacknowledgedStatuses
 
+_GONE_S = 2.0  # a pellet that no report shows for so long has been taken by somebody else
 _KEPT = 16  # goals remembered that Nav2 has not ended; older ones are forgotten
 
 Kind = Literal["send", "cancel", "stop", "status", "remove", "event", "ignored"]
@@ -100,7 +101,8 @@ class GoalExecutor:
         self._began_s = 0.0  # when the task began
         self._waiting_s: float | None = None  # since when the way home cannot begin
         self._arrived_s: float | None = None  # when Nav2 said so of the way home, but no pose did
-        self._empty_s: float | None = None  # since when no pellet is shown
+        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, since when reports do not show a pellet left
+        self._empty_s: float | None = None  # since when no pellet is shown that can be reached
         self._collected: set[int] = set()
 
     @property
@@ -211,27 +213,31 @@ class GoalExecutor:
         """A report of the pellets.
 
         Args:
-            left: their ids; a round without any that can be reached is reported as complete.
+            left: their ids; a round without any that can be reached is reported as complete. One that was left and is
+                not among them is believed to be gone after 2 s without it.
             unknown: how many more are shown that are none of this map's; a report of those alone is about another map,
                 and those known before stay.
             now: s.
         """
-        slots = [self._goals.slot[number] for number in left if number not in self._collected]
-        if slots or not unknown:
-            self._left[:] = False
-            self._left[slots] = True
+        self.statuses.look()
+        shown = np.zeros_like(self._left)
+        shown[[self._goals.slot[number] for number in left if number not in self._collected]] = True
+        if shown.any() or not unknown:
+            self._missing_s[shown] = math.inf
+            self._missing_s[~shown] = np.minimum(self._missing_s[~shown], now)
+            self._left = shown | (self._left & (now - self._missing_s < _GONE_S))
             record = self._record
-            record.spawned = record.collected + record.lost + len(slots)
-            if slots and record.end != DEAD:
+            record.spawned = record.collected + record.lost + int(self._left.sum())
+            if shown.any() and record.end != DEAD:
                 record.end = RUNNING
-        if self._left[: self._goals.candidates].any() or unknown or not self.playing:
+                self.statuses.withdraw("game_complete")
+        if shown[: self._goals.candidates].any() or unknown or not self.playing:
             self._empty_s = None
         elif self._empty_s is None:
             self._empty_s = now
         elif now - self._empty_s >= 2.0:  # the last of a round is reported at once: this round had none for us
             self._empty_s = math.inf
-            lost = [*self.statuses.pellets, self.statuses.ended("game_complete")]
-            return [ExecutorAction("status", word) for word in lost]
+            return [ExecutorAction("status", word) for word in self.statuses.ended("game_complete")]
         return []
 
     # What the robot does
@@ -245,9 +251,9 @@ class GoalExecutor:
         action, actions = self._step(LOOK, 0, pose, now, ghosts)
         if self._record.end == DEAD:
             self._task = "none"
-            word = self.statuses.ended("death_detected")
+            words = [ExecutorAction("status", word) for word in self.statuses.ended("death_detected")]
             killed = f"{GHOST_NAMES[self._record.catcher]} killed"
-            return [*actions, ExecutorAction("event", killed), ExecutorAction("status", word), *self._halt(now)]
+            return [*actions, ExecutorAction("event", killed), *words, *self._halt(now)]
         return [*actions, *(self._let_go(now) if action == CANCEL else self._go_on(now))]
 
     def choose(self, place: Place | None, now: float) -> list[ExecutorAction]:
@@ -271,6 +277,7 @@ class GoalExecutor:
         places = np.array(ghosts, dtype=np.float64).reshape(-1, 2)
         ground = (self._goals.xy, places, self._left, self._waits, self._aborts)
         lost, end = record.lost, record.end
+        self.statuses.look()
         action = transition(record, event, value, x, y, now, navigating, ground, self._rules)
         if record.pursued == NO_CHOICE and self.pursued != HOME:
             self._current = None
@@ -282,7 +289,7 @@ class GoalExecutor:
                 actions.append(ExecutorAction("status", self.statuses.collected(number)))
             actions.append(ExecutorAction("remove", number))
         if record.end == CLEARED != end:
-            actions.append(ExecutorAction("status", self.statuses.ended("game_complete")))
+            actions += [ExecutorAction("status", word) for word in self.statuses.ended("game_complete")]
         return action, actions
 
     # What Nav2 says
@@ -428,5 +435,5 @@ class GoalExecutor:
         """The way home is over; it has failed only where the robot is not there."""
         self._task, self._arrived_s = "none", None
         there = self.home is not None and self._is_at(self.home, self._rules.success_distance)
-        word = self.statuses.ended("home_reached" if there else "home_failed")
-        return [ExecutorAction("status", word), *self._let_go(now)]
+        words = self.statuses.ended("home_reached" if there else "home_failed")
+        return [*(ExecutorAction("status", word) for word in words), *self._let_go(now)]

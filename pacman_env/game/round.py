@@ -52,6 +52,7 @@ def clyde_speed_mps(base: float, step: float, round: int) -> float:
 
 
 _Count = Annotated[int, Meta(ge=0, lt=10**9)]
+_MISSED_S = 3.0  # reports come once a second: after a longer pause some were missed
 
 
 class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,6 +66,7 @@ class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     collected: tuple[_Count, ...]
     shown: tuple[_Count, ...]
     still_shown: tuple[_Count, ...]
+    lasting: tuple[_Count, ...]
     left: tuple[_Count, ...] | None
     due_in_s: Annotated[float, Meta(ge=0, le=1e6)] | None
     after_home: Literal["start", "next_round", "game_over"]
@@ -93,6 +95,9 @@ class RoundController:
     _collected: set[int] = field(default_factory=set, init=False)
     _left: frozenset[int] | None = field(default=None, init=False)  # None: no report in this round yet
     _shown: set[int] = field(default_factory=set, init=False)  # in any report of this round
+    #: In two reports in a row, or in the last before a pause: such a pellet does not go but by being collected.
+    _lasting: set[int] = field(default_factory=set, init=False)
+    _reported_s: float = field(default=-math.inf, init=False)  # when the latest report came
     _still_shown: frozenset[int] = field(default=frozenset(), init=False)  # collected, but in the latest report
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
     _after_home: Literal["start", "next_round", "game_over"] = field(default="start", init=False)
@@ -108,8 +113,11 @@ class RoundController:
 
     @property
     def spawned(self) -> int:
-        """Pellets of this round, collected or not; 0 as long as none were reported."""
-        return 0 if self._left is None else len(self._left | self._collected)
+        """Pellets of this round, collected or not; 0 as long as none were reported.
+
+        Those that are gone but not reported as collected are among them: the report was lost, and is repeated.
+        """
+        return 0 if self._left is None else len(self._left | self._collected | self._lasting)
 
     @property
     def clyde_speed(self) -> float:
@@ -135,6 +143,7 @@ class RoundController:
             "collected": sorted(self._collected),
             "shown": sorted(self._shown),
             "still_shown": sorted(self._still_shown),
+            "lasting": sorted(self._lasting),
             "left": None if self._left is None else sorted(self._left),
             "due_in_s": None if self._deadline_s is None else max(0.0, self._deadline_s - now),
             "after_home": self._after_home,
@@ -152,7 +161,7 @@ class RoundController:
             ValueError: not a snapshot; nothing has changed.
         """
         kept: Snapshot = convert(values, Snapshot, "snapshot")
-        for name in ("collected", "shown", "still_shown", "left"):
+        for name in ("collected", "shown", "still_shown", "lasting", "left"):
             ids = getattr(kept, name) or ()
             require(len(set(ids)) == len(ids), f"snapshot.{name}", ids, "must have each pellet once")
         state, due_s = kept.state, kept.due_in_s
@@ -162,6 +171,7 @@ class RoundController:
         self._base_speed_mps = kept.base_speed_mps
         self._collected = set(kept.collected)
         self._shown, self._still_shown = set(kept.shown), frozenset(kept.still_shown)
+        self._lasting, self._reported_s = set(kept.lasting), -math.inf  # reports were missed since
         self._left = None if kept.left is None else frozenset(kept.left)
         self._deadline_s = None if due_s is None else now + due_s
         self._after_home, self._home_failures = kept.after_home, kept.home_failures
@@ -181,15 +191,19 @@ class RoundController:
         self.result = ""
         return self._game_over()
 
-    def pellets_left(self, ids: Iterable[int]) -> list[Action]:
+    def pellets_left(self, ids: Iterable[int], now: float) -> list[Action]:
         """The ids that the latest pellet report still shows.
 
-        Only the latest report counts, together with the ids collected: a stale or early one is forgotten with
-        the next, and which of status and report of one pellet comes first does not matter. A pellet that two reports
-        show after it was collected is to be removed once more: who shows them has forgotten it.
+        A pellet of one report alone, be it stale, early or of another map, is forgotten with the next. One that lasts
+        is of this round, and has to be collected: which of status and report of one pellet comes first does not
+        matter, nor that a report shows nothing. A pellet that two reports show after it was collected is to be removed
+        once more: who shows them has forgotten it.
         """
         before = self.spawned
-        self._left = frozenset(ids)
+        left, missed = frozenset(ids), now - self._reported_s > _MISSED_S
+        if self._left is not None:
+            self._lasting |= self._left if missed else self._left & left
+        self._left, self._reported_s = left, now
         self._shown |= self._left
         still = self._left & self._collected
         again, self._still_shown = still & self._still_shown, still
@@ -263,6 +277,7 @@ class RoundController:
         self._collected.clear()
         self._left = None
         self._shown.clear()
+        self._lasting.clear()
         self._still_shown = frozenset()
         self._deadline_s = None
         return [

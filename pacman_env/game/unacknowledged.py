@@ -15,12 +15,22 @@ class UnacknowledgedStatuses:
         self.pellets: list[str] = []  # reported, not counted yet
         self._counted: int | None = None  # pellets of the round, as the game counts them; None: nobody has said
         self._expected = 0  # what that comes to when every pellet was heard of
-        self._asked: set[str] = set()  # open at the last look
+        self._asked: set[str] = set()  # open at the last call of ``open``
+        self._earlier = 0  # of the pellets, those that were reported before the event that is looked at now
 
-    def ended(self, word: str) -> str:
-        """Report the end of a task; returns the status."""
+    def look(self) -> None:
+        """Another event begins: pellets that are unanswered by now may have been lost on the way."""
+        self._earlier = 0 if self._counted is None else len(self.pellets)
+
+    def ended(self, word: str) -> list[str]:
+        """Report the end of a task; returns the statuses: no pellet may come after the end, for it would not count."""
         self.end = word
-        return word
+        return [*self.pellets[: self._earlier], word]
+
+    def withdraw(self, word: str) -> None:
+        """That end was none after all."""
+        if self.end == word:
+            self.end = ""
 
     def collected(self, pellet: int) -> str:
         """Report a pellet; returns the status."""
@@ -33,16 +43,16 @@ class UnacknowledgedStatuses:
         """How many pellets of this round the game has counted, those of an executing side before this one included."""
         self._counted = count
         if count >= self._expected:
-            self.pellets.clear()
+            self._forget()
 
     def new_state(self) -> None:
         """The game has gone on to another state: what was reported in the one before is answered, or too late."""
         self.end = ""
-        self.pellets.clear()
+        self._forget()
 
     def new_round(self) -> None:
         """Counting begins again."""
-        self.pellets.clear()
+        self._forget()
         self._expected = 0
 
     def open(self) -> list[str]:
@@ -54,3 +64,7 @@ class UnacknowledgedStatuses:
         again = [word for word in now if word in self._asked]
         self._asked = set(now)
         return again
+
+    def _forget(self) -> None:
+        self.pellets.clear()
+        self._earlier = 0

@@ -22,6 +22,7 @@ class Nav2(RuleBasedStateMachine):
         self.now = 0.0
         self.executor = make_executor(Home(0.0, 0.0, 0.0), min_dwell_s=1.0)
         self.waiting: list[int] = []  # goals sent, not answered
+        self.sent: dict[int, float] = {}  # when each was
         self.live: dict[int, float] = {}  # accepted, not ended: since when
         self.cancelled: dict[int, float] = {}  # when that was asked for
         self.counted: set[int] = set()
@@ -48,8 +49,10 @@ class Nav2(RuleBasedStateMachine):
                 assert not recent, "a cancel under way takes the new goal along"
                 self.last += 1
                 self.waiting.append(self.last)
+                self.sent[self.last] = self.now
             elif action.kind == "cancel":
-                assert action.value in self.live, "only what was accepted can be cancelled"
+                late = self.now - self.sent[int(action.value)] >= 5.0  # the answer may be lost
+                assert action.value in self.live or late, "only what was accepted can be cancelled"
                 self.cancelled[int(action.value)] = self.now
             elif action.kind == "remove":
                 assert action.value not in self.counted

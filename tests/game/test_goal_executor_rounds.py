@@ -67,8 +67,48 @@ def test_a_report_of_strange_pellets_alone_makes_nobody_forget_those_that_are_le
     executor = running()
     assert executor.pellets({}, 2, 1.0) == []
     assert executor.left == PELLETS
-    assert executor.pellets({11: PELLETS[11]}, 2, 2.0) == []
+
+
+def test_a_pellet_that_reports_do_not_show_for_two_seconds_has_been_taken_by_somebody_else() -> None:
+    executor = running()
+    for second in (2.0, 3.0):
+        assert executor.pellets({11: PELLETS[11]}, 2, second) == []
+        assert executor.left == PELLETS
+    assert executor.pellets({11: PELLETS[11]}, 2, 4.0) == []
     assert executor.left == {11: PELLETS[11]}
+    executor.pellets(PELLETS, 0, 5.0)  # shown again, at once
+    assert executor.left == PELLETS
+
+
+def test_alternating_empty_reports_end_no_round() -> None:
+    executor = running()
+    executor.look((1.0, 0.0), (), 1.0)  # one of the two is collected
+    left = {11: PELLETS[11]}
+    said = []
+    for step in range(60):
+        now = 1.0 + 0.5 * step
+        said += words(executor.pellets(left if step % 2 else {}, 0, now))
+        said += words(executor.look((2.0, 0.0), (), now + 0.2))
+        assert executor.left == left
+    assert not [word for word in said if word.startswith("status")]
+
+
+def test_an_end_comes_after_the_pellets_that_nobody_has_counted() -> None:
+    executor = running()
+    executor.statuses.counted(0)
+    executor.look((1.0, 0.0), (), 1.0)
+    assert words(executor.look((3.0, 0.0), [(3.0, 0.0)], 2.0))[:3] == [
+        *("event clyde killed", "status pellet_collected:10", "status death_detected"),
+    ]
+
+
+def test_a_round_that_was_called_complete_too_early_goes_on_where_pellets_are_shown_again() -> None:
+    executor = running()
+    assert [words(executor.pellets({}, 0, now)) for now in (1.0, 3.0)] == [[], ["status game_complete"]]
+    executor.pellets(PELLETS, 0, 4.0)
+    executor.statuses.open()
+    assert executor.statuses.open() == []
+    assert executor.left == PELLETS
 
 
 # The way home

@@ -21,7 +21,7 @@ def words(actions: list[Action], *kinds: str) -> list[tuple[str, object]]:
 def running(pellets: int = 8, **options: float) -> RoundController:
     game = RoundController(**options)  # type: ignore[arg-type]
     game.start(0.0)
-    game.pellets_left(range(pellets))
+    game.pellets_left(range(pellets), 0.5)
     game.status("home_reached", 1.0)
     game.tick(1.0 + game.start_show_s)
     assert game.state == "running"
@@ -42,7 +42,7 @@ def test_a_start_follows_the_recorded_game() -> None:
         ("command", "return_home"),
         ("state", "returning_home"),
     ]
-    assert words(game.pellets_left(range(8))) == [("spawned", 8)]
+    assert words(game.pellets_left(range(8), 0.02)) == [("spawned", 8)]
     assert words(game.status("home_reached", 0.03)) == [
         ("event", "start theatrical"),
         ("state", "starting"),
@@ -113,7 +113,7 @@ def test_the_next_round_goes_on_with_score_and_speed() -> None:
     game.status("pellet_collected:0", 20.0)
     game.status("home_reached", 30.0)
     assert ("score", 1) in words(game.start(40.0))
-    game.pellets_left([0])
+    game.pellets_left([0], 40.1)
     game.status("home_reached", 41.0)
     assert words(game.tick(49.0), "clyde_speed") == [("clyde_speed", pytest.approx(0.30))]
     game.status("pellet_collected:0", 60.0)
@@ -130,9 +130,10 @@ def test_a_pellet_counts_once() -> None:
 def test_a_stale_pellet_report_does_not_keep_the_round_from_completing() -> None:
     game = running(2)
     game.status("pellet_collected:0", 20.0)
-    game.pellets_left(range(12))
+    game.pellets_left([1], 20.5)
+    game.pellets_left(range(12), 21.0)
     assert game.spawned == 12
-    assert words(game.pellets_left([1])) == [("spawned", 2)]
+    assert words(game.pellets_left([1], 22.0)) == [("spawned", 2)]
     assert ("event", "win") in words(game.status("pellet_collected:1", 30.0))
 
 
@@ -142,7 +143,7 @@ def test_a_pellet_report_that_overtakes_the_status_does_not_end_the_round(
 ) -> None:
     game = running(3)
     game.status("pellet_collected:0", 20.0)
-    game.pellets_left(seen_before_the_status)
+    game.pellets_left(seen_before_the_status, 20.0)
     game.status("pellet_collected:1", 20.01)
     assert (game.state, game.spawned, game.collected) == ("running", 3, 2)
 
@@ -314,7 +315,7 @@ def test_no_order_of_inputs_breaks_the_books(inputs: list[str]) -> None:
     for step, word in enumerate(inputs):
         now = 4.0 * step
         if word == "left":
-            actions = game.pellets_left(range(4))
+            actions = game.pellets_left(range(4), now)
         elif word in ("start", "reset", "tick"):
             actions = getattr(game, word)(now)
         else:
@@ -336,7 +337,7 @@ def act(game: RoundController, word: str, now: float) -> list[Action]:
     """One input."""
     name, _, argument = word.partition(" ")
     if name == "left":
-        return game.pellets_left(map(int, argument))
+        return game.pellets_left(map(int, argument), now)
     if name == "speed":
         return game.base_clyde_speed(float(argument))
     if name in ("start", "reset", "tick"):
@@ -363,6 +364,7 @@ def test_a_restored_game_goes_on_as_if_nothing_had_been(before: list[str], after
     assert other.snapshot(now + away_s) == game.snapshot(now)
     latched = [action for action in said if not action.kind.startswith("reset")]
     assert latched == game.announce()
+    now += 5.0  # both have missed reports
     for step, word in enumerate(after):
         assert act(other, word, now + away_s + 2.0 * step) == act(game, word, now + 2.0 * step)
 
@@ -445,15 +447,15 @@ def test_what_is_no_snapshot_is_named_and_changes_nothing(change: dict[str, Any]
 def test_a_collected_pellet_that_is_shown_twice_again_is_removed_again() -> None:
     game = running(3)
     game.status("pellet_collected:1", 20.0)
-    assert game.pellets_left([0, 1, 2]) == []  # a report from before its removal
-    assert game.pellets_left([0, 2]) == []
-    assert game.pellets_left([0, 1, 2]) == []  # who shows them has been started anew
-    assert game.pellets_left([0, 1, 2]) == [Action("remove", 1)]
-    assert game.pellets_left([0, 2]) == []
+    assert game.pellets_left([0, 1, 2], 21.0) == []  # a report from before its removal
+    assert game.pellets_left([0, 2], 22.0) == []
+    assert game.pellets_left([0, 1, 2], 23.0) == []  # who shows them has been started anew
+    assert game.pellets_left([0, 1, 2], 24.0) == [Action("remove", 1)]
+    assert game.pellets_left([0, 2], 25.0) == []
     assert (game.spawned, game.collected) == (3, 1)
     game.status("death_detected", 30.0)
     game.reset(31.0)
-    assert game.pellets_left([0, 1, 2]) == [Action("spawned", 3)]
+    assert game.pellets_left([0, 1, 2], 31.1) == [Action("spawned", 3)]
 
 
 @pytest.mark.parametrize(("round", "speed"), [(1, 0.25), (2, 0.30), (5, 0.45)])
@@ -472,11 +474,52 @@ def test_a_pellet_that_no_report_of_the_round_has_shown_does_not_count() -> None
     game = running(2)
     assert ignored(game.status("pellet_collected:4711", 20.0))
     assert (game.score, game.collected, game.spawned) == (0, 0, 2)
-    game.pellets_left([1])  # overtakes the status
+    game.pellets_left([1], 20.0)  # overtakes the status
     assert not ignored(game.status("pellet_collected:0", 20.5))
     game.reset(21.0)
     game.start(22.0)
-    game.pellets_left([5])
+    game.pellets_left([5], 22.1)
     game.status("home_reached", 23.0)
     game.tick(40.0)
     assert ignored(game.status("pellet_collected:1", 41.0))
+
+
+def test_pellets_that_went_while_the_referee_was_away_are_waited_for() -> None:
+    game = running(13)
+    for second in range(2, 5):
+        game.pellets_left(range(13), float(second))
+    game.status("pellet_collected:0", 4.5)
+    said = game.pellets_left([11, 12], 30.0)  # frozen for 25 s: what was reported meanwhile is lost
+    said += game.pellets_left([12], 31.0)
+    assert said == []  # the number of pellets is published once, and right
+    assert (game.spawned, game.collected) == (13, 1)
+    for pellet in (12, *range(1, 11)):  # the reports are repeated, in whatever order
+        said += game.status(f"pellet_collected:{pellet}", 32.0)
+        assert game.state == "running"
+    assert ("event", "win") in words(game.status("pellet_collected:11", 33.0))
+    assert (game.score, game.result) == (13, "Complete - Score: 13")
+    assert not words(said, "spawned")
+
+
+def test_a_referee_who_went_after_the_first_report_of_a_round_still_knows_its_pellets() -> None:
+    game = running(3)  # one report
+    game.pellets_left([2], 40.0)
+    assert game.spawned == 3
+    kept = running(3)
+    back = RoundController()
+    assert Action("spawned", 3) in back.restore(kept.snapshot(10.0), 10.1)
+    assert back.pellets_left([2], 10.2) == []
+    assert (back.spawned, back.collected) == (3, 0)
+    assert ("event", "win") not in words(back.status("pellet_collected:0", 10.3))
+
+
+@given(st.lists(st.sampled_from([[], [0, 1, 2], [1], [7, 8]]), max_size=12))
+def test_no_report_ends_a_round_or_forgets_a_pellet_that_lasted(reports: list[list[int]]) -> None:
+    game = running(3)
+    game.pellets_left(range(3), 10.0)
+    for k, report in enumerate(reports):
+        game.pellets_left(report, 11.0 + k)
+        assert game.state == "running"
+        assert game.spawned >= 3
+    game.status("pellet_collected:0", 30.0)
+    assert game.state == "running"

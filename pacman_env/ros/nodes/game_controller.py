@@ -151,7 +151,7 @@ class GameController(GameNode):
         self._do(self.game.status(word_of(message), self.now_s()))
 
     def _hear_pellets(self, message: Any) -> None:
-        self._do(self.game.pellets_left(pellets_of(message)))
+        self._do(self.game.pellets_left(pellets_of(message), self.now_s()))
 
     def _hear_speed(self, message: Any) -> None:
         self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))

@@ -282,10 +282,10 @@ def a_game(**changes: Any) -> dict[str, Any]:
     """A file's content, of a robot on its way home."""
     game = RoundController()
     game.start(0.0)
-    game.pellets_left([0, 1, 2])
+    game.pellets_left([0, 1, 2], 0.0)
     state = game.snapshot(0.0)
     domain = {"namespace": "/robot_15", "domain": "", "simulated": False}
-    return {"format": 2, "written_s": time.time(), "owner": domain, "state": state} | changes
+    return {"format": 3, "written_s": time.time(), "owner": domain, "state": state} | changes
 
 
 @pytest.mark.parametrize(
