@@ -15,6 +15,7 @@ from typing import Any
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
+from pacman_env.ros.bags.unfinished import what_mends
 from pacman_env.ros.topics import GAME_STATE, Topic
 
 _LISTED = 8  # topics of a foreign bag that an error names
@@ -68,7 +69,7 @@ class Bag:
                 message = store.deserialize_cdr(raw, connection.msgtype)
                 yield Recorded((at_ns - start) / 1e9, wanted[connection.topic].name, message)
         except Exception as error:  # whatever broken bytes lead to
-            raise BagError(f"{self._path}: broken: {_line(error)}") from None
+            raise BagError(f"{self._path}: broken: {one_line(error)}") from None
 
     def _namespace(self, given: str | None) -> str:
         names = {connection.topic for connection in self._reader.connections}
@@ -99,12 +100,15 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
         reader = Reader(path)
         reader.open()
     except Exception as error:  # rosbags, its storages and its YAML parser have many
-        raise BagError(f"{path}: no bag that can be read: {_line(error)}") from None
+        mending = what_mends(path)
+        why = mending if mending and not path.exists() else f"no bag that can be read: {one_line(error)}"
+        raise BagError(f"{path}: {why}" + (f"; {mending}" if mending and path.exists() else "")) from None
     try:
         yield Bag(reader, path, namespace)
     finally:
         reader.close()
 
 
-def _line(error: Exception) -> str:
+def one_line(error: Exception) -> str:
+    """What an error says, in one line."""
     return " ".join(str(error).split()) or repr(error)

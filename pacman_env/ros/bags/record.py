@@ -6,7 +6,6 @@ docs/robot.md says where bags lie and how they are deleted.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 import sys
@@ -14,6 +13,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -22,6 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from pacman_env import __version__
 from pacman_env.ros import topics
+from pacman_env.ros.bags.unfinished import recording
 from pacman_env.ros.node import BaseNode, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.ros.supervisor.game_nodes import full_namespace
@@ -56,12 +58,16 @@ RECORDED = (
     topics.TF,
     topics.TF_STATIC,
 )
+FLUSH_S = 2.0  # of wall time: a recorder that is killed loses no more
 _DEPTH = 1000  # messages that may wait while the disk is busy
 _FOR_EVER = QosTime(2147483647, 4294967295)  # as rosbag2 writes "no limit"
 
 
 class Recorder(BaseNode):
-    """Writes every message of :data:`RECORDED` as it comes; the bag is whole after the last messages."""
+    """Writes every message of :data:`RECORDED` as it comes; the bag is whole after the last messages.
+
+    Until then everything that was heard is on the disk, but the last ``FLUSH_S``; ``recover.py`` makes a bag of it.
+    """
 
     def __init__(self, folder: Path, sim_time: bool) -> None:
         """Begin the bag in ``folder``, which must not exist.
@@ -91,6 +97,7 @@ class Recorder(BaseNode):
                 topic.type, topic.name, lambda raw, to=connection: self._write(to, raw), deep, raw=True
             )
             self._subscribed.append((subscription, connection))
+        self.create_timer(FLUSH_S, self._flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def last_messages(self) -> Iterable[Any]:
         """Write what has arrived already, and finish the bag."""
@@ -108,12 +115,20 @@ class Recorder(BaseNode):
             self._writer.write(connection, self.get_clock().now().nanoseconds, raw)
             self.messages += 1
 
+    def _flush(self) -> None:
+        """End a chunk, so that it can be read without the next, and have it written to the disk."""
+        storage = self._writer.storage
+        if self._open and storage.chunk.msgs:
+            storage.close_chunk()
+            storage.bio.flush()
+            os.fsync(storage.bio.fileno())
+
 
 def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool = False) -> int:
     """Record until SIGINT or SIGTERM; to be called in the main thread.
 
     Args:
-        out: The bag, a folder; it appears when it is whole.
+        out: The bag, a folder; it appears when it is whole. Until then ``OUT.unfinished`` is there.
         namespace: Of the robot.
         domain: ROS_DOMAIN_ID; None: that of the environment.
         sim_time: Stamp with /clock instead of the wall's time.
@@ -123,33 +138,33 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
 
     Raises:
         ValueError: no namespace, or nothing was heard.
-        OSError: ``out`` exists, or cannot be written.
+        OSError: ``out`` exists, or one that is not finished, or it cannot be written.
     """
     full = full_namespace(namespace)
     if out.exists():
         raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
     if domain is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-    temporary = out.absolute().with_name(f".{out.name}.{os.getpid()}")
-    temporary.mkdir(parents=True)
     made: list[Recorder] = []
+    with recording(out) as folder:
 
-    def make() -> Recorder:
-        made.append(Recorder(temporary / out.name, sim_time))
-        print(f"recording {full} into {out}; Ctrl-C ends it", flush=True)
-        return made[0]
+        def make() -> Recorder:
+            made.append(Recorder(folder / out.name, sim_time))
+            print(f"recording {full} into {out}; Ctrl-C ends it", flush=True)
+            return made[0]
 
-    try:
-        status = run(make, NAME, ["--ros-args", "-r", f"__ns:={full}"])
-        if status == 0 and not (made and made[0].messages):
-            raise ValueError(f"nothing was heard under {full}: is the namespace right, is the game up?")
-        if status == 0:
-            os.replace(temporary / out.name, out)
-            size = sum(path.stat().st_size for path in out.iterdir())
-            print(f"{out}: {made[0].messages} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
-    finally:
-        with contextlib.suppress(OSError):
-            shutil.rmtree(temporary)
+        try:
+            status = run(make, NAME, ["--ros-args", "-r", f"__ns:={full}"])
+            heard = made[0].messages if made else 0
+            if status == 0 and heard == 0:
+                raise ValueError(f"nothing was heard under {full}: is the namespace right, is the game up?")
+            if status == 0:
+                os.replace(folder / out.name, out)
+                size = sum(path.stat().st_size for path in out.iterdir())
+                print(f"{out}: {heard} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
+        finally:
+            if out.exists() or not (made and made[0].messages):  # else there is something to recover
+                shutil.rmtree(folder, ignore_errors=True)
     return status
 
 
