@@ -328,14 +328,22 @@ def test_a_bag_that_is_not_whole_is_said_to_be_mendable_with_its_path_quoted(tmp
         assert recover(path).messages > 0
 
 
-@pytest.mark.parametrize("options", [[], ["--json"]])
-def test_a_replay_whose_reader_has_enough_ends_without_a_traceback(damaged: Path, options: list[str]) -> None:
+@pytest.mark.parametrize("unbuffered", ["", "1"], ids=["written at the end", "written at once"])
+@pytest.mark.parametrize("options", [[], ["--json"]], ids=["text", "JSON"])
+def test_a_replay_whose_reader_has_enough_ends_without_a_traceback(
+    damaged: Path, options: list[str], unbuffered: str
+) -> None:
     """As ``| head`` does, but certainly before anything is written."""
     reading, writing = os.pipe()
     os.close(reading)
     command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "replay", str(damaged), "--map", "house"]
     with open(writing, "wb") as output:
-        ended = subprocess.run([*command, "--policy", "nearest", *options], stdout=output, stderr=subprocess.PIPE)
+        ended = subprocess.run(
+            [*command, "--policy", "nearest", *options],
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+            stdout=output,
+            stderr=subprocess.PIPE,
+        )
     assert b"Traceback" not in ended.stderr
     assert b"Exception ignored" not in ended.stderr
     assert ended.stderr.count(b"\n") <= 1
