@@ -2,27 +2,184 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import rclpy
 import yaml
 
 from pacman_env.config import Config
+from pacman_env.ros.messages import GHOST_OBSTACLE
+from pacman_env.ros.nodes.clyde_ghost_node import ClydeGhostNode
+from pacman_env.ros.topics import CLYDE_OBSTACLE, SCAN
+from tests.ros import nav2_chain
+from tests.ros.costmap_model import FREE, LETHAL, UNKNOWN, Costmap, Grid, Points, Pose
+from tools.nav2_parameters import DATA, by_node
 
 ROOT = Path(__file__).resolve().parents[2]
+NAV2 = ROOT / "config" / "nav2.yaml"
+NAMESPACES = ["robot_15", "/robot_15", "a/b", ""]
+TRAIL = "clyde_trail"  # where ghosts have been: what is cleared of them
 
 
 @pytest.fixture(scope="module")
 def nav2() -> dict[str, Any]:
-    content = yaml.safe_load((ROOT / "config" / "nav2.yaml").read_text())
+    content = yaml.safe_load(NAV2.read_text())
     return {node: (inner.get(node, inner))["ros__parameters"] for node, inner in content.items()}  # costmaps are nested
 
 
+@pytest.fixture(scope="module")
+def known() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(DATA.read_text())
+    return content
+
+
 def test_the_nav2_file_has_no_alias_which_ros_cannot_read() -> None:
-    tokens = yaml.scan((ROOT / "config" / "nav2.yaml").read_text())
+    tokens = yaml.scan(NAV2.read_text())
     assert not [t for t in tokens if isinstance(t, (yaml.AliasToken, yaml.AnchorToken))]
+
+
+# What Nav2 declares, and what TurtleBot 4 has
+
+
+def patterns(parameters: dict[str, Any], node: str, known: dict[str, Any]) -> dict[str, Any]:
+    """Every name that the node and the plugins in ``parameters`` declare, and its default; ``*`` is one part of it."""
+    declared = dict(known["nodes"][node])
+    typed = {name.rpartition(".")[0]: kind for name, kind in parameters.items() if name.endswith(".plugin")}
+    typed |= {
+        f"{name}.{critic}": f"mppi::critics::{critic}"
+        for name in typed
+        for critic in parameters.get(f"{name}.critics", [])
+    }
+    for listed in ("polygons", "observation_sources"):
+        if node == "collision_monitor":
+            typed |= {name: f"collision_monitor {parameters[f'{name}.type']}" for name in parameters[listed]}
+    for name, kind in typed.items():
+        plugin = known["plugins"].get(kind)
+        assert plugin is not None, f"{node}.{name}: no plugin {kind}"
+        declared |= plugin["of_node"] | {f"{name}.plugin": None}
+        sources = parameters.get(f"{name}.observation_sources", "").split()
+        for own, default in plugin["parameters"].items():
+            starred = [own.replace("*", source, 1) for source in sources] if own.startswith("*.") else [own]
+            declared |= {f"{name}.{one}": default for one in starred}
+    return declared
+
+
+def default_of(name: str, declared: dict[str, Any]) -> Any:
+    """What Nav2 takes for a name that is not set; KeyError if no such name is declared."""
+    if name in declared:
+        return declared[name]
+    for pattern, default in declared.items():
+        if "*" in pattern and re.fullmatch(re.escape(pattern).replace(r"\*", "[^.]+"), name):
+            return default
+    raise KeyError(name)
+
+
+def undeclared(content: dict[str, Any], known: dict[str, Any]) -> list[str]:
+    found = []
+    for node, parameters in by_node(content).items():
+        declared = patterns(parameters, node, known)
+        for name in parameters:
+            try:
+                default_of(name, declared)
+            except KeyError:
+                found.append(f"{node}.{name}")
+    return found
+
+
+def test_nav2_declares_every_parameter_of_the_file(known: dict[str, Any]) -> None:
+    assert known["source"]["version"].startswith("1.3.")
+    assert undeclared(yaml.safe_load(NAV2.read_text()), known) == []
+
+
+def test_a_key_that_nav2_does_not_declare_is_named(known: dict[str, Any]) -> None:
+    content = yaml.safe_load(NAV2.read_text())
+    content["bt_navigator"]["ros__parameters"]["enable_stamped_cmd_vel"] = True
+    content["collision_monitor"]["ros__parameters"]["scan"]["min_height"] = 0.15
+    content["local_costmap"]["local_costmap"]["ros__parameters"]["obstacle_layer"]["lidar"] = {"topic": "scan"}
+    content["controller_server"]["ros__parameters"]["FollowPath"]["CostCritic"]["weight"] = 1.0
+    assert set(undeclared(content, known)) == {
+        "bt_navigator.enable_stamped_cmd_vel",
+        "collision_monitor.scan.min_height",
+        "local_costmap.obstacle_layer.lidar.topic",  # is no source
+        "controller_server.FollowPath.CostCritic.weight",
+    }
+
+
+def test_every_plugin_of_the_file_is_listed_and_every_listed_one_is_there(nav2: dict[str, Any]) -> None:
+    for node, parameters in nav2.items():
+        there = {name for name, inner in parameters.items() if isinstance(inner, dict) and "plugin" in inner}
+        lists = [v for k, v in parameters.items() if k.endswith("plugins") or k == "navigators"]
+        listed = {name for names in lists for name in names} | {parameters.get("waypoint_task_executor_plugin")} - {
+            None
+        }
+        assert there == listed, node
+
+
+def comments(text: str) -> dict[str, str]:
+    """What is said beside and right above the line of every key, by ``node.name``."""
+    lines = text.splitlines()
+    said = {}
+    for name, mark in _keys(yaml.compose(text)):
+        above = []
+        for line in reversed(lines[: mark.line]):
+            if not line.strip().startswith("#"):
+                break
+            above.append(line.strip("# "))
+        node, _, rest = name.partition(".ros__parameters")
+        beside = lines[mark.line].partition(" #")[2]
+        said[f"{node.rpartition('.')[2]}{rest}"] = " ".join([*reversed(above), beside]).strip()
+    return said
+
+
+def _keys(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            name = f"{above}.{key.value}" if above else key.value
+            yield name, key.start_mark
+            yield from _keys(value, name)
+
+
+def test_every_deviation_from_nav2_and_turtlebot_has_a_comment(known: dict[str, Any]) -> None:
+    text = NAV2.read_text()
+    values = by_node(yaml.safe_load(text))
+    said = comments(text)
+    silent = []
+    for node, ours in values.items():
+        declared = patterns(ours, node, known)
+        alike = [node, *(other for other in nav2_chain.COSTMAPS if node in nav2_chain.COSTMAPS and other != node)]
+        theirs = {name: value for of in reversed(alike) for name, value in known["turtlebot4"]["values"][of].items()}
+        for name in {**ours, **known["turtlebot4"]["values"][node]}:
+            try:
+                default = default_of(name, declared)
+            except KeyError:
+                continue  # of a plugin that is left out, which its list says, or of nothing
+            usual = theirs.get(name, default)
+            value = ours.get(name, default)
+            as_said = [of for of in alike if values[of].get(name, default) == value]  # once for both costmaps
+            words = " ".join(words for key, words in said.items() if key.partition(".")[0] in as_said)
+            block = name.removesuffix(".plugin")  # is named by its own name, and spoken of above it
+            beside = any(said.get(f"{of}.{name}") or said.get(f"{of}.{block}") for of in as_said)
+            named = re.search(rf"\b{block.rpartition('.')[2]}\b", words)
+            if _plain(value) != _plain(usual) and name in {**ours, **theirs} and not beside and not named:
+                silent.append(f"{node}.{name}: {value}, not {usual}")
+    assert not silent, "\n".join(silent)
+
+
+def _plain(value: Any) -> Any:
+    """A value as it is compared: a footprint is its corners."""
+    if isinstance(value, str) and value.startswith("[["):
+        return yaml.safe_load(value)
+    return [_plain(one) for one in value] if isinstance(value, list) else value
+
+
+# Numbers that the game and the simulator share
 
 
 def test_nav2_drives_no_faster_than_the_robot_can(nav2: dict[str, Any]) -> None:
@@ -58,19 +215,215 @@ def test_costmaps_leave_pellets_and_doors_open_and_walls_at_a_distance(nav2: dic
     assert cost[0.30] < 253
     assert cost[0.40] < 126  # the middle of a door of 0.8 m costs less than half
     assert layer["inflation_radius"] >= inscribed + 0.15
-    for name in ("footprint", "plugins", "obstacle_layer", "inflation_layer"):
+    for name in ("footprint", "plugins", "obstacle_layer", "clyde_layer", "inflation_layer"):
         assert nav2["local_costmap"][name] == nav2["global_costmap"][name], name
 
 
-def test_clyde_is_in_both_costmaps_wherever_he_is_and_not_when_he_is_silent(nav2: dict[str, Any]) -> None:
-    from pacman_env.ros.topics import CLYDE_OBSTACLE
+# Topics
 
-    layer = nav2["global_costmap"]["obstacle_layer"]
+
+@pytest.mark.parametrize("launcher", [nav2_chain.turtlebot4, nav2_chain.nav2_bringup])
+@pytest.mark.parametrize("namespace", NAMESPACES)
+def test_costmaps_subscribe_to_clydes_and_the_lidars_topics_in_every_namespace(
+    launcher: Callable[[str], nav2_chain.Launched], namespace: str, domain: int, tmp_path: Path
+) -> None:
+    launched = launcher(namespace)
+    parameters = nav2_chain.written(NAV2, launched, tmp_path)
+    above = launched.namespace.rstrip("/")
+    for costmap in nav2_chain.COSTMAPS:
+        with nav2_chain.costmap_node(costmap, launched, parameters, domain) as node:
+            assert node.get_fully_qualified_name() == f"{above}/{costmap}/{costmap}"
+            layers = nav2_chain.declared_layers(node)
+            found = [topic for layer in layers for topic in nav2_chain.subscribed_topics(node, layer).values()]
+        assert set(found) == {f"{above}/{topic}" for topic in (CLYDE_OBSTACLE.name, TRAIL, SCAN.name)}, costmap
+
+
+def test_the_costmaps_hear_the_cloud_of_clydes_node(domain: int, tmp_path: Path) -> None:
+    launched = nav2_chain.turtlebot4("robot_15")
+    parameters = nav2_chain.written(NAV2, launched, tmp_path)
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/robot_15", "-p", "map_yaml:=house"], domain_id=domain)
+    try:
+        clyde = ClydeGhostNode()
+        spoken = {p.topic_name for p in clyde.publishers if p.msg_type is CLYDE_OBSTACLE.type}
+        clyde.destroy_node()
+    finally:
+        rclpy.shutdown()
+    assert "/robot_15/clyde_obstacle" in spoken
+    for costmap in nav2_chain.COSTMAPS:
+        with nav2_chain.costmap_node(costmap, launched, parameters, domain) as node:
+            named = [nav2_chain.subscribed_topics(node, layer) for layer in nav2_chain.declared_layers(node)]
+        assert spoken <= {topic for sources in named for topic in sources.values()}, costmap
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ("a $(var x)/b", "a /r/b"),
+        ("$(eval \"'/' + '$(var x)/b'.lstrip('/')\")", "/r/b"),
+        ("$(eval 1+1)", "2"),
+        (r"a \$(var x)", None),
+        ("$x", "$x"),
+    ],
+)
+def test_substitutions_are_launchs(written: str, read: str | None) -> None:
+    assert nav2_chain.substituted(written, {"x": "/r"}) == (r"a $(var x)" if read is None else read)
+
+
+def test_an_unknown_variable_or_substitution_is_an_error() -> None:
+    with pytest.raises(KeyError):
+        nav2_chain.substituted("$(var robot)", {"namespace": ""})
+    with pytest.raises(ValueError, match="no rule"):
+        nav2_chain.substituted("$(env HOME)", {})
+
+
+# Clyde's marks and what clears them
+
+ROBOT = Pose(1.0, 2.0, 0.7)  # in the map
+SIGHT_M = 6.0
+SILENT_S = 0.5  # is he not marked any more after
+
+
+class Room:
+    """A room of 3 m by 4 m with a box that the map does not know; what is outside is unknown, beyond the walls."""
+
+    def __init__(self, nav2: dict[str, Any], costmap: str, origin_of_map: Pose | None = None) -> None:
+        local = costmap == "local_costmap"
+        self.shift = origin_of_map or Pose()  # of the map's frame in the costmap's
+        centre = self.shift(np.array([[ROBOT.x, ROBOT.y]]))[0]
+        resolution = nav2[costmap]["resolution"]
+        cells = round(nav2[costmap]["width"] / resolution) if local else 100
+        corner = centre - cells * resolution / 2 if local else np.array([-0.5, -0.5])
+        self.grid = Grid(cells, resolution, *corner)
+        self.static = np.full((cells, cells), FREE if local else UNKNOWN, dtype=np.uint8)
+        if not local:
+            known = np.floor(np.array([[0.0, 4.6], [0.0, 4.0]]) / resolution + 0.5 / resolution).astype(int)
+            self.static[slice(*known[1]), slice(*known[0])] = FREE
+        self.costmap = Costmap(nav2[costmap], self.grid, self.static)
+        self.period_s = 1 / nav2[costmap]["update_frequency"]
+        self.now_s = 0.0
+        self.costs = self.static
+        self.shown: list[Points] = []  # where Clyde was
+
+    def hear(self, topic: str, points: Points, frame: str = "map") -> None:
+        """A cloud, its points in the map."""
+        sensors = {"map": np.zeros((1, 2)), "base_link": np.array([[ROBOT.x, ROBOT.y]])}
+        placed = {name: self.shift(at)[0] for name, at in sensors.items()}
+        self.costmap.hear(topic, self.now_s, placed, frame, self.shift(points))
+
+    def pass_time(self, seconds: float) -> None:
+        """Update as often as the costmap does."""
+        end = self.now_s + seconds
+        while math.floor(self.now_s / self.period_s) < math.floor(end / self.period_s + 1e-9):
+            self.now_s = (math.floor(self.now_s / self.period_s + 1e-9) + 1) * self.period_s
+            self.costs = self.costmap.update(self.now_s)
+            if self.now_s >= end:
+                break
+        self.now_s = end
+
+    def cost(self, *place: float) -> int:
+        """At a place in the map."""
+        column, row = self.grid.cell_of(self.shift(np.array([place])))[0]
+        return int(self.costs[row, column])
+
+    def marks_of_clyde(self) -> Any:
+        """Centres of the cells that Clyde's layer holds for occupied, in the costmap's frame."""
+        rows, columns = np.nonzero(self.costmap.layers["clyde_layer"].cells == LETHAL)
+        return (np.stack([columns, rows], axis=1) + 0.5) * self.grid.resolution + (self.grid.x, self.grid.y)
+
+
+def scanned() -> Points:
+    """What the lidar hits from where the robot stands: walls at x = 0 and 3, y = 0 and 4, and a box at (1, 1)."""
+    angles = np.radians(np.arange(360.0))
+    along = np.arange(0.1, SIGHT_M, 0.01)[None, :, None]
+    at = np.array([ROBOT.x, ROBOT.y]) + along * np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None, :]
+    hit = ((at < (0.0, 0.0)) | (at > (3.0, 4.0))).any(axis=2) | (np.abs(at - (1.0, 1.0)) < 0.15).all(axis=2)
+    assert hit.any(axis=1).all()
+    points: Points = at[np.arange(360), hit.argmax(axis=1)]
+    return points
+
+
+def play(room: Room, path: Points, *, seconds: float, tells_trail: bool = True) -> Points:
+    """Clyde on a path at 0.25 m/s, every 0.2 s; returns his place."""
+    period_s, place = Config().clyde.update_period_s, path[0]
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    for step in range(round(seconds / period_s)):
+        travelled = 0.25 * step * period_s
+        place = np.array([np.interp(travelled, lengths, path[:, axis]) for axis in range(2)])
+        room.shown.append(place)
+        room.hear("clyde_obstacle", 0.05 * GHOST_OBSTACLE + place)
+        if tells_trail:
+            room.hear("clyde_trail", trail(room.shown))
+        room.hear("scan", scanned(), "base_link")
+        room.pass_time(period_s)
+    return place
+
+
+def trail(shown: list[Points]) -> Points:
+    """The cloud of the topic clyde_trail: 0.04 m apart, within 0.2 m of every place of the last 3 s."""
+    spaced = np.arange(-0.2, 0.2001, 0.04)
+    disc = np.stack(np.meshgrid(spaced, spaced), axis=-1).reshape(-1, 2)
+    disc = disc[np.hypot(*disc.T) <= 0.2]
+    recent = shown[-round(3.0 / Config().clyde.update_period_s) :]
+    points: Points = np.unique(np.round(np.concatenate([disc + place for place in recent]) / 0.04), axis=0) * 0.04
+    return points
+
+
+WALKS = {"in sight": np.array([[2.4, 3.2], [2.4, 1.2]]), "behind the box": np.array([[0.7, 0.75], [1.3, 0.75]])}
+
+
+@pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
+@pytest.mark.parametrize("walk", WALKS)
+def test_clyde_leaves_no_marks_behind_him(nav2: dict[str, Any], costmap: str, walk: str) -> None:
+    room = Room(nav2, costmap, Pose(4.0, -7.0, 0.4) if costmap == "local_costmap" else None)
+    place = room.shift(play(room, WALKS[walk], seconds=3.0)[None])[0]
+    far = np.hypot(*(room.marks_of_clyde() - place).T)
+    assert len(far), "he is marked"
+    assert far.max() <= 0.05 + 0.25 * SILENT_S + room.period_s * 0.25 + 1.5 * room.grid.resolution
+
+
+@pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
+def test_a_silent_clyde_is_gone_from_the_costmap(nav2: dict[str, Any], costmap: str) -> None:
+    room = Room(nav2, costmap, Pose(4.0, -7.0, 0.4) if costmap == "local_costmap" else None)
+    play(room, WALKS["behind the box"], seconds=3.0)
+    assert len(room.marks_of_clyde())
+    room.pass_time(SILENT_S + 2 * room.period_s)
+    assert not len(room.marks_of_clyde())
+
+
+def test_marks_go_when_localization_has_moved_the_map(nav2: dict[str, Any]) -> None:
+    room = Room(nav2, "local_costmap", Pose(4.0, -7.0, 0.4))
+    play(room, WALKS["behind the box"], seconds=2.0)
+    room.shift = Pose(4.1, -6.95, 0.42)
+    place = room.shift(play(room, WALKS["behind the box"][::-1] + np.array([0.0, 0.1]), seconds=2.0)[None])[0]
+    far = np.hypot(*(room.marks_of_clyde() - place).T)
+    assert far.max() <= 0.05 + 0.25 * SILENT_S + room.period_s * 0.25 + 1.5 * room.grid.resolution
+
+
+@pytest.mark.parametrize("costmap", nav2_chain.COSTMAPS)
+def test_what_clears_clyde_leaves_what_the_lidar_saw_and_what_nobody_knows(nav2: dict[str, Any], costmap: str) -> None:
+    room = Room(nav2, costmap)
+    play(room, WALKS["behind the box"], seconds=3.0)
+    assert room.cost(1.0, 1.145) == LETHAL  # the box's face, between the robot and the trail
+    assert room.cost(0.7, 0.75) == FREE
+    if costmap == "global_costmap":
+        away = np.array([[4.3, 4.3], [4.3, 4.4]])  # rays to it cross what the map does not know
+        play(room, away, seconds=1.0)
+        assert room.cost(3.9, 4.1) == UNKNOWN
+
+
+def test_a_clyde_who_tells_no_trail_is_cleared_where_the_lidar_looks_through_him(nav2: dict[str, Any]) -> None:
+    room = Room(nav2, "global_costmap")
+    place = play(room, WALKS["in sight"], seconds=3.0, tells_trail=False)
+    left = np.hypot(*(room.marks_of_clyde() - place).T) > 0.4
+    assert left.sum() <= 2  # a ray for every degree leaves gaps
+
+
+def test_clyde_is_in_both_costmaps_wherever_he_is_and_not_when_he_is_silent(nav2: dict[str, Any]) -> None:
+    layer = nav2["global_costmap"]["clyde_layer"]
     clyde = layer["clyde"]
-    assert "clyde" in layer["observation_sources"].split()
-    assert clyde["topic"] == CLYDE_OBSTACLE.name
     assert clyde["data_type"] == CLYDE_OBSTACLE.type_name.partition("/")[2]
-    assert clyde["observation_persistence"] >= 2 * Config().clyde.update_period_s
+    assert clyde["observation_persistence"] == SILENT_S >= 2 * Config().clyde.update_period_s
     assert clyde["observation_persistence"] * Config().clyde.speed_mps < Config().execution.death_radius_m
     assert clyde["expected_update_rate"] == 0.0
     assert clyde["obstacle_max_range"] >= 1000.0
+    assert clyde["sensor_frame"] == nav2["local_costmap"]["robot_base_frame"]
