@@ -57,7 +57,7 @@ FILES = {
     "nav2_mppi_controller/src/optimizer.cpp": CRITIC,
     "nav2_mppi_controller/mppic.xml": '<class\n  name="mppi::Controller" type="mppi::MPPIController&lt;&gt;"/>',
     "nav2_planner/src/planner_server.cpp": SERVER,
-    "config/nav2.yaml": "{costs: {costs: {ros__parameters: {layer: {height: 1}}}}, server: {ros__parameters: {a: [1]}}}",
+    "config/nav2.yaml": "{costs: {costs: {ros__parameters: {up: {by: 1}}}}, server: {ros__parameters: {a: [1]}}}",
 }
 
 
@@ -86,7 +86,7 @@ def test_the_tool_writes_names_defaults_and_the_commit(sources: Path, tmp_path: 
     assert content["plugins"]["mppi::Controller"]["parameters"] == {"steps": 56, "TrajectoryVisualizer.step": 5}
     planner = content["nodes"]["planner_server"]
     assert planner == {"use_sim_time": False, "planner_plugins": None, "frequency": -1.0, "limits": [0.5, 0.0, 2.0]}
-    assert content["turtlebot4"]["values"] == {"costs": {"layer.height": 1}, "server": {"a": [1]}}
+    assert content["turtlebot4"]["values"] == {"costs": {"up.by": 1}, "server": {"a": [1]}}
 
 
 def test_without_turtlebots_sources_its_values_stay(sources: Path, tmp_path: Path) -> None:
