@@ -26,7 +26,7 @@ from std_msgs.msg import Header
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pellets_of, pose_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
-from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
+from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.ros.system import PATIENCE_S, Probe, System
@@ -178,13 +178,14 @@ class Mixed:
 
         self.wait(there, "Clyde")
 
-    def round(self, number: int) -> list[list[int]] | None:
-        """One round, from the call to the menu; None: Clyde has ended it."""
+    def round(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> list[list[int]] | None:
+        """One round, from the call to the menu, and something that is done in it; None: Clyde has ended it."""
         self.put_clyde_away()
         self.probe.forget()
         assert self.probe.call(topics.START_GAME).success
         self.wait(lambda: "starting" in self.probe.values(STATE), "the start show")
         self.wait(lambda: "running" in self.probe.values(STATE), "the round")
+        meanwhile()
         self.wait(lambda: self.value(STATE) not in ("starting", "running"), "the end of the round")
         lost = "dying" in self.probe.values(STATE)
         self.wait(lambda: self.value(STATE) == "menu", "the menu")
@@ -235,3 +236,34 @@ def test_with_one_node_of_the_originals_two_rounds_end_with_every_pellet_counted
     assert any(len(one.get("notes", ())) == 29 for one in melodies)  # the theme
     assert any(abs(twist.twist.angular.z) > 1.0 for twist in probe.messages(topics.CMD_VEL))  # the spin
     assert "Traceback" not in "".join(process.output for process in mixed.processes.values())
+
+
+@pytest.mark.parametrize("mixed", [SELECTOR], indirect=True)
+def test_pellets_that_the_originals_planner_drops_uncounted_hold_no_round_up(mixed: Mixed) -> None:
+    """It removes a pellet that Nav2 has aborted; the referee is told of it by nobody but ``game_complete``."""
+    probe = mixed.probe
+
+    def abort() -> None:
+        """The robot's way to the next pellet, and whatever it is sent to until that is heard."""
+        probe.publish(FAULT, "abort 0.2")
+        mixed.wait(dropped, "a pellet to be dropped")
+        probe.publish(FAULT, "end abort")
+
+    def dropped() -> set[int]:
+        reported = {int(word.partition(":")[2]) for word in probe.values(topics.GAME_STATUS) if ":" in word}
+        return set(probe.values(topics.REMOVE_PELLET)) - reported
+
+    for _ in range(TRIES):
+        mixed.greet()
+        heard = mixed.round(1, abort)
+        if heard is None:
+            continue
+        spawned, _, score = heard
+        assert set(spawned) - {0} == {PELLETS}
+        counted = PELLETS - len(dropped())
+        assert score[-1] == counted < PELLETS
+        heard = mixed.round(2)
+        if heard is not None:
+            assert max(heard[2]) == counted + PELLETS
+            return
+    raise AssertionError(f"Clyde has ended one of two rounds {TRIES} times")
