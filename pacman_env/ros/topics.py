@@ -30,6 +30,8 @@ LATCHED = _qos(1, latched=True)
 #: nodes with the original's depth can still listen.
 COMMANDS = _qos(32, latched=True)
 EVENTS = _qos(10)
+#: What is said while a listener is away comes to him whole: all the pellets of a round, and its end.
+REPORTS = _qos(200)
 SENSOR_DATA = _qos(5, best_effort=True)
 TRANSFORMS = _qos(100)
 STATIC_TRANSFORMS = _qos(100, latched=True)
@@ -146,7 +148,7 @@ CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
 CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
 CLICKED_POINT = Topic("clicked_point", "geometry_msgs/PointStamped", EVENTS)  # places Clyde before a round
 GAME_EVENT = Topic("game_event", "std_msgs/String", EVENTS)
-GAME_STATUS = Topic("game_status", "std_msgs/String", EVENTS)
+GAME_STATUS = Topic("game_status", "std_msgs/String", REPORTS)
 GAME_LIGHT = Topic("game_light", "std_msgs/String", EVENTS)
 GAME_SOUND = Topic("game_sound", "std_msgs/String", EVENTS)
 LIGHT_RING = Topic("cmd_lightring", "irobot_create_msgs/LightringLeds", EVENTS)

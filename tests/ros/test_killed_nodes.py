@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import statistics
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +66,7 @@ LATCHED = STATE, RESULT, SCORE, ROUND, SPAWNED, COLLECTED, SPEED = [
 ]
 HEARD = (
     *(*LATCHED, topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_STATUS, topics.GAME_LIGHT, topics.PELLET_MARKERS),
+    topics.REMOVE_PELLET,
     *(topics.CLYDE_POSE, topics.AMCL_POSE, topics.ODOMETRY, topics.CMD_VEL, GOALS, LIGHT_RING_SHOWN, AUDIO_SHOWN),
 )
 
@@ -73,12 +74,12 @@ HEARD = (
 class Game:
     """All nodes but the operator, who is the test."""
 
-    def __init__(self, probe: Probe, system: System) -> None:
-        self.probe, self.system = probe, system
+    def __init__(self, probe: Probe, system: System, nodes: Mapping[str, Mapping[str, Any]] = NODES) -> None:
+        self.probe, self.system, self.nodes = probe, system, nodes
         self.processes: dict[str, Process] = {}
         self._before: dict[str, Any] = {}  # the last that was heard of a topic before what was heard was forgotten
         probe.record(*HEARD)
-        for name in NODES:
+        for name in nodes:
             self.start(name)
         self.wait(lambda: self.state == "menu", "the referee", START_S)
         seen = (topics.PELLET_MARKERS, topics.CLYDE_POSE, topics.AMCL_POSE)
@@ -88,7 +89,7 @@ class Game:
         self.wait(lambda: "policy lookahead" in self.processes["goal_selector"].output, "the planner", START_S)
 
     def start(self, name: str, *left_out: str) -> None:
-        parameters = {key: value for key, value in NODES[name].items() if key not in left_out}
+        parameters = {key: value for key, value in self.nodes[name].items() if key not in left_out}
         self.processes[name] = self.system.start(module_of(name), use_sim_time=True, **parameters)
 
     def kill(self, name: str) -> None:

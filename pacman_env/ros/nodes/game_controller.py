@@ -8,10 +8,12 @@ It alone knows how a game stands, so it saves it in a file: killed and started a
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from platformdirs import user_state_path
@@ -28,6 +30,7 @@ from .state_file import StateFile
 
 NAME = "game_controller"
 _TICK_S = 0.05
+_ANSWER_S = 2.0  # of wall time: a service that has not answered by then is called again
 _SAVE_S = 1.0  # of wall time: what is saved is never older
 _PUBLISHED = {
     "command": topics.GAME_COMMAND,
@@ -53,7 +56,7 @@ class GameController(GameNode):
         self.game = RoundController(self.config.clyde, show.start_s, show.death_s, show.home_retries, show.home_retry_s)
         self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
-        self._due: set[str] = set()  # services to call as soon as they are there
+        self._due: dict[str, float] = {}  # services that have not answered, and when to call them, in wall time
         self._file = self._state_file()
         self._saved = self._load()  # a game to go on with, at the first tick: then there is a clock
         self.listen(topics.GAME_STATUS, self._hear_status, "bad status")
@@ -110,24 +113,26 @@ class GameController(GameNode):
             if action.kind == "ignored":
                 self.once.warning(f"ignored in state {self.game.state}", str(action.value))
             elif action.kind in _CALLED:
-                self._due.add(action.kind)
+                self._due[action.kind] = -math.inf
             else:
                 self._voices[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
         self._call_services()
 
     def _call_services(self) -> None:
-        for kind in sorted(self._due):
+        """Call what is there until it answers: one that is frozen hears of it when it is back, or never."""
+        now = monotonic()
+        for kind, due in sorted(self._due.items()):
             client = self._resets[kind]
-            if self.game.state == "running":  # too late: the round is on
+            if self.game.state == "running" and self.game.collected:  # too late: the round is on
                 self.once.warning(kind, f"{_CALLED[kind].name}: nobody there, the round goes on without")
-            elif client.service_is_ready():
+                del self._due[kind]
+            elif now >= due and client.service_is_ready():
                 answer = client.call_async(_CALLED[kind].type.Request())
                 answer.add_done_callback(lambda answer, kind=kind: self._hear_answer(answer, kind))
-            else:
-                continue
-            self._due.discard(kind)
+                self._due[kind] = now + _ANSWER_S
 
     def _hear_answer(self, answer: Any, kind: str) -> None:
+        self._due.pop(kind, None)
         problem = answer.exception() or (None if answer.result().success else answer.result().message)
         if problem is not None:
             self.once.warning(f"{kind} failed", f"{_CALLED[kind].name}: {problem}")
@@ -148,7 +153,11 @@ class GameController(GameNode):
         self._do(self.game.tick(self.now_s()))
 
     def _hear_status(self, message: Any) -> None:
-        self._do(self.game.status(word_of(message), self.now_s()))
+        word = word_of(message)
+        if word == "game_complete" and "reset_pellets" in self._due:
+            self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
+            return
+        self._do(self.game.status(word, self.now_s()))
 
     def _hear_pellets(self, message: Any) -> None:
         self._do(self.game.pellets_left(pellets_of(message), self.now_s()))

@@ -8,6 +8,7 @@ from functools import partial
 from time import monotonic
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
@@ -18,6 +19,7 @@ from pacman_env.ros.selector.message_queue import MessageQueue
 
 _TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
+_RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 class NavigationClient:
@@ -43,6 +45,7 @@ class NavigationClient:
         self._asker, self._results = action.goal_client(node), action.result_client(node)
         self._canceller = action.cancel_client(node)
         self._feedback = MessageQueue(node, action.feedback, self._take_feedback)
+        self._statuses = action.statuses.subscription(node, self._on_statuses)
         self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._taken: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
@@ -69,6 +72,15 @@ class NavigationClient:
             return False
         answer, end = self._clearing
         return monotonic() > end or (answer.done() and not answer.result().goals_canceling)
+
+    def _on_statuses(self, message: Any) -> None:
+        """A goal of somebody else's that turns up just after all were cancelled was on its way then."""
+        if self._clearing is None or monotonic() > self._clearing[1]:
+            return
+        own = {bytes(name.uuid) for goals in (self._taken, self._unanswered) for name in goals.values()}
+        for goal in message.status_list:
+            if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in own:
+                self._canceller.call_async(self._canceller.srv_type.Request(goal_info=goal.goal_info))
 
     def send(self, number: int, pose: Pose) -> None:
         """Send a goal in the map frame."""
@@ -99,6 +111,7 @@ class NavigationClient:
         self._taken.clear()
         self._unanswered.clear()
         self._feedback.destroy()
+        self._node.destroy_subscription(self._statuses)
         for client in (self._asker, self._results, self._canceller):
             self._node.destroy_client(client)
 

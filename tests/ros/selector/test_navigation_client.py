@@ -87,3 +87,17 @@ def test_answers_that_were_under_way_when_it_was_destroyed_mean_nothing(probe: P
     told.client._on_answer(2, UUID(), accepted)
     assert told.words == [("accepted", 1)]
     nav2.close()
+
+
+def test_a_goal_of_somebody_elses_that_arrives_after_all_were_cancelled_is_cancelled_too(probe: Probe) -> None:
+    nav2, told = ScriptedNav2(probe), Told(probe)
+    probe.wait_for(told.client.clear, what="all goals to be cancelled")
+    assert not nav2.goals
+    orphan = Told(probe)  # of a node that was killed
+    orphan.client.send(1, (1.0, 2.0, 0.0))
+    probe.wait_for(lambda: [goal.cancelled for goal in nav2.goals] == [True], what="the orphan to be cancelled")
+    told.client.send(1, (3.0, 4.0, 0.0))
+    probe.wait_for(lambda: told.words == [("accepted", 1)], what="the goal to be accepted")
+    probe.spin(0.3)
+    assert [goal.cancelled for goal in nav2.goals] == [True, False]
+    nav2.close()
