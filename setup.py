@@ -6,12 +6,36 @@ Ubuntu 24.04's setuptools (68) does not know a licence that is a plain string in
 
 import runpy
 import sys
+import tomllib
 from pathlib import Path
 
 from setuptools import setup
 
 NAME = "pacman_env"
 SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
+
+
+def complete(build: Path, source: Path) -> None:
+    """Link into colcon's build folder what ``colcon build --symlink-install`` leaves out.
+
+    Colcon links the folder ``pacman_env`` alone, not pyproject.toml and not the folders beside it that hold packages
+    of ours, such as ``eval`` for ``pacman_env.eval``. So the package becomes a folder of links, in which they are too.
+    """
+    elsewhere = tomllib.loads((source / "pyproject.toml").read_text())["tool"]["setuptools"]["package-dir"]
+    for name in ("pyproject.toml", "README.md", "LICENSE", *elsewhere.values()):
+        if not (build / name).exists():
+            (build / name).symlink_to(source / name)
+    package = build / NAME
+    if package.is_symlink():
+        package.unlink()
+        package.mkdir()
+        parts = [path for path in sorted((source / NAME).iterdir()) if path.name != "__pycache__"]
+        for path in [*parts, *(source / folder for folder in elsewhere.values())]:
+            (package / path.name).symlink_to(path)
+
+
+if "develop" in sys.argv and Path(__file__).is_symlink():
+    complete(Path(__file__).absolute().parent, Path(__file__).resolve().parent)
 
 commands = [f"pacman-env = {NAME}.cli.main:main"]
 data_files = []
