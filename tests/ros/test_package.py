@@ -66,7 +66,7 @@ def test_package_xml_names_every_ros_package_that_nodes_and_the_launch_file_impo
     homes = packages_distributions()  # of a ROS package: a wheel that is called ros-..., the system's, or none
     ros = {module for module in modules if not of_pip & {name.lower() for name in homes.get(module, ())}}
     assert {"rclpy", "builtin_interfaces", "launch", "launch_ros", "nav2_msgs"} <= ros
-    assert ros <= named, sorted(ros - named)
+    assert ros <= named, f"neither in package.xml nor in pyproject.toml: {sorted(ros - named)}"
 
 
 def test_package_xml_names_rviz_and_every_package_with_a_plugin_of_the_view(named: set[str | None]) -> None:
