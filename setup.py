@@ -36,6 +36,10 @@ def complete(build: Path, source: Path) -> None:
 
 if "develop" in sys.argv and Path(__file__).is_symlink():
     complete(Path(__file__).absolute().parent, Path(__file__).resolve().parent)
+    from setuptools.command.easy_install import CommandSpec  # gone from 80 on, as is this way to build
+
+    # As in setup.cfg, which this way does not read: not colcon's own interpreter, which lacks what pip installed.
+    CommandSpec.from_environment = classmethod(lambda spec: spec(["/usr/bin/env", "python3"]))
 
 commands = [f"pacman-env = {NAME}.cli.main:main"]
 data_files = []

@@ -140,6 +140,7 @@ class Workspace:
         self.sources = folder / "src" / "pacman_env"
         self.sources.mkdir(parents=True)
         self.environment = {**os.environ, "PYTHONPATH": str(colcon), "COLCON_HOME": str(folder / "home")}
+        self.environment.pop("PYTHONDONTWRITEBYTECODE", None)  # a build starts Python a dozen times
         self.environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         for name in SOURCES:
             if (ROOT / name).is_dir():
@@ -179,6 +180,8 @@ def test_colcon_builds_a_package_that_ros2_run_and_launch_find(workspaces: dict[
     installed = workspace.folder / "install" / "pacman_env"
     commands = {path.name for path in (installed / "lib" / "pacman_env").iterdir() if os.access(path, os.X_OK)}
     assert commands == {"pacman-env", *NODES}
+    first = {(installed / "lib" / "pacman_env" / name).read_text().splitlines()[0] for name in commands}
+    assert first == {"#!/usr/bin/env python3"}, "the interpreter of the environment that a node is started in"
     share = installed / "share" / "pacman_env"
     for path in ("package.xml", "launch/game.launch.py", "config/nav2.yaml", "config/game.rviz", "maps/house.yaml"):
         assert (share / path).read_text() == (ROOT / path).read_text(), path
