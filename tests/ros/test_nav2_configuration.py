@@ -98,6 +98,15 @@ def test_nav2_declares_every_parameter_of_the_file(known: dict[str, Any]) -> Non
     assert undeclared(yaml.safe_load(NAV2.read_text()), known) == []
 
 
+def test_every_value_has_the_type_that_nav2_declares(known: dict[str, Any]) -> None:
+    for node, parameters in by_node(yaml.safe_load(NAV2.read_text())).items():
+        declared = patterns(parameters, node, known)
+        for name, value in parameters.items():
+            default = default_of(name, declared)
+            if default is not None:  # rcl refuses 1 where 1.0 is declared, and the node does not start
+                assert type(value) is type(default), f"{node}.{name}: {value} in place of such as {default}"
+
+
 def test_a_key_that_nav2_does_not_declare_is_named(known: dict[str, Any]) -> None:
     content = yaml.safe_load(NAV2.read_text())
     content["bt_navigator"]["ros__parameters"]["enable_stamped_cmd_vel"] = True
