@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from pacman_env.ros.discovery import stay_on_this_machine
 from pacman_env.ros.supervisor.game_nodes import (
     REFEREE,
     SELECTOR,
@@ -40,7 +41,7 @@ def confine(folder: Path, domain: int | None) -> None:
     """Keep what this process starts and hears on this machine, in a domain (None: as it is), its logs in a folder."""
     if domain is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    stay_on_this_machine()
     os.environ["ROS_LOG_DIR"] = str(folder)
 
 

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
+import socket
 import sys
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import rclpy
@@ -29,6 +31,7 @@ from rclpy.utilities import remove_ros_args
 from pacman_env.config import EXECUTIONS, PRESETS, differences, make_config, parse_settings
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
+from .discovery import simulated, stay_on_this_machine
 from .messages import BadMessage
 from .process_memory import settle
 from .topics import CONFIGURATION
@@ -50,6 +53,7 @@ class BaseNode(Node):
         super().__init__(name, **options)
         self.once = Once(self.get_logger())
         self.status: int | None = None  # with which the node ends by itself; None: it goes on
+        self.silent = False  # the node ends without its last messages
         self._latest_s = 0.0
         self._set_back_s = 0.0  # by how much the clock was, in all
 
@@ -76,6 +80,11 @@ class BaseNode(Node):
                 self.once.warning(trouble, f"{topic.name}: {error}")
 
         return topic.subscription(self, hear)
+
+    def refuse(self, reason: str) -> None:
+        """End as a node that cannot be started does, without a word to the others: their game goes on."""
+        print(f"{self.get_name()}: {reason}", file=sys.stderr, flush=True)
+        self.status, self.silent = BAD_START, True
 
     def last_messages(self) -> Iterable[Any]:
         """Publish what must be said last: stop, lights off. Called once, before the context is shut down.
@@ -117,6 +126,8 @@ class GameNode(BaseNode):
             self.map = load_map(parameter(self, "map_yaml", "", "YAML file of the map, or the name of a shipped one"))
         self._plays: dict[str, Any] = {
             "node": name,
+            "acts": self.acts(),
+            "started": this_process(),
             "hash": self.config.hash,
             "map": self.map.hash[:12] if with_map else None,
             "configuration": self.config.as_dict(),
@@ -125,14 +136,24 @@ class GameNode(BaseNode):
         self.listen(CONFIGURATION, self._compare, "bad configuration")
         self._configuration.publish(CONFIGURATION.type(data=json.dumps(self._plays)))
 
+    def acts(self) -> bool:
+        """Whether the node takes a part that only one may take: then the later of two is refused."""
+        return True
+
     def _compare(self, message: Any) -> None:
         """Say by which fields another node differs, once for each other node; again only after they agreed."""
         own = self._plays
         try:
             other = json.loads(message.data[:_LONGEST])
             node, map, configuration = str(other["node"])[:100], other["map"], dict(other["configuration"])
+            rival = node == own["node"] and own["acts"] and bool(other.get("acts"))
+            came_first = rival and started(other) < started(own)
         except (ValueError, TypeError, LookupError, RecursionError):
             raise BadMessage("not the configuration of a node of this game") from None
+        if came_first:
+            where = self.get_namespace()
+            self.refuse(f"another {node} plays in {where} already: {process_words(other)}")
+            return
         found = differences(configuration, own["configuration"])
         if map != own["map"] and None not in (map, own["map"]):
             found["map"] = map, own["map"]
@@ -144,6 +165,33 @@ class GameNode(BaseNode):
         more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
         text = "; ".join([*fields[:_LISTED], *more])
         self.once.warning(trouble, f"{node} plays by another configuration: {text}")
+
+
+def this_process() -> list[Any]:
+    """What tells processes apart: when this one started (s since 1970), on which machine, its number."""
+    return [time.time(), socket.gethostname(), os.getpid()]
+
+
+def process_of(message: Any) -> dict[str, Any] | None:
+    """What a String says, as JSON, of the process that sent it; None: nothing of that kind."""
+    try:
+        found = json.loads(message.data[:_LONGEST])
+        started(found)
+    except (ValueError, TypeError, LookupError, RecursionError):
+        return None
+    return dict(found)
+
+
+def process_words(plays: Mapping[str, Any]) -> str:
+    """Which process it is that published this configuration."""
+    started_s, host, number = started(plays)
+    return f"process {number} on {host}, since {time.strftime('%H:%M:%S', time.localtime(started_s))}"
+
+
+def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
+    """When, where and as which process; the earlier is less."""
+    started_s, host, number = plays["started"]
+    return float(started_s), str(host)[:100], int(number)
 
 
 class Once:
@@ -255,6 +303,8 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
                 raise ValueError(
                     f"unknown arguments {' '.join(unknown)}: parameters are given as --ros-args -p NAME:=VALUE"
                 )
+            if simulated(arguments):
+                stay_on_this_machine()
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             node = make()
             stop.breaks_off = False
@@ -286,7 +336,7 @@ def _spin(node: BaseNode, stop: Stop) -> None:
             executor.spin_once(timeout_sec=POLL_S)
     finally:
         end = time.monotonic() + LAST_MESSAGES_S
-        for answer in node.last_messages():
+        for answer in () if node.silent else node.last_messages():
             executor.spin_until_future_complete(answer, max(0.0, end - time.monotonic()))
         node.once.summary()
         for publisher in node.publishers:

@@ -152,6 +152,8 @@ def test_an_equal_configuration_is_silent_and_another_one_is_said_once_for_each_
     probe.wait_for(lambda: probe.values(topics.CONFIGURATION), 30.0, "its configuration")
     (said,) = map(json.loads, probe.values(topics.CONFIGURATION))
     own = make_config("robot", **parse_settings(settings))
+    assert said.pop("acts")
+    assert said.pop("started")[2] == process.popen.pid
     assert said == {"node": "game_event_mapper", "hash": own.hash, "map": None, "configuration": own.as_dict()}
 
     two_ghosts = {"clyde.ghosts": ("wander", "chase")}

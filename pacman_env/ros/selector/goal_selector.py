@@ -58,7 +58,6 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._tell_rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
         text = "a transform older than this gives way to the latched amcl_pose, s"
         self._pose_timeout_s = parameter(self, "pose_timeout_s", 1.0, text, 0.1, 10.0)
-        self._shadow = parameter(self, "shadow", False, "decide and log beside another planner, send nothing")
         autostart = parameter(self, "autostart", True, "configure and activate without being asked")
 
         self._selection: Selection | None = None  # None: not configured
@@ -74,6 +73,11 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
                 raise ValueError(self._fault or "cannot be configured")
             self.trigger_activate()
+
+    def acts(self) -> bool:
+        """Not as a shadow."""
+        self._shadow = parameter(self, "shadow", False, "decide and log beside another planner, send nothing")
+        return not self._shadow
 
     # Lifecycle
 

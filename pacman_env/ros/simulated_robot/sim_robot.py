@@ -25,8 +25,9 @@ from ...sim.core.navigate_to_pose import Navigation
 from ...sim.core.poses import Pose
 from ...sim.core.robot import SimulatedRobot
 from .. import topics
+from ..discovery import publishers, stay_on_this_machine
 from ..messages import GHOST_OBSTACLE, BadMessage, points_of, pose_of
-from ..node import GameNode, parameter, run
+from ..node import GameNode, parameter, process_of, process_words, run, started, this_process
 from .sim_actions import NavigateServer, NotesServer
 from .sim_faults import Faults
 from .sim_sensors import TRANSFORM_TOLERANCE_NS, Sensors
@@ -40,6 +41,10 @@ FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JS
 FASTEST = 10.0
 CATCH_UP_S = 0.5  # of wall time; what is late by more than that is left out
 AT_ONCE = 10  # steps; then whoever has said something meanwhile is heard
+#: Who publishes these in the robot's namespace is a robot's base, and who publishes this is another simulation.
+BASE, CLOCK = (topics.ODOMETRY.name, topics.SCAN.name), (topics.CLOCK.name,)
+LOOK_S = 1.0  # of wall time, between two looks for others
+ONE_CLOCK = "give one of them another domain"
 MARK_LASTS_S = 2.0  # what is no longer seen of Clyde, the lidar clears from the costmap
 START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
 
@@ -80,7 +85,10 @@ class SimRobot(GameNode):
             raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
         robot = SimulatedRobot(self.map, config, seed, home=_pose(home, "home"), localized=localized)
         self.robot = robot
-        _warm_up(robot)
+        _warm_up(robot)  # meanwhile others become known
+        self._first_look = True
+        if reason := self._other_robot():
+            raise ValueError(reason)
         self._step_ns = round(config.physics_step_s * 1e9)
         self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
         self._start_ns = START_NS if self._simulated else time.time_ns()
@@ -94,6 +102,11 @@ class SimRobot(GameNode):
         self._audio = AUDIO_SHOWN.publisher(self)
         self._notes = NotesServer(self, lambda what: self._audio.publish(String(data=json.dumps(what))))
         self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
+        if self._simulated:
+            self._owner = {"namespace": self.get_namespace(), "started": this_process()}
+            self.listen(topics.CLOCK_OWNER, self._hear_clock_owner, "bad clock owner")
+            self._owner_out = topics.CLOCK_OWNER.publisher(self)
+            self._owner_out.publish(String(data=json.dumps(self._owner)))
         self._sensors = Sensors(self, robot, self._stamp())
         self._lightring = LIGHT_RING_SHOWN.publisher(self)
         self._lights = ""
@@ -104,8 +117,30 @@ class SimRobot(GameNode):
         self._show_faults()
         period_s = config.physics_step_s / self._speed
         self.create_timer(period_s, self.tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(LOOK_S, self._look_for_others, clock=Clock(clock_type=ClockType.STEADY_TIME))
         x, y, heading = robot.pose
         self.get_logger().info(f"{robot.occupancy.name}: robot at ({x:.2f}, {y:.2f}, {heading:.2f}), seed {seed}")
+
+    def _other_robot(self) -> str:
+        """Why a simulated robot must not be here; empty: it may."""
+        where = self.get_namespace()
+        if bases := publishers(self, BASE):
+            return f"a robot's base answers in {where}: {', '.join(bases)}; a simulated one must not drive it"
+        if self._simulated and self._first_look and (clocks := publishers(self, CLOCK)):
+            return f"another clock runs in this ROS domain: {', '.join(clocks)}; {ONE_CLOCK}"
+        return ""
+
+    def _look_for_others(self) -> None:
+        self._first_look = False
+        if reason := self._other_robot():
+            self.refuse(reason)
+
+    def _hear_clock_owner(self, message: Any) -> None:
+        """The later of two simulated robots in one domain goes, wherever it is; in one namespace, by its name."""
+        other = process_of(message)
+        if other is not None and started(other) < started(self._owner):
+            where = str(other.get("namespace"))[:100]
+            self.refuse(f"another clock runs in this ROS domain: {where}/{NAME}, {process_words(other)}; {ONE_CLOCK}")
 
     def _listen(self, stamped: bool) -> None:
         velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
@@ -255,7 +290,8 @@ class SimRobot(GameNode):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT or SIGTERM, on this machine alone."""
+    stay_on_this_machine()
     return run(SimRobot, NAME, argv)
 
 

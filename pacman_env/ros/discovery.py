@@ -1,0 +1,95 @@
+"""Whom a node can meet: its ROS domain, this machine alone or the network, and who else does what only one may do.
+
+What is set here is read by the middleware when a process creates its first node: call it before. ROS is not imported.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, MutableMapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+HIGHEST_DOMAIN = 232  # of DDS, by its formula for ports
+_NAMES_S = 1.0
+_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_"  # ROS's word
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "ROS_SUPER_CLIENT")  # ways that the range does not close
+
+
+def domain_of(text: str) -> int:
+    """A ROS domain from a command line or an environment; an empty text is domain 0, as for ROS.
+
+    Raises:
+        ValueError: no whole number from 0 to 232.
+    """
+    if not text:
+        return 0
+    if not (text.isascii() and text.isdigit() and int(text) <= HIGHEST_DOMAIN):
+        raise ValueError(f"ROS_DOMAIN_ID {text!r}: must be a whole number, 0 to {HIGHEST_DOMAIN}")
+    return int(text)
+
+
+def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) -> None:
+    """Keep nodes that are created from now on from meeting any on another machine, a real robot above all."""
+    environment = os.environ if environment is None else environment
+    environment[_RANGE] = "LOCALHOST"
+    for name in _BEYOND:
+        environment.pop(name, None)
+
+
+def simulated(arguments: Sequence[str]) -> bool:
+    """Whether ROS arguments ask for simulated time, themselves or by a file of parameters; unreadable ones do not."""
+    pairs = list(pairwise(arguments))
+    given = [text for flag, text in pairs if flag in ("-p", "--param")]
+    said = [value.strip().lower() for name, _, value in (text.partition(":=") for text in given) if _is_clock(name)]
+    if said:
+        return said[-1] in ("true", "yes", "on")
+    return any(_asks(_content(text)) for flag, text in pairs if flag == "--params-file")
+
+
+def _is_clock(name: str) -> bool:
+    return name.rpartition(":")[2].strip() == "use_sim_time"
+
+
+def _content(path: str) -> Any:
+    try:
+        return yaml.safe_load(Path(path).read_text())
+    except (OSError, ValueError, yaml.YAMLError):
+        return None  # ROS will say what is wrong
+
+
+def _asks(content: Any) -> bool:
+    if not isinstance(content, dict):
+        return False
+    return content.get("use_sim_time") is True or any(_asks(value) for value in content.values())
+
+
+def publishers(node: Any, topics: Iterable[str]) -> list[str]:
+    """Which other nodes publish on any of these topics: ``/robot_15/motion_control (odom)``.
+
+    Args:
+        node: of rclpy; its own publishers are left out.
+        topics: names, relative to the node's namespace or absolute.
+    """
+    found = _publishers(node, topics)
+    end = time.monotonic() + _NAMES_S
+    while any(_NAMELESS in who for who in found) and time.monotonic() < end:  # names come after what they have
+        time.sleep(0.05)
+        found = _publishers(node, topics)
+    return [who.replace(f"{_NAMELESS}/", "").replace("_NODE_NAME_UNKNOWN_", "a node without a name") for who in found]
+
+
+def _publishers(node: Any, topics: Iterable[str]) -> list[str]:
+    own = node.get_name(), node.get_namespace()
+    found = set()
+    for topic in topics:
+        for info in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
+            who = info.node_name, info.node_namespace
+            if who != own:
+                found.add(f"{who[1].rstrip('/')}/{who[0]} ({topic})")
+    return sorted(found)

@@ -1,0 +1,153 @@
+"""Whom a node meets: a simulated one nobody on another machine, and none another that takes its part."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from pacman_env.ros.discovery import domain_of, simulated, stay_on_this_machine
+
+pytest.importorskip("rclpy")
+
+from pacman_env.ros import topics
+from tests.ros.network import on_the_network, two_machines, why_not
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, System
+
+SIM_ROBOT = "pacman_env.ros.simulated_robot.sim_robot"
+LIGHTS = "pacman_env.ros.nodes.game_light_node"
+START_S = 240.0  # the first may have to compile
+
+
+@pytest.mark.parametrize(("text", "number"), [("", 0), ("0", 0), ("15", 15), ("232", 232)])
+def test_a_domain_is_a_number(text: str, number: int) -> None:
+    assert domain_of(text) == number
+
+
+@pytest.mark.parametrize("text", ["abc", "500", "-1", "1.5", "²", " 1"])
+def test_no_domain_is_refused_by_name(text: str) -> None:
+    with pytest.raises(ValueError, match="ROS_DOMAIN_ID"):
+        domain_of(text)
+
+
+def test_who_stays_on_this_machine_leaves_no_other_way_to_others() -> None:
+    environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_DISCOVERY_SERVER": "10.0.0.1:11811", "HOME": "/"}
+    stay_on_this_machine(environment)
+    assert environment == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "HOME": "/"}
+
+
+@pytest.mark.parametrize(
+    ("words", "asks"),
+    [
+        ("-p use_sim_time:=true", True),
+        ("-p use_sim_time:=false", False),
+        ("--param sim_robot:use_sim_time:=True", True),
+        ("-p speed:=4.0 -r __ns:=/use_sim_time", False),
+        ("--params-file {file}", True),
+        ("--params-file {file} -p use_sim_time:=false", False),
+        ("--params-file {file}.none", False),
+        ("-p", False),
+    ],
+)
+def test_arguments_that_ask_for_simulated_time_are_known(words: str, asks: bool, tmp_path: Path) -> None:
+    file = tmp_path / "launch_params"
+    file.write_text("/robot_15/sim_robot:\n  ros__parameters:\n    use_sim_time: true\n")
+    assert simulated(["--ros-args", *words.format(file=file).split()]) is asks
+
+
+def test_the_later_of_two_nodes_of_one_kind_is_refused_by_the_name_of_the_first(probe: Probe, system: System) -> None:
+    first = system.start(LIGHTS)
+    probe.record(topics.CONFIGURATION, topics.LIGHT_RING)
+    probe.wait_for(lambda: probe.heard(topics.CONFIGURATION), 30.0, "the first")
+    second = system.start(LIGHTS)
+    assert second.wait() == 2
+    system.processes.remove(second)
+    assert f"another game_light_node plays in /robot_15 already: process {first.popen.pid} on " in second.output
+    probe.publish(topics.GAME_LIGHT, "win")
+    probe.wait_for(lambda: probe.heard(topics.LIGHT_RING), what="the first to go on")
+    assert first.popen.poll() is None
+    said = [heard.message.override_system for heard in probe.heard(topics.LIGHT_RING)]
+    assert all(said), "the second has released the ring of the first"
+
+
+def test_a_simulated_robot_is_refused_where_a_base_answers(probe: Probe, system: System) -> None:
+    probe.publisher(topics.ODOMETRY)
+    robot = system.start(SIM_ROBOT, map_yaml="house", use_sim_time=True)
+    assert robot.wait(START_S) == 2
+    system.processes.clear()
+    assert "a robot's base answers in /robot_15: /robot_15/probe (odom)" in robot.output
+
+
+def test_a_second_clock_in_a_domain_is_refused_and_the_first_goes_on(probe: Probe, system: System) -> None:
+    first = system.start(SIM_ROBOT, map_yaml="house", use_sim_time=True)
+    probe.record(topics.CLOCK)
+    probe.wait_for(lambda: probe.heard(topics.CLOCK), START_S, "the clock")
+    system.namespace = "/robot_16"
+    second = system.start(SIM_ROBOT, map_yaml="house", use_sim_time=True)
+    assert second.wait(START_S) == 2
+    system.processes.remove(second)
+    assert "another clock runs in this ROS domain: /robot_15/sim_robot" in second.output
+    probe.forget()
+    probe.wait_for(lambda: len(probe.heard(topics.CLOCK)) > 5, what="the first clock to go on")
+    assert first.popen.poll() is None
+
+
+LISTENER = """
+import sys, time
+import rclpy
+from rclpy.node import Node
+rclpy.init()
+node = Node("listener", namespace="/robot_15")
+end = time.monotonic() + float(sys.argv[1])
+seen = set()
+while time.monotonic() < end and len(seen) < int(sys.argv[2]):
+    rclpy.spin_once(node, timeout_sec=0.1)
+    seen = {name for name in node.get_node_names() if name != "listener"}
+print(*sorted(seen))
+"""
+
+
+@pytest.mark.skipif(bool(why_not()) and not os.environ.get("CI"), reason=f"no network namespaces: {why_not()}")
+def test_a_simulated_robot_and_its_game_are_not_seen_on_the_network(domain: int, tmp_path: Path) -> None:
+    listen = [sys.executable, "-c", textwrap.dedent(LISTENER)]
+    nodes = {
+        "sim_robot": (SIM_ROBOT, "map_yaml:=house", "use_sim_time:=true"),
+        "game_light_node": (LIGHTS, "use_sim_time:=true"),
+        "game_event_mapper": ("pacman_env.ros.nodes.game_event_mapper", "use_sim_time:=false"),
+    }
+    with two_machines() as (here, there):
+
+        def inside(machine: str, command: list[str]) -> list[str]:
+            return ["ip", "netns", "exec", machine, *command]
+
+        started = []
+        for name, (module, *parameters) in nodes.items():
+            words = [word for parameter in parameters for word in ("-p", parameter)]
+            command = [sys.executable, "-m", module, "--ros-args", "-r", "__ns:=/robot_15", *words]
+            with (tmp_path / name).open("wb") as log:
+                run = subprocess.Popen(inside(here, command), env=on_the_network(), stdout=log, stderr=log)
+            started.append(run)
+        try:
+            local = on_the_network()
+            seen = subprocess.check_output(inside(here, [*listen, str(START_S), "3"]), env=local, text=True)
+            assert seen.split() == sorted(nodes)  # all are up, and on this machine everybody sees them
+            end = time.monotonic() + START_S
+            seen = ""
+            while "game_event_mapper" not in seen and time.monotonic() < end:  # the one that plays with a real robot
+                seen = subprocess.check_output(inside(there, [*listen, "20", "1"]), env=local, text=True)
+            assert seen.split() == ["game_event_mapper"]
+            seen = subprocess.check_output(inside(there, [*listen, "4", "9"]), env=local)
+            assert seen.split() == [b"game_event_mapper"]
+        finally:
+            for run in started:
+                run.terminate()
+            for run in started:
+                run.wait(30)
