@@ -179,20 +179,20 @@ class Mixed:
         self.wait(there, "Clyde")
 
     def round(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> list[list[int]] | None:
-        """One round, from the call to the menu, and something that is done in it; None: Clyde has ended it."""
+        """One round, from the call to the menu, with something done from the start show on; None: Clyde has ended it."""
         self.put_clyde_away()
         self.probe.forget()
         assert self.probe.call(topics.START_GAME).success
         self.wait(lambda: "starting" in self.probe.values(STATE), "the start show")
-        self.wait(lambda: "running" in self.probe.values(STATE), "the round")
         meanwhile()
+        self.wait(lambda: "running" in self.probe.values(STATE), "the round")
         self.wait(lambda: self.value(STATE) not in ("starting", "running"), "the end of the round")
         lost = "dying" in self.probe.values(STATE)
         self.wait(lambda: self.value(STATE) == "menu", "the menu")
         if lost:
             return None
         self.wait(lambda: self.value(ROUND) == number + 1, "the next round's number")
-        assert f"Complete - Score: {self.value(SCORE)}" in self.probe.values(RESULT)
+        self.wait(lambda: f"Complete - Score: {self.value(SCORE)}" in self.probe.values(RESULT), "score and result")
         return [self.probe.values(SPAWNED), self.probe.values(COLLECTED), self.probe.values(SCORE)]
 
 
@@ -244,26 +244,26 @@ def test_pellets_that_the_originals_planner_drops_uncounted_hold_no_round_up(mix
     probe = mixed.probe
 
     def abort() -> None:
-        """The robot's way to the next pellet, and whatever it is sent to until that is heard."""
+        """The robot's way to the first pellet, and whatever it is sent to until that is heard."""
         probe.publish(FAULT, "abort 0.2")
-        mixed.wait(dropped, "a pellet to be dropped")
+        mixed.wait(lambda: dropped() or mixed.value(STATE) not in ("starting", "running"), "a pellet to be dropped")
         probe.publish(FAULT, "end abort")
 
     def dropped() -> set[int]:
         reported = {int(word.partition(":")[2]) for word in probe.values(topics.GAME_STATUS) if ":" in word}
         return set(probe.values(topics.REMOVE_PELLET)) - reported
 
-    for _ in range(TRIES):
+    for _ in range(TRIES):  # Clyde may end a round, and on a late machine it may be over before the fault is there
         mixed.greet()
         heard = mixed.round(1, abort)
-        if heard is None:
+        lost = len(dropped())
+        if heard is None or not lost:
             continue
         spawned, _, score = heard
         assert set(spawned) - {0} == {PELLETS}
-        counted = PELLETS - len(dropped())
-        assert score[-1] == counted < PELLETS
+        assert score[-1] == PELLETS - lost
         heard = mixed.round(2)
         if heard is not None:
-            assert max(heard[2]) == counted + PELLETS
+            assert max(heard[2]) == PELLETS - lost + PELLETS
             return
-    raise AssertionError(f"Clyde has ended one of two rounds {TRIES} times")
+    raise AssertionError(f"no two rounds to look at in {TRIES} tries")
