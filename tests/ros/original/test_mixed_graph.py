@@ -179,7 +179,7 @@ class Mixed:
         self.wait(there, "Clyde")
 
     def round(self, number: int, meanwhile: Callable[[], None] = lambda: None) -> list[list[int]] | None:
-        """One round, from the call to the menu, with something done from the start show on; None: Clyde has ended it."""
+        """One round from the call to the menu, something done from the start show on; None: Clyde has ended it."""
         self.put_clyde_away()
         self.probe.forget()
         assert self.probe.call(topics.START_GAME).success
