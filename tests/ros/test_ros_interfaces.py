@@ -74,7 +74,7 @@ def test_the_projects_own_definitions_are_those_that_its_topics_need() -> None:
     assert packages == {
         "irobot_create_msgs": [
             ("action", "AudioNoteSequence"),
-            *(("msg", name) for name in ("AudioNote", "AudioNoteVector", "LedColor", "LightringLeds")),
+            *(("msg", name) for name in ("AudioNote", "AudioNoteVector", "DockStatus", "LedColor", "LightringLeds")),
         ],
         "nav2_msgs": [("action", "NavigateToPose"), ("srv", "ClearEntireCostmap")],
         "tf2_msgs": [("msg", "TFMessage")],
