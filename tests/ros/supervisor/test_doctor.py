@@ -1,0 +1,326 @@
+"""The doctor at real nodes: a simulated game, a robot made of probes, and nobody at all."""
+
+from __future__ import annotations
+
+import array
+import dataclasses
+import io
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+import rclpy
+from lifecycle_msgs.srv import GetState
+from rclpy.time import Time
+from std_srvs.srv import Trigger
+
+from pacman_env.ros import topics
+from pacman_env.ros.messages import pose_message, transform_message
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.simulated_robot.sim_sensors import map_message
+from pacman_env.ros.supervisor.doctor import BATTERY, DOCK_STATUS, Doctor, doctor
+from pacman_env.ros.supervisor.game_nodes import GAME, NODES, SELECTOR, SIMULATOR, WAIT, module_of
+from pacman_env.ros.supervisor.readiness import BAD, CLOUDS, OK, UNKNOWN, Finding, find
+from pacman_env.world.maps.occupancy import load_map
+from tests.ros.system import PATIENCE_S, Probe, System
+
+if TYPE_CHECKING:
+    from pacman_env.world.maps.occupancy import OccupancyMap
+
+START_S = 240.0  # the first nodes may have to compile
+MAP = "house"
+NS = "/robot_15"
+
+
+def examine(
+    domain: int,
+    until: Callable[[dict[str, Finding]], bool],
+    meanwhile: Callable[[], None] = lambda: None,
+    namespace: str = NS,
+    map: OccupancyMap | None = None,
+) -> dict[str, Finding]:
+    """What the doctor says as soon as he says what is waited for, by check."""
+    node = Doctor(namespace, domain, map, "" if map is None else map.name, False, PATIENCE_S)
+    said: dict[str, Finding] = {}
+    due_s = 0.0
+
+    def enough() -> bool:
+        nonlocal said, due_s
+        meanwhile()
+        if time.monotonic() < due_s:
+            return False
+        due_s = time.monotonic() + 0.3
+        said = {finding.check: finding for finding in find(node.evidence())}
+        return until(said)
+
+    try:
+        node.look(enough)
+        said = {finding.check: finding for finding in find(node.evidence())}
+    finally:
+        node.close()
+    assert until(said), "\n".join(f"{f.mark} {f.check}: {f.seen}" for f in said.values())
+    return said
+
+
+def is_bad(found: dict[str, Finding], check: str, seen: str) -> bool:
+    return check in found and found[check].mark == BAD and seen in found[check].seen
+
+
+def test_a_whole_simulated_game_is_all_ok_and_another_map_or_namespace_is_named(
+    domain: int, probe: Probe, system: System
+) -> None:
+    for name in NODES:
+        if name != WAIT:
+            with_map = {"map_yaml": MAP} if name in (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR) else {}
+            more = {SIMULATOR: {"speed": 10.0}, SELECTOR: {"policy": "nearest"}}.get(name, {})
+            system.start(module_of(name), use_sim_time=True, **with_map, **more)
+    probe.record(DIAGNOSTICS)
+    probe.wait_for(lambda: probe.heard(DIAGNOSTICS), START_S, "the goal selector")
+    out = io.StringIO()
+    status = doctor("robot_15", domain, MAP, sim=True, wait_s=PATIENCE_S, out=out)
+    text = out.getvalue()
+    assert status == 0, text
+    marks = {line[4:20].strip(): line[:4].strip() for line in text.splitlines()[1:-1] if line[:4].strip()}
+    assert {check for check, mark in marks.items() if mark != OK} - {"game", "clyde_trail"} == {
+        *("dock", "battery", "Nav2's nodes")
+    }, text
+    assert "all 8 are there" in text
+    assert "0.0 % differ from house" in text
+    assert "menu, policy nearest" in text
+    assert max(len(line) for line in text.splitlines()) <= 80
+
+    loop = load_map("loop")
+    size, plays_on = "not loop: size 300 x 283, here", f"map loop is {loop.hash[:12]}"
+    said = examine(
+        domain,
+        lambda found: is_bad(found, "map", size) and is_bad(found, "configuration", plays_on),
+        map=loop,
+    )
+    assert "localization and game need one file" in said["map"].cure
+    assert said["configuration"].command.startswith("pacman-env ros up --map loop")
+
+    said = examine(domain, lambda found: f"others in {NS}" in found["namespace"].seen, namespace="/robot_7")
+    assert said["namespace"].mark == BAD
+    assert "did you mean --namespace robot_15?" in said["namespace"].cure
+
+
+class FakeRobot:
+    """All that a TurtleBot 4 with Nav2 says, from nodes of the test process; ``tick`` says it again."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.probe, self.house = probe, load_map(MAP)
+        self.behind_s = 0.0  # its clocks
+        self.docked, self.charge, self.active = False, 0.9, True
+        self._due_s = 0.0
+        self._nodes = []
+        for costmap in ("local_costmap", "global_costmap"):
+            node = rclpy.create_node(costmap, namespace=f"{NS}/{costmap}", context=probe.context)
+            for cloud in CLOUDS:
+                topic = dataclasses.replace(topics.CLYDE_OBSTACLE, name=f"{NS}/{cloud}")
+                topic.subscription(node, lambda message: None)
+            self._nodes.append(node)
+        self._navigator = topics.NAVIGATE_TO_POSE.server(probe.node, lambda goal: None)
+        for manager in ("localization", "navigation"):
+            probe.node.create_service(Trigger, f"lifecycle_manager_{manager}/is_active", self._is_active)
+        probe.node.create_service(GetState, "planner_server/get_state", self._get_state)
+        probe.publisher(topics.MAP).publish(map_message(self.house, probe.stamp()))
+        self.static(transform_message("base_link", "rplidar_link", (0.0, 0.0, 0.0), probe.stamp()))
+        self.pose(1.0, 0.0)
+
+    def _is_active(self, request: Any, response: Any) -> Any:
+        response.success = self.active
+        return response
+
+    def _get_state(self, request: Any, response: Any) -> Any:
+        response.current_state.label = "active" if self.active else "inactive"
+        return response
+
+    def static(self, transform: Any) -> None:
+        self.probe.publisher(topics.TF_STATIC).publish(topics.TF_STATIC.type(transforms=[transform]))
+
+    def pose(self, x: float, y: float) -> None:
+        message = topics.AMCL_POSE.type()
+        message.header = pose_message(x, y, 0.0, self.stamp()).header
+        message.pose.pose = pose_message(x, y, 0.0, self.stamp()).pose
+        self.probe.publisher(topics.AMCL_POSE).publish(message)
+
+    def stamp(self, ahead_s: float = 0.0) -> Any:
+        return Time(seconds=time.time() - self.behind_s + ahead_s).to_msg()
+
+    def tick(self) -> None:
+        """Answer and say what is due; ten times a second at most."""
+        probe = self.probe
+        if time.monotonic() < self._due_s:
+            return
+        self._due_s = time.monotonic() + 0.1
+        for _ in range(5):
+            probe.executor.spin_once(timeout_sec=0.0)
+        stamp, zero = self.stamp(), (0.0, 0.0, 0.0)
+        odometry = topics.ODOMETRY.type(child_frame_id="base_link")
+        odometry.header.stamp = stamp
+        probe.publisher(topics.ODOMETRY).publish(odometry)
+        transforms = [
+            transform_message("odom", "base_link", zero, stamp),
+            transform_message("map", "odom", zero, self.stamp(1.0)),
+        ]
+        probe.publisher(topics.TF).publish(topics.TF.type(transforms=transforms))
+        scan = topics.SCAN.type(range_min=0.15, range_max=12.0, scan_time=0.1)
+        scan.header.stamp, scan.header.frame_id = stamp, "rplidar_link"
+        scan.ranges = array.array("f", [2.0, 3.5, float("inf"), float("nan")] * 90)
+        probe.publisher(topics.SCAN).publish(scan)
+        probe.publisher(DOCK_STATUS).publish(DOCK_STATUS.type(is_docked=self.docked))
+        probe.publisher(BATTERY).publish(BATTERY.type(percentage=self.charge))
+
+    def deaf(self) -> None:
+        """The costmaps are gone."""
+        for node in self._nodes:
+            node.destroy_node()
+        self._nodes.clear()
+
+    def close(self) -> None:
+        self.deaf()
+        self._navigator.destroy()
+
+
+@pytest.fixture
+def robot(probe: Probe) -> Iterator[FakeRobot]:
+    robot = FakeRobot(probe)
+    yield robot
+    robot.close()
+
+
+def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_cure(
+    domain: int, probe: Probe, robot: FakeRobot
+) -> None:
+    def ready(found: dict[str, Finding]) -> bool:
+        return {check for check, finding in found.items() if finding.mark != OK} == {
+            *("game's nodes", "configuration", "game")
+        }
+
+    said = examine(domain, ready, robot.tick, map=robot.house)
+    assert said["time of odom"].seen.startswith("0.")
+    assert "50 % of rays return, 2.00 to 3.50 m" in said["lidar"].seen
+    assert said["Nav2"].seen == f"navigate_to_pose is served by {NS}/probe"
+    assert said["battery"].seen == "90 %"
+    assert said["game's nodes"].command.startswith("pacman-env ros up --map house --namespace robot_15")
+
+    robot.deaf()
+    robot.behind_s, robot.docked, robot.charge, robot.active = 3.0, True, 0.1, False
+    other = load_map("loop")
+    probe.publisher(topics.MAP).publish(map_message(other, probe.stamp()))
+    robot.pose(90.0, 0.0)
+    for text in (
+        "no JSON",
+        "[1]",
+        '{"node": 1}',
+        '{"node": "x", "started": [NaN, 1, 2], "hash": 1, "map": 2}',
+        "9" * 9,
+    ):
+        probe.publisher(topics.CONFIGURATION).publish(topics.CONFIGURATION.type(data=text))
+    probe.publisher(DIAGNOSTICS).publish(DIAGNOSTICS.type(data='{"policy": NaN, "troubles": "many"}'))
+    probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="\x1b[2J"))
+    lost = transform_message("odom", "wheel", (float("nan"), 0.0, 0.0), probe.stamp())
+    cures = {
+        "time of odom": ("3.", "sudo chronyc makestep"),
+        "time of tf": ("3.", "sudo chronyc makestep"),
+        "dock": ("docked", f'ros2 action send_goal {NS}/undock irobot_create_msgs/action/Undock "{{}}"'),
+        "battery": ("10 %", "leave it on its dock"),
+        "map": ("not house: size", "localization.launch.py namespace:=/robot_15 map:="),
+        "pose": ("off the map", '"2D Pose Estimate"'),
+        "Nav2's nodes": ("planner_server is inactive", f"ros2 service call {NS}/lifecycle_manager_"),
+        "clyde_obstacle": ("local_costmap and global_costmap not heard to listen within", "config/nav2.yaml"),
+        "clyde_trail": ("local_costmap and global_costmap not heard to listen within", "config/nav2.yaml"),
+    }
+
+    def broken() -> None:
+        robot.tick()
+        probe.publisher(topics.TF).publish(topics.TF.type(transforms=[lost]))
+
+    def named(found: dict[str, Finding]) -> bool:
+        return all(is_bad(found, check, seen) for check, (seen, _) in cures.items())
+
+    said = examine(domain, named, broken, map=robot.house)
+    for check, (_, cure) in cures.items():
+        assert cure in f"{said[check].cure}: {said[check].command}", check
+    assert said["configuration"].mark == UNKNOWN
+    assert said["tf to base"].mark == OK
+
+
+def test_without_its_message_types_the_dock_cannot_be_told_and_the_reason_is_said(
+    domain: int, probe: Probe, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "irobot_create_msgs.msg", None)  # as if it were not there
+    said = examine(domain, lambda found: "dock" in found)
+    assert said["dock"].mark == UNKNOWN
+    assert "irobot_create_msgs/DockStatus is not installed here" in said["dock"].seen
+    assert said["dock"].command == "python -m tools.ros_interfaces.build"
+
+
+def test_nobody_is_bad_in_json_and_with_status_1(domain: int) -> None:
+    out = io.StringIO()
+    assert doctor("/nobody", domain, MAP, wait_s=0.1, as_json=True, out=out) == 1
+    said = json.loads(out.getvalue())
+    assert (said["namespace"], said["domain"], said["ready"]) == ("/nobody", domain, False)
+    assert said["map"] == {"name": MAP, "hash": load_map(MAP).hash}
+    assert said["version"]
+    marks = {finding["check"]: finding["mark"] for finding in said["findings"]}
+    assert BAD in (marks["domain"], marks["namespace"])  # who has just left may still be heard in the domain
+    assert "no node heard in /nobody within 0.1 s" in out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"namespace": "15"}, "namespace '15'"),
+        ({"domain": 233}, "ROS_DOMAIN_ID '233'"),
+        ({"domain": -1}, "ROS_DOMAIN_ID '-1'"),
+        ({"map": "nowhere"}, "nowhere"),
+        ({"wait_s": float("nan")}, "wait nan s"),
+        ({"wait_s": 0.0}, "wait 0 s"),
+        ({"wait_s": 601.0}, "at most 600"),
+    ],
+)
+def test_bad_arguments_are_refused_before_anything_is_listened_to(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        doctor(**{"namespace": "robot_15", "domain": 1, **arguments})
+
+
+def test_a_simulated_robot_is_looked_for_on_this_machine_only(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")
+    out = io.StringIO()
+    doctor("nobody", domain, sim=True, wait_s=0.1, out=out)
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert "ROS_STATIC_PEERS" not in os.environ
+    assert "sees this machine only" in out.getvalue()
+
+
+def test_an_interrupt_ends_it_in_one_line(probe: Probe, system: System) -> None:
+    code = "import sys; from pacman_env.ros.supervisor.doctor import doctor; sys.exit(doctor('nobody', wait_s=300))"
+    process = system.run("doctor", [sys.executable, "-c", code])
+    probe.wait_for(lambda: "pacman_doctor" in probe.node.get_node_names(), START_S, "the doctor")
+    assert process.stop(signal.SIGINT) == 1
+    assert process.output == "doctor: stopped before the end\n"
+    system.processes.clear()
+
+
+def test_the_doctor_publishes_nothing_that_moves_anything(domain: int) -> None:
+    node = Doctor(NS, domain, None, "", False, 1.0)
+    try:
+        spoken = {publisher.topic_name for publisher in node.publishers}
+    finally:
+        node.close()
+    assert spoken <= {"/rosout", "/parameter_events"}
+
+
+def test_every_node_of_the_game_is_looked_for() -> None:
+    assert set(NODES) == {SIMULATOR, *GAME, WAIT, SELECTOR}
