@@ -5,25 +5,45 @@ Ctrl-C `launch` stops all nodes at once; `pacman-env ros up` does it in order, t
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+    SetEnvironmentVariable,
+    UnsetEnvironmentVariable,
+)
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
 from pacman_env.ros.supervisor.game_nodes import NAMESPACE, SELECTOR, GameSetup
 
 ARGUMENTS = (
     ("map", "house", "a map's YAML, or a shipped map's name; the one that localization uses"),
     ("policy", "ppo", "what picks the goals: a policy's name or an .onnx file"),
     ("namespace", NAMESPACE, "of the robot"),
-    ("sim", "false", "true: a simulated robot takes the real one's place"),
+    ("sim", "false", "true: a simulated robot takes the real one's place, on this machine alone"),
     ("speed", "1.0", "of the simulated robot's clock, 1 to 10"),
     ("preset", "robot", "the configuration that every node plays by"),
     ("execution", "robust", "of Algorithm 4"),
+    ("home", "", "x, y and heading of home, m and rad, separated by blanks; empty: where the robot is in the menu"),
     ("settings", "", "fields of the configuration, name=value, separated by blanks"),
 )
 RESPAWN = {"respawn": True, "respawn_delay": 2.0}
+BAD_START = 2  # exit status of a node that refuses its arguments: starting it again does not help
+
+
+def _home(text):
+    if not text.strip():
+        return None
+    try:
+        x, y, heading = map(float, text.split())
+    except ValueError:
+        raise ValueError(f"home:={text!r}: must be three numbers, x y heading") from None
+    return x, y, heading
 
 
 def _nodes(context):
@@ -31,7 +51,7 @@ def _nodes(context):
     if given["sim"].lower() not in ("true", "false"):
         raise ValueError(f"sim:={given['sim']}: must be true or false")
     given |= {"sim": given["sim"].lower() == "true", "speed": float(given["speed"])}
-    setup = GameSetup(**given | {"settings": tuple(given["settings"].split())})
+    setup = GameSetup(**given | {"settings": tuple(given["settings"].split()), "home": _home(given["home"])})
 
     def node(name, **options):
         return Node(
@@ -44,15 +64,30 @@ def _nodes(context):
             **options,
         )
 
+    def kept_up(name):
+        started = node(name, **RESPAWN)
+
+        def ended(event, context):
+            if event.returncode != BAD_START:
+                return []
+            return [EmitEvent(event=Shutdown(reason=f"{name} does not start: its last line says why"))]
+
+        return [RegisterEventHandler(OnProcessExit(target_action=started, on_exit=ended)), started]
+
     def localized(event, context):
         if event.returncode == 0:
-            return [node(SELECTOR, **RESPAWN)]
+            return kept_up(SELECTOR)
         return [EmitEvent(event=Shutdown(reason="the robot is not localized"))]
 
     *first, last = setup.first_nodes
     wait = node(last)
+    confined = {}
+    if setup.sim:  # a simulated game must never drive a real robot
+        stay_on_this_machine(confined)
     return [
-        *(node(name, **RESPAWN) for name in first),
+        *(SetEnvironmentVariable(name, value) for name, value in confined.items()),
+        *(UnsetEnvironmentVariable(name) for name in (BEYOND if setup.sim else ())),
+        *(action for name in first for action in kept_up(name)),
         RegisterEventHandler(OnProcessExit(target_action=wait, on_exit=localized)),
         wait,
     ]

@@ -54,7 +54,7 @@ def kernel(function: F, cached: bool = True) -> F:
     Rules are plain functions; those that ``function`` calls are compiled with it. ``cached=False`` is for functions
     from outside the package, whose changes :func:`source_hash` does not see.
     """
-    folder = _kernel_folder() if cached else None
+    folder = kernel_folder() if cached else None
     before = numba_config.CACHE_DIR
     if folder is not None:
         numba_config.CACHE_DIR = str(folder)
@@ -83,7 +83,7 @@ def _with_rules_compiled(function: F) -> F:
 
 
 @functools.cache
-def _kernel_folder() -> Path | None:
+def kernel_folder() -> Path | None:
     """Where this version's kernels are kept; None, and nothing is kept, where no folder can be written.
 
     Numba alone would then fall back to a place that does not know of changes in other files.

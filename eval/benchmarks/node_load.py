@@ -49,11 +49,12 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
     from pacman_env.ros.supervisor.processes import ProcessGroup
     from pacman_env.ros.supervisor.status_line import StatusLine
     from pacman_env.ros.supervisor.up import check, environment
+    from pacman_env.ros.topics import START_GAME
 
     setup = GameSetup(map_source, policy, sim=True, settings=("show.start_s=0",), extra={REFEREE: {"state_file": ""}})
-    check(setup, domain)
+    check(setup)
     os.environ.update(environment(setup, domain))
-    status_line = StatusLine(setup)
+    status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
     names = (SIMULATOR, *GAME, SELECTOR)
     with tempfile.TemporaryDirectory() as logs:
         processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), say)
@@ -70,7 +71,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
             for name in names:
                 processes.start(name)
             wait(lambda: status_line.pose_age_s is not None, "a pose")
-            wait(status_line.start_game, "the referee")
+            wait(lambda: status_line.ready and status_line.call(START_GAME), "the referee")
             wait(lambda: status_line.state == "running", "the round")
             wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
             say(f"running, watched for {seconds:g} s")

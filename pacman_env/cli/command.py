@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
+import os
+import signal
 import sys
-from collections.abc import Callable, Sequence
-from typing import NoReturn
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NoReturn
 
 ERROR_STATUS = 2
+STOPPED_STATUS = 128 + signal.SIGINT
 
 
 class Parser(argparse.ArgumentParser):
@@ -44,15 +48,41 @@ def run_command(
 
 
 def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> int:
-    """The exit status of ``work``; what it cannot do becomes one line on stderr and 2."""
+    """The exit status of ``work``; what it cannot do becomes one line on stderr and 2, Ctrl-C one line and 130."""
     try:
-        return work() or 0
+        status = work() or 0
+        sys.stdout.flush()  # here, where a failure can still be said
+        return status
+    except KeyboardInterrupt:
+        print(f"{prog}: stopped", file=sys.stderr)
+        return STOPPED_STATUS
+    except BrokenPipeError:  # who read the output has enough of it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except ModuleNotFoundError as error:
         message = f"needs {error.name}: pip install 'pacman_env[{extra}]'"
     except (ValueError, OSError, FloatingPointError) as error:  # MapError and ConfigError are ValueErrors
         message = " ".join(str(error).split())
     print(f"{prog}: {message}", file=sys.stderr)
     return ERROR_STATUS
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ctrl-C breaks nothing off within the block, such as an import half done; KeyboardInterrupt follows at its end."""
+    asked = False
+
+    def note(number: int, frame: Any) -> None:
+        nonlocal asked
+        asked = True
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if asked:
+            raise KeyboardInterrupt
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:

@@ -8,16 +8,16 @@ A group of subcommands is a function that adds its parsers to the command and se
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, guarded, run_command, whole_number
+from pacman_env.cli.ros_group import add_ros_group
 
 #: By command: its module in this package, and what it does.
 MODULES = {
@@ -48,7 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: after ``--help``, ``--version`` and bad arguments, as argparse does.
     """
-    argv = sys.argv[1:] if argv is None else argv
+    return guarded("pacman-env", lambda: _main(sys.argv[1:] if argv is None else argv))
+
+
+def _main(argv: Sequence[str]) -> int:
     if argv and argv[0] in MODULES:
         module, _ = MODULES[argv[0]]
         extra = "train" if module.startswith("train") else "eval"
@@ -183,85 +186,7 @@ def _play(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _add_ros_group(commands: Any) -> None:
-    group = commands.add_parser("ros", help="the game on a robot").add_subparsers(metavar="SUBCOMMAND", required=True)
-    up = group.add_parser("up", help="start all nodes, show how the game stands, stop them in order")
-    up.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
-    up.add_argument("--policy", default="ppo", help="who picks the goals: a name or an .onnx file (%(default)s)")
-    up.add_argument(
-        "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
-    )
-    up.add_argument(
-        "--speed", type=finite_number(), default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)"
-    )
-    up.add_argument("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
-    up.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
-    up.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
-    )
-    up.add_argument("--start", action="store_true", help="begin the first round as soon as the robot is localized")
-    up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
-    up.set_defaults(run=_ros_up)
-    record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
-    record.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="the new bag")
-    record.add_argument("--sim", action="store_true", help="stamp with the simulated robot's clock")
-    record.set_defaults(run=_ros_record)
-    for parser in (up, record):
-        parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
-        parser.add_argument("--domain-id", type=whole_number(0), help="ROS_DOMAIN_ID (that of the environment)")
-    replay = group.add_parser("replay", help="what a policy would have done in a recorded game")
-    replay.add_argument("bag", type=Path, help="a bag's folder or its .mcap file")
-    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map of the game")
-    replay.add_argument("--policy", default="ppo", help="a name or an .onnx file (%(default)s)")
-    replay.add_argument("--namespace", help="which robot's game (the only one in the bag)")
-    replay.add_argument("--json", action="store_true", help="print the report as JSON")
-    replay.set_defaults(run=_ros_replay)
-
-
-def _ros_up(arguments: argparse.Namespace) -> int:
-    from pacman_env.ros.supervisor.game_nodes import GameSetup
-
-    setup = GameSetup(
-        *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
-        *(arguments.preset, arguments.execution, tuple(arguments.set)),
-    )
-    with _what_ros_needs():
-        from pacman_env.ros.supervisor.up import up
-    return up(setup, arguments.domain_id, arguments.logs, arguments.start)
-
-
-def _ros_record(arguments: argparse.Namespace) -> int:
-    with _what_ros_needs():
-        from pacman_env.ros.bags.record import record
-    return record(arguments.out, arguments.namespace, arguments.domain_id, arguments.sim)
-
-
-def _ros_replay(arguments: argparse.Namespace) -> int:
-    with _what_ros_needs():
-        from pacman_env.ros.bags.bag_replay import replay_bag
-    report = replay_bag(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
-    print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
-    return 0
-
-
-@contextlib.contextmanager
-def _what_ros_needs() -> Iterator[None]:
-    """A package that is missing becomes one line that says where it comes from."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        name = (error.name or "").partition(".")[0]
-        if name == "rosbags":
-            raise OSError("recording and replaying need rosbags: pip install rosbags") from None
-        if name == "rclpy" or name.endswith("_msgs"):
-            raise OSError(
-                f"this needs ROS 2 Jazzy ({name} is missing): source /opt/ros/jazzy/setup.bash on a robot; elsewhere "
-                "pip install 'pacman_env[ros]' and python -m tools.ros_interfaces.build"
-            ) from None
-        raise
-
-
-GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, _add_ros_group)
+GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, add_ros_group)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -14,11 +14,14 @@ from typing import Any
 
 import yaml
 
+from .supervisor.game_nodes import SIMULATOR
+
+COSTMAPS = ("local_costmap", "global_costmap")  # names of nodes
 HIGHEST_DOMAIN = 232  # of DDS, by its formula for ports
 _NAMES_S = 1.0
 _NAMELESS = "_NODE_NAMESPACE_UNKNOWN_"  # ROS's word
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-_BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "ROS_SUPER_CLIENT")  # ways that the range does not close
+BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "ROS_SUPER_CLIENT")  # other ways to others
 
 
 def domain_of(text: str) -> int:
@@ -34,11 +37,26 @@ def domain_of(text: str) -> int:
     return int(text)
 
 
+def join(domain: int | None, this_machine: bool) -> None:
+    """Choose what nodes made from now on can meet.
+
+    Args:
+        domain: None: that of the environment.
+        this_machine: nobody on another one.
+
+    Raises:
+        ValueError: there is no such domain.
+    """
+    os.environ["ROS_DOMAIN_ID"] = str(domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain)))
+    if this_machine:
+        stay_on_this_machine()
+
+
 def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) -> None:
     """Keep nodes that are created from now on from meeting any on another machine, a real robot above all."""
     environment = os.environ if environment is None else environment
     environment[_RANGE] = "LOCALHOST"
-    for name in _BEYOND:
+    for name in BEYOND:
         environment.pop(name, None)
 
 
@@ -67,6 +85,17 @@ def _asks(content: Any) -> bool:
     if not isinstance(content, dict):
         return False
     return content.get("use_sim_time") is True or any(_asks(value) for value in content.values())
+
+
+def unheard_by(node: Any, topic: str) -> list[str]:
+    """Which of Nav2's two costmaps do not listen to a cloud; a simulated robot listens for both.
+
+    Args:
+        node: of rclpy.
+        topic: the cloud's, relative to the node's namespace.
+    """
+    names = {info.node_name for info in node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))}
+    return [] if SIMULATOR in names else [name for name in COSTMAPS if name not in names]
 
 
 def publishers(node: Any, topics: Iterable[str]) -> list[str]:

@@ -146,6 +146,7 @@ GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) f
 CLYDE_POSE = GHOST_POSES[0]
 CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
 CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
+CLYDE_TRAIL = Topic("clyde_trail", "sensor_msgs/PointCloud2", EVENTS)  # what costmaps clear of him: ghost_trail.py
 CLICKED_POINT = Topic("clicked_point", "geometry_msgs/PointStamped", EVENTS)  # places Clyde before a round
 GAME_EVENT = Topic("game_event", "std_msgs/String", EVENTS)
 GAME_STATUS = Topic("game_status", "std_msgs/String", REPORTS)

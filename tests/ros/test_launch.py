@@ -41,7 +41,10 @@ class Asked:
 
 NAMES = {
     "launch": ("LaunchDescription",),
-    "launch.actions": ("DeclareLaunchArgument", "EmitEvent", "OpaqueFunction", "RegisterEventHandler"),
+    "launch.actions": (
+        *("DeclareLaunchArgument", "EmitEvent", "OpaqueFunction", "RegisterEventHandler"),
+        *("SetEnvironmentVariable", "UnsetEnvironmentVariable"),
+    ),
     "launch.event_handlers": ("OnProcessExit",),
     "launch.events": ("Shutdown",),
     "launch.substitutions": ("LaunchConfiguration",),
@@ -79,6 +82,33 @@ def nodes(actions: list[Any]) -> dict[str, dict[str, Any]]:
     return {a.options["executable"]: a.options for a in actions if kind(a) == "Node"}
 
 
+def handlers(actions: list[Any]) -> dict[str, Any]:
+    """What happens at the end of a node, by its name."""
+    found = [action.arguments[0].options for action in actions if kind(action) == "RegisterEventHandler"]
+    return {options["target_action"].options["executable"]: options["on_exit"] for options in found}
+
+
+def test_a_node_that_refuses_to_start_ends_the_launch_and_one_that_died_is_started_again(started: Any) -> None:
+    actions = started()
+    assert set(handlers(actions)) == {*GAME, WAIT}
+    for name in GAME:
+        ended = handlers(actions)[name]
+        assert [kind(a) for a in ended(types.SimpleNamespace(returncode=2), None)] == ["EmitEvent"]
+        assert ended(types.SimpleNamespace(returncode=-9), None) == []
+        assert nodes(actions)[name]["respawn"]
+
+
+def test_a_simulated_launch_stays_on_this_machine_before_any_node_starts(started: Any) -> None:
+    actions = started(sim="true")
+    kinds = [kind(action) for action in actions]
+    changed = {a.arguments[0]: a.arguments[1] for a in actions if kind(a) == "SetEnvironmentVariable"}
+    assert changed == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    unset = {a.arguments[0] for a in actions if kind(a) == "UnsetEnvironmentVariable"}
+    assert "ROS_DISCOVERY_SERVER" in unset
+    assert max(i for i, k in enumerate(kinds) if "Environment" in k) < kinds.index("Node")
+    assert not [k for k in map(kind, started()) if "Environment" in k]
+
+
 def test_the_launch_file_starts_the_game_and_waits_for_a_pose(started: Any) -> None:
     found = nodes(started(map="/maps/home.yaml", namespace="robot_7"))
     assert tuple(found) == (*GAME, WAIT)
@@ -87,13 +117,11 @@ def test_the_launch_file_starts_the_game_and_waits_for_a_pose(started: Any) -> N
 
 
 def test_only_a_pose_starts_the_goal_selector(started: Any) -> None:
-    (registered,) = [a for a in started(policy="lookahead") if kind(a) == "RegisterEventHandler"]
-    (handler,) = registered.arguments
-    assert handler.options["target_action"].options["executable"] == WAIT
-    localized = handler.options["on_exit"]
-    (selector,) = localized(types.SimpleNamespace(returncode=0), None)
+    localized = handlers(started(policy="lookahead", home="1 2 0.5"))[WAIT]
+    refused, selector = localized(types.SimpleNamespace(returncode=0), None)
+    assert list(handlers([refused])) == [SELECTOR]
     assert selector.options["executable"] == SELECTOR
-    assert selector.options["parameters"] == [{"map_yaml": "house", "policy": "lookahead"}]
+    assert selector.options["parameters"] == [{"map_yaml": "house", "policy": "lookahead", "home": [1.0, 2.0, 0.5]}]
     assert [kind(a) for a in localized(types.SimpleNamespace(returncode=1), None)] == ["EmitEvent"]
 
 
@@ -104,9 +132,11 @@ def test_a_simulated_robot_comes_first_and_gives_the_time(started: Any) -> None:
     assert all(o["parameters"][0]["use_sim_time"] for o in found.values())
 
 
-@pytest.mark.parametrize("given", [{"sim": "perhaps"}, {"speed": "2.0"}, {"sim": "true", "speed": "11"}])
+@pytest.mark.parametrize(
+    "given", [{"sim": "perhaps"}, {"speed": "2.0"}, {"sim": "true", "speed": "11"}, {"home": "1 2"}]
+)
 def test_the_launch_file_refuses_what_makes_no_game(started: Any, given: dict[str, str]) -> None:
-    with pytest.raises(ValueError, match=r"speed|must be true or false"):
+    with pytest.raises(ValueError, match=r"speed|must be true or false|home"):
         started(**given)
 
 

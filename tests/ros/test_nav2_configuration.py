@@ -17,7 +17,8 @@ import yaml
 from pacman_env.config import Config
 from pacman_env.ros.messages import GHOST_OBSTACLE
 from pacman_env.ros.nodes.clyde_ghost_node import ClydeGhostNode
-from pacman_env.ros.topics import CLYDE_OBSTACLE, SCAN
+from pacman_env.ros.nodes.ghost_trail import GhostTrail
+from pacman_env.ros.topics import CLYDE_OBSTACLE, CLYDE_TRAIL, SCAN
 from tests.ros import nav2_chain
 from tests.ros.costmap_model import FREE, LETHAL, UNKNOWN, Costmap, Grid, Points, Pose
 from tools.nav2_parameters import DATA, by_node
@@ -25,7 +26,7 @@ from tools.nav2_parameters import DATA, by_node
 ROOT = Path(__file__).resolve().parents[2]
 NAV2 = ROOT / "config" / "nav2.yaml"
 NAMESPACES = ["robot_15", "/robot_15", "a/b", ""]
-TRAIL = "clyde_trail"  # where ghosts have been: what is cleared of them
+TRAIL = CLYDE_TRAIL.name
 
 
 @pytest.fixture(scope="module")
@@ -254,6 +255,7 @@ def test_the_costmaps_hear_the_cloud_of_clydes_node(domain: int, tmp_path: Path)
     try:
         clyde = ClydeGhostNode()
         spoken = {p.topic_name for p in clyde.publishers if p.msg_type is CLYDE_OBSTACLE.type}
+        assert len(spoken) == 2
         clyde.destroy_node()
     finally:
         rclpy.shutdown()
@@ -368,12 +370,11 @@ def play(room: Room, path: Points, *, seconds: float, tells_trail: bool = True) 
 
 
 def trail(shown: list[Points]) -> Points:
-    """The cloud of the topic clyde_trail: 0.04 m apart, within 0.2 m of every place of the last 3 s."""
-    spaced = np.arange(-0.2, 0.2001, 0.04)
-    disc = np.stack(np.meshgrid(spaced, spaced), axis=-1).reshape(-1, 2)
-    disc = disc[np.hypot(*disc.T) <= 0.2]
-    recent = shown[-round(3.0 / Config().clyde.update_period_s) :]
-    points: Points = np.unique(np.round(np.concatenate([disc + place for place in recent]) / 0.04), axis=0) * 0.04
+    """The cloud of the topic clyde_trail, after a ghost was shown at these places."""
+    told, period_s = GhostTrail(), Config().clyde.update_period_s
+    points: Points = np.zeros((0, 2))
+    for number, place in enumerate(shown):
+        points = told.points([(float(place[0]), float(place[1]))], number * period_s)
     return points
 
 

@@ -24,6 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.bags.unfinished import recording
+from pacman_env.ros.discovery import join
 from pacman_env.ros.node import BaseNode, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
 from pacman_env.ros.supervisor.game_nodes import full_namespace
@@ -143,8 +144,7 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
     full = full_namespace(namespace)
     if out.exists():
         raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
-    if domain is not None:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
+    join(domain, sim_time)
     made: list[Recorder] = []
     with recording(out) as folder:
 

@@ -38,6 +38,7 @@ from ..messages import (
     word_of,
 )
 from ..node import GameNode, parameter, run
+from .ghost_trail import GhostTrail
 
 NAME = "clyde_ghost_node"
 _DIAMETER_M = 0.35  # of the marker; original
@@ -66,8 +67,8 @@ class ClydeGhostNode(GameNode):
         self._clear_s = parameter(
             self,
             "clear_costmap_s",
-            5.0,
-            "between two clearings of the global costmap at least, s; 0: never",
+            0.0,
+            "between two clearings of the whole global costmap at least, s; 0: never; the original's Nav2 file needs 5",
             0.0,
             3600.0,
         )
@@ -100,6 +101,7 @@ class ClydeGhostNode(GameNode):
         self._poses = [topic.publisher(self) for topic in topics.GHOST_POSES[: len(behaviours)]]
         self._marker = topics.CLYDE_MARKER.publisher(self)
         self._obstacle = topics.CLYDE_OBSTACLE.publisher(self)
+        self._trail, self._trail_out = GhostTrail(), topics.CLYDE_TRAIL.publisher(self)
         self._costmap = topics.CLEAR_GLOBAL_COSTMAP.client(self)
         self.listen(topics.GAME_STATE, self._hear_state, "bad state")
         self.listen(topics.CLYDE_SPEED, self._hear_speed, "bad speed")
@@ -224,6 +226,11 @@ class ClydeGhostNode(GameNode):
         self._obstacle.publish(
             cloud_message(around[: 0 if self._state == "returning_home" else None], stamp, _OBSTACLE_Z_M)
         )
+        self._show_trail(self._places(), stamp)
+
+    def _show_trail(self, places: Sequence[Position], stamp: Any) -> None:
+        points = self._trail.points(places, self.now_s())
+        self._trail_out.publish(cloud_message(points, stamp, _OBSTACLE_Z_M))
 
     def _clear_costmap(self) -> None:
         """Have the marks that ghosts left behind removed; one request at a time, for a clearing stalls Nav2."""
@@ -236,7 +243,9 @@ class ClydeGhostNode(GameNode):
 
     def last_messages(self) -> Iterable[Any]:
         """No obstacle is left behind where nobody is any more."""
-        self._obstacle.publish(cloud_message(GHOST_OBSTACLE[:0], self.get_clock().now().to_msg(), _OBSTACLE_Z_M))
+        stamp = self.get_clock().now().to_msg()
+        self._obstacle.publish(cloud_message(GHOST_OBSTACLE[:0], stamp, _OBSTACLE_Z_M))
+        self._show_trail((), stamp)
         return ()
 
 

@@ -57,13 +57,14 @@ class GameController(GameNode):
         self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: dict[str, float] = {}  # services that have not answered, and when to call them, in wall time
+        self._met: set[str] = set()  # services that have been there
         self._file = self._state_file()
         self._saved = self._load()  # a game to go on with, at the first tick: then there is a clock
         self.listen(topics.GAME_STATUS, self._hear_status, "bad status")
         self.listen(topics.PELLET_MARKERS, self._hear_pellets, "bad pellets")
         self.listen(topics.BASE_CLYDE_SPEED, self._hear_speed, "bad speed")
-        topics.START_GAME.server(self, lambda request, response: self._answer(self.game.start(self.now_s()), response))
-        topics.RESET_GAME.server(self, lambda request, response: self._answer(self.game.reset(self.now_s()), response))
+        topics.START_GAME.server(self, lambda request, response: self._answer(self._start(), response))
+        topics.RESET_GAME.server(self, lambda request, response: self._answer(self._reset(), response))
         self.create_timer(_TICK_S, self._tick)
         self.create_timer(_SAVE_S, self._save, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if self._saved is None:
@@ -127,6 +128,7 @@ class GameController(GameNode):
                 self.once.warning(kind, f"{_CALLED[kind].name}: nobody there, the round goes on without")
                 del self._due[kind]
             elif now >= due and client.service_is_ready():
+                self._met.add(kind)
                 answer = client.call_async(_CALLED[kind].type.Request())
                 answer.add_done_callback(lambda answer, kind=kind: self._hear_answer(answer, kind))
                 self._due[kind] = now + _ANSWER_S
@@ -136,6 +138,15 @@ class GameController(GameNode):
         problem = answer.exception() or (None if answer.result().success else answer.result().message)
         if problem is not None:
             self.once.warning(f"{kind} failed", f"{_CALLED[kind].name}: {problem}")
+
+    def _start(self) -> list[Action]:
+        if self._saved is not None:
+            return [Action("ignored", "start: a game is about to be gone on with")]
+        return self.game.start(self.now_s())
+
+    def _reset(self) -> list[Action]:
+        self._saved = None  # nobody wants to go on with it
+        return self.game.reset(self.now_s())
 
     def _answer(self, actions: Sequence[Action], response: Any) -> Any:
         """Carry out what a service caused, and say how it went."""
@@ -154,12 +165,18 @@ class GameController(GameNode):
 
     def _hear_status(self, message: Any) -> None:
         word = word_of(message)
+        if self._saved is not None:
+            return  # it is reported again until it is answered
         if word == "game_complete" and "reset_pellets" in self._due:
             self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
             return
         self._do(self.game.status(word, self.now_s()))
 
     def _hear_pellets(self, message: Any) -> None:
+        if self._saved is not None:
+            return  # of a game that is not gone on with yet; the next report comes within a second
+        if "reset_pellets" in self._due and "reset_pellets" in self._met:
+            return  # of the round before: the pellets of this one have not been put back yet
         self._do(self.game.pellets_left(pellets_of(message), self.now_s()))
 
     def _hear_speed(self, message: Any) -> None:

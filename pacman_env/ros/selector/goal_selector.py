@@ -26,6 +26,7 @@ from pacman_env.game.goal_executor import ExecutorAction
 from pacman_env.game.goals import Home, Place
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
+from pacman_env.ros.discovery import unheard_by
 from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES, as_json, score_markers
@@ -52,7 +53,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         LifecycleNodeMixin.__init__(self)
         text = "the policy: a name of the registry or an .onnx file; may be changed while the game is in menu"
         self.declare_parameter("policy", "ppo", ParameterDescriptor(description=text))
-        text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu"
+        text = "home pose x, y, heading (m, m, rad); not set: the first pose in menu, or what initialpose says there"
         descriptor = ParameterDescriptor(description=text, read_only=True)
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
         self._tell_rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
@@ -116,6 +117,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             *((topic, partial(selection.on_ghost, k)) for k, topic in enumerate(ghosts)),
             (topics.CLYDE_SPEED, selection.on_clyde_speed),
             (topics.AMCL_POSE, selection.on_amcl),
+            (topics.INITIAL_POSE, selection.on_initial_pose),
             (topics.TF_STATIC, selection.on_static_transforms),
         )
         subscriptions = [
@@ -260,10 +262,17 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _tell_condition(self) -> None:
         assert self._selection is not None
+        heard = not unheard_by(self, topics.CLYDE_OBSTACLE.name)
+        if self._selection.executor.playing and not heard:
+            text = "no costmap listens to clyde_obstacle: Nav2 plans through ghosts (pacman-env ros doctor)"
+            self.once.warning("ghosts unheard", text)
+        elif heard:
+            self.once.over("ghosts unheard")
         condition = {
             "shadow": self._shadow,
             "active": self._timer is not None,
             "nav2": self._nav2.ready,
+            "ghosts_heard": heard,
             "last_status": self._nav2.last_status,
             "last_error_code": self._nav2.last_error,
             "troubles": dict(self.once.counts),

@@ -19,11 +19,11 @@ from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
 from pacman_env.game.goals import Home
 from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
-from pacman_env.ros.messages import Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
+from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
 from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
 from pacman_env.ros.selector.goal_scores import DecisionTimes
+from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
@@ -41,7 +41,7 @@ class Selection:
         config: what is played by.
         map: a YAML file, the name of a shipped map, or a loaded map.
         policy: a name of the registry, or an .onnx file.
-        home: the home pose; None: the first one in menu, or the map's.
+        home: the home pose; None: the first one in menu, or the one it is corrected to there, or the map's.
         pose_timeout_s: a transform older than this gives way to the latched pose.
         warn: called with the kind of a trouble and what to say about it.
 
@@ -60,6 +60,7 @@ class Selection:
         warn: Callable[[str, str], None],
     ) -> None:
         self._warn = warn
+        self._home_given = home is not None
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else Home(*home))
         self.spec, self.policy = policy, self.load(policy)
@@ -76,13 +77,7 @@ class Selection:
         Raises:
             ValueError: it cannot be loaded or does not run; ModuleNotFoundError and TypeError likewise.
         """
-        policy, rehearsal = make_policy(spec), self.view.rehearsal()
-        policy.reset(_ONE)
-        policy.scores(rehearsal)
-        policy.select(rehearsal)
-        policy.reset(_ONE)
-        self.view.off_the_map(0.0, 0.0)
-        return policy
+        return rehearsed(spec, self.view)
 
     # What the game says; callbacks raise BadMessage
 
@@ -130,6 +125,15 @@ class Selection:
         return []
 
     # Where the robot is
+
+    def on_initial_pose(self, message: Any, now: float) -> list[ExecutorAction]:
+        """``initialpose``: who corrects the robot's pose in the menu says where its home is, unless that was given."""
+        pose = pose_of(message)
+        if self.view.off_the_map(*pose[:2]):
+            raise BadMessage(f"({pose[0]:.2f}, {pose[1]:.2f}) is off the map")
+        if self.executor.game_state == "menu" and not self._home_given:
+            self.executor.home = Home(*pose)
+        return []
 
     def on_amcl(self, message: Any, now: float) -> list[ExecutorAction]:
         """``amcl_pose``."""

@@ -60,14 +60,6 @@ def _pose(text: str, name: str) -> Pose | None:
     return x, y, heading
 
 
-def _warm_up(robot: SimulatedRobot) -> None:
-    """Compile everything before anybody waits for it."""
-    robot.set_goal(*robot.pose[:2])
-    robot.cancel()
-    robot.scan()
-    robot.step()
-
-
 class SimRobot(GameNode):
     """The node; :meth:`tick` is called at the physics' rate times the speed."""
 
@@ -85,7 +77,7 @@ class SimRobot(GameNode):
             raise ValueError(f"parameter speed = {self._speed}: needs use_sim_time, for the clock to run faster")
         robot = SimulatedRobot(self.map, config, seed, home=_pose(home, "home"), localized=localized)
         self.robot = robot
-        _warm_up(robot)  # meanwhile others become known
+        robot.rehearse()  # meanwhile others become known
         self._first_look = True
         if reason := self._other_robot():
             raise ValueError(reason)

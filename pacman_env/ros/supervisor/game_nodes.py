@@ -6,6 +6,7 @@ Read by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; impor
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import dataclass, field
 
@@ -32,7 +33,7 @@ STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", "audio_node", RE
 
 QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by the process that started it
 
-Value = str | bool | int | float | list[str]
+Value = str | bool | int | float | list[str] | list[float]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class GameSetup:
     preset: str = "robot"
     execution: str = "robust"
     settings: tuple[str, ...] = ()  # name=value
+    home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: where the robot is in the menu
     extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: further parameters
 
     def __post_init__(self) -> None:
@@ -60,6 +62,8 @@ class GameSetup:
             raise ValueError(f"speed {self.speed:g}: must be 1 to 10")
         if self.speed != 1.0 and not self.sim:
             raise ValueError(f"speed {self.speed:g}: only a simulated robot (--sim) can be faster than time")
+        if self.home is not None and not all(map(math.isfinite, self.home)):
+            raise ValueError(f"home {self.home}: must be three finite numbers, x, y (m) and heading (rad)")
         full_namespace(self.namespace)
         make_config(self.preset, self.execution, **parse_settings(self.settings))
 
@@ -73,8 +77,12 @@ class GameSetup:
         found: dict[str, Value] = {"map_yaml": self.map} if node in _WITH_MAP else {}
         if node == SELECTOR:
             found["policy"] = self.policy
+            if self.home is not None:
+                found["home"] = list(self.home)
         if node == SIMULATOR:
             found["speed"] = self.speed
+            if self.home is not None:
+                found["home"] = ",".join(map(repr, self.home))
         if node != WAIT:
             played: dict[str, Value] = {
                 "preset": self.preset,

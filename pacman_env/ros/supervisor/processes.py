@@ -123,16 +123,22 @@ class ProcessGroup:
                 self._say(f"{member.name} ended with status {status}: {words}; again in {pause:.0f} s")
         return dead
 
-    def stop(self, order: Sequence[str] = (), between: Callable[[str], None] = lambda name: None) -> list[str]:
+    def stop(
+        self,
+        order: Sequence[str] = (),
+        between: Callable[[str], None] = lambda name: None,
+        before: Callable[[str, int], None] = lambda name, left: None,
+    ) -> list[str]:
         """Stop all, those of ``order`` first, the others against the order of their start; the names of the killed.
 
         One after another: several participants that leave at once can deadlock inside the middleware.
-        ``between`` is called after each.
+        ``before`` is called with each and how many come after it, ``between`` after each.
         """
         names = [name for name in order if name in self._members]
         names += [name for name in reversed(self._members) if name not in names]
         killed = []
-        for name in names:
+        for number, name in enumerate(names, 1):
+            before(name, len(names) - number)
             process = self._members.pop(name).process
             if process is not None and process.poll() is None:
                 process.terminate()

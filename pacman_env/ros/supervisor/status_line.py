@@ -1,7 +1,6 @@
-"""An operator's view of a running game: the topics that say how it stands, as one line; and the robot's halt.
+"""An operator's view of a running game: the topics that say how it stands, as one line; the referee's services; a halt.
 
-A participant of its own beside the game's nodes; it publishes nothing until it is asked to start the game or to halt
-the robot.
+A participant of its own beside the game's nodes; it publishes nothing until it is asked to halt the robot.
 """
 
 from __future__ import annotations
@@ -9,7 +8,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import shutil
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -18,12 +20,17 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from pacman_env.ros.discovery import publishers
 from pacman_env.ros.messages import nanoseconds_of
+from pacman_env.ros.node import process_of, process_words
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
-from pacman_env.ros.supervisor.game_nodes import QUIET, GameSetup, full_namespace
+from pacman_env.ros.supervisor.game_nodes import QUIET, full_namespace
 from pacman_env.ros.topics import (
     AMCL_POSE,
+    CLOCK,
+    CLYDE_SPEED,
     CMD_VEL,
+    CONFIGURATION,
     GAME_RESULT,
     GAME_STATE,
     NAVIGATE_TO_POSE,
@@ -31,37 +38,54 @@ from pacman_env.ros.topics import (
     PELLETS_SPAWNED,
     ROUND,
     SCORE,
-    START_GAME,
+    Service,
 )
 
 HALT_S = 1.0  # for Nav2's answer
+KNOWN_S = 0.3  # a server that is ready for a client may not know its reader yet, and drops its answer
 
 
 class StatusLine(Node):
-    """Listens to a game while it is spun, in a context of its own, which ``close`` shuts down."""
+    """Listens to a game while it is spun, in a context of its own, which ``close`` shuts down.
 
-    def __init__(self, setup: GameSetup) -> None:
+    Args:
+        namespace: of the robot.
+        sim: the time is the simulated robot's.
+        policy: that is shown until the goal selector names its own.
+    """
+
+    def __init__(self, namespace: str, sim: bool, policy: str = "") -> None:
         context = rclpy.Context()
         rclpy.init(args=["--ros-args", *QUIET], context=context, signal_handler_options=SignalHandlerOptions.NO)
-        clock = Parameter("use_sim_time", Parameter.Type.BOOL, setup.sim)
-        namespace = full_namespace(setup.namespace)
-        super().__init__("pacman_up", namespace=namespace, parameter_overrides=[clock], context=context)
+        clock = Parameter("use_sim_time", Parameter.Type.BOOL, sim)
+        where = full_namespace(namespace)
+        super().__init__("pacman_up", namespace=where, parameter_overrides=[clock], context=context)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
-        self._policy = setup.policy
+        self._began_s = time.monotonic()
+        self._policy = policy
         self._values: dict[str, Any] = {}
-        for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED):
+        for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED, CLYDE_SPEED):
             topic.subscription(self, functools.partial(self._on_value, topic.name))
         DIAGNOSTICS.subscription(self, self._on_diagnostics)
         self.condition: dict[str, Any] = {}  # what the goal selector says of itself
+        CONFIGURATION.subscription(self, self._on_configuration)
+        self.nodes: dict[str, dict[str, Any]] = {}  # by name: what each of the game's nodes plays by
         self._pose_ns: int | None = None
         AMCL_POSE.subscription(self, self._on_pose)
         self._cmd_vel: Any = None
-        self._starter: Any = None
+        self._callers: dict[str, Any] = {}
 
     def spin(self, timeout_s: float) -> None:
         """Take in one message, or wait for one that long."""
         self._executor.spin_once(timeout_sec=timeout_s)
+
+    def spin_until(self, condition: Any, timeout_s: float) -> bool:
+        """Take in messages until the condition holds, at most for so long; whether it does."""
+        end = time.monotonic() + timeout_s
+        while not condition() and time.monotonic() < end:
+            self.spin(0.05)
+        return bool(condition())
 
     def close(self) -> None:
         """Listen no more."""
@@ -74,37 +98,80 @@ class StatusLine(Node):
         return self._values.get(GAME_STATE.name)
 
     @property
+    def ready(self) -> bool:
+        """Whether the goal selector decides, and Nav2 is there for it."""
+        return bool(self.condition.get("active") and self.condition.get("nav2"))
+
+    @property
     def pose_age_s(self) -> float | None:
         """Since the latched pose was measured, None before the first; AMCL is silent while the robot stands."""
         return None if self._pose_ns is None else (self.get_clock().now().nanoseconds - self._pose_ns) / 1e9
 
-    def line(self, pose_age: bool = True) -> str:
-        """The game on one line, without the pose's age where lines are compared."""
+    def others(self, sim: bool) -> str:
+        """Who plays here already, or gives the time; to be asked a second after the start; empty: nobody."""
+        here = [f"{name} ({process_words(plays)})" for name, plays in sorted(self.nodes.items())]
+        if here and self.count_publishers(self.resolve_topic_name(CONFIGURATION.name)):
+            return f"a game is in {self.get_namespace()} already: {', '.join(here)}"
+        clocks = publishers(self, (CLOCK.name,)) if sim else []
+        return (
+            f"another clock runs in this ROS domain: {', '.join(clocks)}; choose another --domain-id" if clocks else ""
+        )
+
+    @property
+    def age_s(self) -> float:
+        """For how long this has listened, s of wall time."""
+        return time.monotonic() - self._began_s
+
+    def facts(self) -> dict[str, Any]:
+        """How the game stands, as plain values; None: nobody has said."""
+        named = {
+            "state": GAME_STATE,
+            "result": GAME_RESULT,
+            "round": ROUND,
+            "score": SCORE,
+            "pellets_collected": PELLETS_COLLECTED,
+            "pellets_spawned": PELLETS_SPAWNED,
+            "clyde_speed_mps": CLYDE_SPEED,
+        }
+        found = {name: self._values.get(topic.name) for name, topic in named.items()}
+        said = {"policy": self._policy or None, "pose_age_s": self.pose_age_s, "nodes": sorted(self.nodes)}
+        return {"namespace": self.get_namespace(), **found, **said, "goal_selector": self.condition}
+
+    def line(self, pose_age: bool = True, width: int | None = None) -> str:
+        """The game on one line, without the pose's age where lines are compared.
+
+        Args:
+            pose_age: with the age.
+            width: characters at most; what does not fit is left out, the less important first. None: the terminal's.
+        """
 
         def value(topic: Any) -> Any:
             return self._values.get(topic.name, "-")
 
         age = self.pose_age_s
+        pose = "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known"
         parts = [
             f"{value(GAME_STATE):<14}",
             f"round {value(ROUND)}",
             f"score {value(SCORE)}",
             f"pellets {value(PELLETS_COLLECTED)}/{value(PELLETS_SPAWNED)}",
-            "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known",
-            self._policy,
+        ]
+        troubles = [
             *(["Nav2 is away"] if self.condition.get("nav2") is False else []),
+            *(["Nav2 does not see Clyde"] if self.condition.get("ghosts_heard") is False else []),
         ]
         result = self._values.get(GAME_RESULT.name)
-        return "  ".join([*parts, result] if result else parts)
+        policy = Path(self._policy).name
+        return fitted([*parts, *troubles, *([result] if result else []), pose, policy], width)
 
-    def start_game(self) -> bool:
-        """Ask the referee to start; False where there is none yet."""
-        if self._starter is None:
-            self._starter = START_GAME.client(self)
-        if not self._starter.service_is_ready():
-            return False
-        self._starter.call_async(START_GAME.type.Request())
-        return True
+    def call(self, service: Service) -> Any:
+        """A future with the answer of one of the referee's services; None: there is none yet."""
+        if service.name not in self._callers:
+            self._callers[service.name] = service.client(self), time.monotonic()
+        client, made_s = self._callers[service.name]
+        if not client.service_is_ready() or time.monotonic() - made_s < KNOWN_S:
+            return None
+        return client.call_async(service.type.Request())
 
     def halt(self) -> None:
         """Cancel every goal that Nav2 pursues, whichever node sent it, and command zero velocity."""
@@ -130,5 +197,25 @@ class StatusLine(Node):
             self.condition = dict(json.loads(message.data))
             self._policy = str(self.condition.get("policy", self._policy))
 
+    def _on_configuration(self, message: Any) -> None:
+        plays = process_of(message)
+        if plays is not None:
+            self.nodes[str(plays.get("node"))[:100]] = plays
+
     def _on_pose(self, message: Any) -> None:
         self._pose_ns = nanoseconds_of(message.header.stamp)
+
+
+def fitted(parts: Sequence[str], width: int | None = None) -> str:
+    """Parts on one line of at most so many characters: as many of them, from the first on, as fit.
+
+    Args:
+        parts: the most important first.
+        width: None: one less than the terminal has columns, so that nothing is wrapped.
+    """
+    width = shutil.get_terminal_size().columns - 1 if width is None else width
+    line = parts[0]
+    for part in parts[1:]:
+        if len(line) + 2 + len(part) <= width:
+            line += f"  {part}"
+    return line if len(line) <= width else f"{line[: max(width - 1, 0)]}…"

@@ -205,6 +205,13 @@ class SimulatedRobot:
 
     # What comes from outside
 
+    def rehearse(self) -> None:
+        """Compile everything before anybody waits for it; one step is done."""
+        self.set_goal(*self.pose[:2])
+        self.cancel()
+        self.scan()
+        self.step()
+
     def set_goal(self, x: float, y: float) -> int:
         """Drive to (x, y) in m, finite, or the nearest place within Nav2's tolerance; returns the goal's slot.
 

@@ -138,14 +138,16 @@ def test_he_keeps_his_speed_where_his_timer_is_late(probe: Probe, system: System
     clock = up_at_rest(probe, system)
     probe.publish(topics.CLYDE_SPEED, 0.8)
     probe.publish(topics.GAME_STATE, "running")
+    for topic in (topics.CLYDE_SPEED, topics.GAME_STATE):
+        probe.taken_in(topic, "clyde_ghost_node")
     clock.advance(1.0)
     walked = []
     for late_s in (PERIOD, 2 * PERIOD):
         probe.forget()
         clock.advance(8 * PERIOD, late_s)
-        probe.wait_for(lambda n=8 * PERIOD / late_s: len(probe.heard(topics.CLYDE_POSE)) >= n - 0.5, what="his poses")
+        probe.wait_for(lambda n=8 * PERIOD / late_s: len(probe.heard(topics.CLYDE_POSE)) >= n - 1.5, what="his poses")
         poses = np.array([pose_of(m)[:2] for m in probe.messages(topics.CLYDE_POSE)])
-        walked.append(np.hypot(*np.diff(poses, axis=0).T).max())
+        walked.append(float(np.median(np.hypot(*np.diff(poses, axis=0).T))))  # two steps of the clock may come as one
     assert walked[0] == pytest.approx(0.8 * PERIOD, rel=0.01)
     assert walked[1] == pytest.approx(2 * 0.8 * PERIOD, rel=0.3)
 
@@ -162,6 +164,30 @@ def test_he_is_no_obstacle_on_the_way_home_and_after_his_end(probe: Probe, syste
     probe.wait_for(lambda: points() == 9, what="the obstacle again")
     process.send(2)
     probe.wait_for(lambda: points() == 0, what="no obstacle after the end")
+    assert process.wait() == 0
+
+
+def test_his_trail_covers_where_he_was_shown_and_is_told_in_every_state(probe: Probe, system: System) -> None:
+    process = up(probe, system)
+    probe.record(topics.CLYDE_TRAIL)
+
+    def covers(place: tuple[float, float]) -> bool:
+        if not probe.heard(topics.CLYDE_TRAIL):
+            return False
+        points = points_of(probe.messages(topics.CLYDE_TRAIL)[-1])
+        near = points[np.hypot(*(points - place).T) <= 0.15]
+        return len(near) >= 30
+
+    before = at(probe)
+    probe.wait_for(lambda: covers(before), what="his place")
+    other = tuple(max(cells().position.tolist(), key=lambda place: apart(tuple(place), before)))
+    click(probe, *other)
+    probe.wait_for(lambda: apart(at(probe), other) < 0.1, what="him at another place")
+    probe.wait_for(lambda: covers(at(probe)) and covers(before), what="both places")
+    probe.publish(topics.GAME_STATE, "returning_home")
+    probe.wait_for(lambda: not covers(before), what="the old place to be forgotten")
+    assert covers(at(probe))
+    process.send(2)
     assert process.wait() == 0
 
 

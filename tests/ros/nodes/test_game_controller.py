@@ -13,6 +13,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from rclpy.duration import Duration
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
@@ -111,6 +112,28 @@ def test_pellets_and_clyde_that_come_late_are_reset_all_the_same(probe: Probe, s
     called: list[str] = []
     serve(probe, called)
     probe.wait_for(lambda: sorted(called) == ["reset_clyde", "reset_pellets"], what="both resets")
+
+
+def test_a_report_from_before_the_pellets_were_put_back_is_none_of_the_new_round(probe: Probe, system: System) -> None:
+    def put_back(request: Any, response: Any) -> Any:
+        out = probe.publisher(topics.PELLET_MARKERS)
+        out.publish(markers_of({4: (4.0, 0.0)}, probe.stamp()))
+        assert out.wait_for_all_acked(Duration(seconds=60))  # the referee has it before the answer
+        response.success = True
+        return response
+
+    up(probe, system)
+    reports = probe.publisher(topics.PELLET_MARKERS)
+    probe.wait_for(reports.get_subscription_count, what="the referee's ear")
+    topics.RESET_PELLETS.server(probe.node, put_back)
+    for _ in range(2):  # in the first the referee may not have met the pellet manager yet
+        for topic in SAID:
+            probe.heard(topic).clear()
+        running(probe)
+        assert probe.call(topics.RESET_GAME).success
+        wait_state(probe, "menu")
+    spawned = probe.values(topics.PELLETS_SPAWNED)
+    assert set(spawned) == {0, 3}
 
 
 def test_commands_sent_in_a_burst_all_arrive_even_for_who_comes_late_fault_1(probe: Probe, system: System) -> None:
@@ -264,6 +287,34 @@ def test_a_killed_referee_goes_on_with_the_round(probe: Probe, system: System, t
     status(probe, "home_reached")
     wait_state(probe, "menu")
     probe.wait_for(lambda: not kept.exists(), what="the game to be forgotten")
+
+
+def test_a_referee_who_has_not_gone_on_yet_takes_no_report_for_that_of_a_new_game(
+    probe: Probe, system: System, tmp_path: Path, domain: int
+) -> None:
+    file = tmp_path / "game.json"
+    game = a_game()
+    game["owner"] |= {"domain": str(domain), "simulated": True}
+    file.write_text(json.dumps(game))
+    probe.record(*SAID)
+    system.start(NODE, state_file=str(file), use_sim_time=True)  # there is no clock yet
+    pellets(probe, (0, 1))
+    status(probe, "home_reached")
+    assert probe.publisher(topics.PELLET_MARKERS).wait_for_all_acked(Duration(seconds=60))
+    answer = probe.call(topics.START_GAME)
+    assert (answer.success, answer.message) == (False, "start: a game is about to be gone on with")
+    assert not probe.values(topics.GAME_STATE)
+    clock, now = probe.publisher(topics.CLOCK), 1000.0
+
+    def tick() -> None:
+        nonlocal now
+        now += 0.02
+        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
+
+    probe.node.create_timer(0.01, tick)
+    wait_state(probe, "returning_home")
+    probe.wait_for(lambda: probe.values(topics.PELLETS_SPAWNED), what="the pellets")
+    assert set(probe.values(topics.PELLETS_SPAWNED)) == {3}
 
 
 @pytest.mark.parametrize("number", [2, 15])

@@ -1,0 +1,178 @@
+"""The subcommands of ``pacman-env ros``: arguments, output and exit status; the work is done by ``pacman_env/ros``."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pacman_env.cli.command import finite_number, uninterrupted, whole_number
+
+HIGHEST_DOMAIN = 232
+WAIT_S = 10.0
+
+
+def add_ros_group(commands: Any) -> None:
+    """Add the group to the command's subparsers."""
+    group = commands.add_parser("ros", help="the game on a robot").add_subparsers(metavar="SUBCOMMAND", required=True)
+    for add in (_add_up, _add_asking, _add_doctor, _add_record, _add_replay):
+        add(group)
+
+
+def _add_where(parser: Any) -> None:
+    parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
+    parser.add_argument(
+        "--domain-id", type=whole_number(0, HIGHEST_DOMAIN), help="ROS_DOMAIN_ID (that of the environment)"
+    )
+
+
+def _add_up(group: Any) -> None:
+    up = group.add_parser("up", help="start all nodes, show how the game stands, stop them in order")
+    up.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
+    up.add_argument("--policy", default="ppo", help="who picks the goals: a name or an .onnx file (%(default)s)")
+    up.add_argument(
+        "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
+    )
+    up.add_argument(
+        "--speed", type=finite_number(), default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)"
+    )
+    up.add_argument("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
+    up.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
+    up.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
+    )
+    up.add_argument(
+        "--home",
+        nargs=3,
+        type=finite_number(),
+        metavar=("X", "Y", "HEADING"),
+        help="home, m and rad (where the robot is in the menu)",
+    )
+    up.add_argument("--start", action="store_true", help="begin the first round as soon as everything is there")
+    up.add_argument("--play-on", action="store_true", help="begin every round by itself; only with --sim")
+    up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
+    _add_where(up)
+    up.set_defaults(run=_up)
+
+
+def _up(arguments: argparse.Namespace) -> int:
+    from pacman_env.ros.supervisor.game_nodes import GameSetup
+
+    setup = GameSetup(
+        *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
+        *(arguments.preset, arguments.execution, tuple(arguments.set)),
+        home=None if arguments.home is None else tuple(arguments.home),
+    )
+    with _what_ros_needs():
+        from pacman_env.ros.supervisor.up import up
+    return up(setup, arguments.domain_id, arguments.logs, arguments.start, arguments.play_on)
+
+
+def _add_asking(group: Any) -> None:
+    words = {
+        "start": "begin a round of the game that is up",
+        "reset": "break off whatever goes on: back to the menu",
+        "status": "how the game stands",
+    }
+    for name, text in words.items():
+        parser = group.add_parser(name, help=text)
+        parser.add_argument("--sim", action="store_true", help="of a simulated game, on this machine only")
+        parser.add_argument(
+            "--wait", type=finite_number(0.1, 3600), default=WAIT_S, metavar="S", help="for an answer (%(default)g)"
+        )
+        if name == "status":
+            parser.add_argument("--json", action="store_true", help="print everything that is known as JSON")
+        _add_where(parser)
+        parser.set_defaults(run=_asking(name))
+
+
+def _asking(name: str) -> Callable[[argparse.Namespace], int]:
+    def ask(arguments: argparse.Namespace) -> int:
+        with _what_ros_needs():
+            from pacman_env.ros.supervisor import operator
+        where = arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait
+        if name == "status":
+            return operator.status(*where, as_json=arguments.json)
+        return operator.ask(name, *where)
+
+    return ask
+
+
+def _add_doctor(group: Any) -> None:
+    doctor = group.add_parser("doctor", help="whether robot, Nav2 and game are ready, and what to do where not")
+    doctor.add_argument("--map", metavar="FILE_OR_NAME", help="the map of the game, to compare with the robot's")
+    doctor.add_argument("--sim", action="store_true", help="of a simulated game, on this machine only")
+    doctor.add_argument(
+        "--wait", type=finite_number(0.5, 3600), default=WAIT_S, metavar="S", help="for what is heard (%(default)g)"
+    )
+    doctor.add_argument("--json", action="store_true", help="print the findings as JSON")
+    _add_where(doctor)
+    doctor.set_defaults(run=_doctor)
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    with _what_ros_needs():
+        from pacman_env.ros.supervisor.doctor import doctor
+    where = arguments.namespace, arguments.domain_id
+    return doctor(*where, arguments.map, arguments.sim, arguments.wait, arguments.json)
+
+
+def _add_record(group: Any) -> None:
+    record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
+    record.add_argument("--out", type=Path, metavar="FOLDER", help="the new bag")
+    record.add_argument("--recover", type=Path, metavar="BAG", help="make a whole bag of one whose recorder was killed")
+    record.add_argument("--sim", action="store_true", help="stamp with the simulated robot's clock, on this machine")
+    _add_where(record)
+    record.set_defaults(run=_record)
+
+
+def _record(arguments: argparse.Namespace) -> int:
+    if arguments.recover is not None:
+        with _what_ros_needs():
+            from pacman_env.ros.bags.recover import recover
+        print(recover(arguments.recover, arguments.out).render())
+        return 0
+    if arguments.out is None:
+        raise ValueError("--out FOLDER is needed: the new bag")
+    with _what_ros_needs():
+        from pacman_env.ros.bags.record import record
+    return record(arguments.out, arguments.namespace, arguments.domain_id, arguments.sim)
+
+
+def _add_replay(group: Any) -> None:
+    replay = group.add_parser("replay", help="what a policy would have done in a recorded game")
+    replay.add_argument("bag", type=Path, help="a bag's folder or its .mcap file")
+    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map of the game")
+    replay.add_argument("--policy", default="ppo", help="a name or an .onnx file (%(default)s)")
+    replay.add_argument("--namespace", help="which robot's game (the only one in the bag)")
+    replay.add_argument("--json", action="store_true", help="print the report as JSON")
+    replay.set_defaults(run=_replay)
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    with _what_ros_needs():
+        from pacman_env.ros.bags.bag_replay import replay_bag
+    report = replay_bag(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
+    print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
+    return 0
+
+
+@contextlib.contextmanager
+def _what_ros_needs() -> Iterator[None]:
+    """A package that is missing becomes one line that says where it comes from; Ctrl-C waits for the import's end."""
+    try:
+        with uninterrupted():
+            yield
+    except ModuleNotFoundError as error:
+        name = (error.name or "").partition(".")[0]
+        if name in ("rosbags", "mcap"):
+            raise OSError(f"recording and replaying need {name}: pip install rosbags mcap") from None
+        if name == "rclpy" or name.endswith("_msgs"):
+            raise OSError(
+                f"this needs ROS 2 Jazzy ({name} is missing): source /opt/ros/jazzy/setup.bash on a robot; elsewhere "
+                "pip install 'pacman_env[ros]' and python -m tools.ros_interfaces.build"
+            ) from None
+        raise
