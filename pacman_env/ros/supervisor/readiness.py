@@ -358,10 +358,11 @@ def _clock(e: Evidence) -> Iterable[Finding]:
         seen = f"simulated, by {owners[0] if owners else '/clock'}, {e.clock_rate or 0.0:.1f} times as fast as time"
         yield Finding("clock", OK, seen)
     elif owners:
-        heard = e.clock_rate is not None
-        seen = f"{owners[0]} publishes /clock; the robot's stamps are not by it"
-        yield Finding("clock", OK if heard else UNKNOWN, seen if heard else f"{owners[0]}: {e.silence('/clock')}",
-                      "" if heard else "listen for longer: --wait 30", heard=heard)  # fmt: skip
+        if e.clock_rate is None:
+            seen = f"{owners[0]}: {e.silence('/clock')}"
+            yield Finding("clock", UNKNOWN, seen, "listen for longer: --wait 30", heard=False)
+        else:
+            yield Finding("clock", OK, f"{owners[0]} publishes /clock; the robot's stamps are not by it")
     else:
         yield Finding("clock", OK, "nobody publishes /clock: time is that on the wall")
 
@@ -414,7 +415,7 @@ def _dock(e: Evidence) -> Iterable[Finding]:
         yield Finding("dock", UNKNOWN, e.silence("dock_status"), *_about(e, "dock_status"), heard=False)
     elif e.docked:
         undock = f'ros2 action send_goal {e.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
-        yield Finding("dock", BAD, "docked: lidar off to save power, Nav2 stuck", "undock, a metre free behind", undock)
+        yield Finding("dock", BAD, "docked, where a TurtleBot 4 stops its lidar", "undock, a metre free behind", undock)
     else:
         yield Finding("dock", OK, "undocked")
 
@@ -625,13 +626,13 @@ def _lifecycle(e: Evidence) -> Iterable[Finding]:
     elif silent:
         active = [name for name in known if e.states.get(name) == "active"]
         seen = f"{' and '.join(silent)} not heard within {e.waited_s:g} s; active: {_listed(active) or 'none heard'}"
-        command = _nav2(e) if silent == ["lifecycle_manager_navigation"] else (
-            e.localize()
-        )  # fmt: skip
+        command = _nav2(e) if silent == ["lifecycle_manager_navigation"] else e.localize()
         yield Finding("Nav2's nodes", UNKNOWN, seen, "if it does not run, start it", command, heard=False)
     else:
         active = [name for name in known if e.states.get(name) == "active"]
-        yield Finding("Nav2's nodes", OK, f"localization and navigation are active, {len(active)} nodes say so")
+        yield Finding(
+            "Nav2's nodes", OK, f"localization and navigation are active: {_listed(active)}".removesuffix(": ")
+        )
 
 
 def _clouds(e: Evidence) -> Iterable[Finding]:

@@ -162,7 +162,7 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
         ({"delays": {"odom": LATE, "scan": Delays((0.5,) * 9), "tf": LATE}}, "time of scan", "0.50 s behind", "NTP"),
         ({"delays": {"odom": Delays((3.0,) * 9), "scan": LATE}}, "time of odom", "3.00 s behind", "Restart ntpd"),
         ({"delays": {}}, "time of odom", f"odom not heard {WAITED}", "sudo ufw allow proto udp"),
-        ({"docked": True}, "dock", "docked: lidar off", UNDOCK),
+        ({"docked": True}, "dock", "docked, where", UNDOCK),
         ({"charge": 0.19}, "battery", "19 %, less than 20 %", f"ros2 action send_goal {NS}/dock "),
         ({"charge": 0.1, "docked": True}, "battery", "10 %", "leave it on its dock"),
         ({"scans": None}, "lidar", f"scan not heard {WAITED}", f"ros2 service call {NS}/start_motor std_srvs/srv/"),
