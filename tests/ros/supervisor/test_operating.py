@@ -169,14 +169,25 @@ def test_the_key_q_stops_everything_and_says_what_is_being_stopped(game: Termina
     assert "no game in /robot_15" in nobody.stderr
 
 
+BEGUN = """
+import sys
+from pacman_env.cli.main import main
+try:
+    print("begun", flush=True)
+    sys.exit(main(sys.argv[1:]))
+except KeyboardInterrupt as interrupt:
+    if interrupt.__traceback__.tb_next is not None:  # else the command has not begun
+        raise
+"""
+
+
 @pytest.mark.parametrize("after_s", [0.0, 0.3, 1.0, 3.0])
 @pytest.mark.parametrize("words", [["up", "--map", "house", "--sim"], ["status"]], ids=lambda words: words[0])
 def test_ctrl_c_in_the_first_seconds_is_no_traceback(
     domain: int, tmp_path: Path, words: list[str], after_s: float
 ) -> None:
     logs = ["--logs", str(tmp_path)] if words[0] == "up" else []
-    begun = "import sys; from pacman_env.cli.main import main; print('begun', flush=True); sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", begun, "ros", *words, *logs]
+    command = [sys.executable, "-c", BEGUN, "ros", *words, *logs]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"  # before, it is Python's start
