@@ -101,6 +101,8 @@ def test_the_packages_commands_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "maps").symlink_to(ROOT / "maps")
+    house = (ROOT / "maps" / "house.yaml").read_text()
+    (tmp_path / "home.yaml").write_text(house.replace("house.pgm", "maps/house.pgm"))  # a user's own map
     arguments = shlex.split(command, comments=True)[1:]
     if (arguments[0] == "map" and len(arguments) > 2) or arguments == ["map", "list"]:
         assert main(arguments) == 0
