@@ -386,14 +386,21 @@ class GoalExecutor:
 
     def _cancel(self, now: float) -> list[ExecutorAction]:
         """Cancel what was let go."""
-        running = [
-            number
-            for number, sent in self._open.items()
-            if sent.let_go and (sent.accepted or self._unanswered(sent, now)) and not self._asked(sent, now)
-        ]
+        running = [number for number, sent in self._open.items() if sent.let_go and self._is_to_end(sent, now)]
         for number in running:
             self._open[number].cancelled_s = now
         return [ExecutorAction("cancel", number) for number in running]
+
+    def _is_to_end(self, sent: Sent, now: float) -> bool:
+        """Whether it is time to ask for a goal's end, be it once more.
+
+        One without an answer may never have arrived, and then never ends: it is asked for less often than others, for
+        nothing is chosen while the end of a goal may take the next one along.
+        """
+        if not (sent.accepted or self._unanswered(sent, now)):
+            return False
+        again_s = self._cancel_s if sent.accepted else self._answer_s
+        return sent.cancelled_s is None or now - sent.cancelled_s >= again_s
 
     def _unanswered(self, sent: Sent, now: float) -> bool:
         return not sent.accepted and now - sent.since_s >= self._answer_s

@@ -163,10 +163,21 @@ def test_a_goal_without_an_answer_is_cancelled_after_the_end_all_the_same() -> N
     assert words(executor.command("disable", 4.0)) == ["stop"]
     assert words(executor.look(None, (), 4.9)) == []
     assert words(executor.look(None, (), 5.0)) == ["cancel 1"]
-    assert words(executor.look(None, (), 5.5)) == []
-    assert words(executor.look(None, (), 6.0)) == ["cancel 1"]
-    executor.finished(1, CANCELED, 6.1)
-    assert words(executor.look(None, (), 9.0)) == []
+    assert words(executor.look(None, (), 9.9)) == []
+    assert words(executor.look(None, (), 10.0)) == ["cancel 1"]
+    executor.finished(1, CANCELED, 10.1)
+    assert words(executor.look(None, (), 16.0)) == []
+
+
+def test_a_goal_that_was_lost_on_the_way_stops_nobody_from_choosing() -> None:
+    executor = running(answer_s=5.0)
+    executor.choose(NEAR, 0.0)
+    assert words(executor.look((0.0, 0.0), (), 5.0)) == []
+    assert words(executor.look((0.0, 0.0), (), 5.1)) == ["cancel 1"]
+    assert not executor.wants_choice(5.9)  # was it taken up after all, its end would take the next one along
+    assert words(executor.look((0.0, 0.0), (), 6.2)) == []
+    assert executor.wants_choice(6.2)
+    assert words(executor.choose(FAR, 6.2)) == ["send 2"]
 
 
 def test_results_of_old_and_of_unknown_goals_mean_nothing() -> None:
