@@ -115,25 +115,35 @@ def test_pellets_and_clyde_that_come_late_are_reset_all_the_same(probe: Probe, s
 
 
 def test_a_report_from_before_the_pellets_were_put_back_is_none_of_the_new_round(probe: Probe, system: System) -> None:
+    asked = 0
+
     def put_back(request: Any, response: Any) -> Any:
+        nonlocal asked
         out = probe.publisher(topics.PELLET_MARKERS)
         out.publish(markers_of({4: (4.0, 0.0)}, probe.stamp()))
         assert out.wait_for_all_acked(Duration(seconds=60))  # the referee has it before the answer
+        asked += 1
         response.success = True
         return response
+
+    def counted() -> bool:
+        pellets(probe, range(3))
+        return probe.values(topics.PELLETS_SPAWNED)[-1:] == [3]
 
     up(probe, system)
     reports = probe.publisher(topics.PELLET_MARKERS)
     probe.wait_for(reports.get_subscription_count, what="the referee's ear")
     topics.RESET_PELLETS.server(probe.node, put_back)
-    for _ in range(2):  # in the first the referee may not have met the pellet manager yet
+    for called in (1, 3):  # at a start and at each reset
         for topic in SAID:
             probe.heard(topic).clear()
-        running(probe)
+        assert probe.call(topics.START_GAME).success
+        probe.wait_for(lambda called=called: asked >= called, what="the pellets to be put back")
+        probe.wait_for(counted, what="the pellets to be counted")
         assert probe.call(topics.RESET_GAME).success
-        wait_state(probe, "menu")
-    spawned = probe.values(topics.PELLETS_SPAWNED)
-    assert set(spawned) == {0, 3}
+        probe.wait_for(lambda called=called: asked > called, what="the pellets to be put back again")
+        probe.wait_for(counted, what="the pellets to be counted again")
+    assert set(probe.values(topics.PELLETS_SPAWNED)) <= {0, 3}
 
 
 def test_commands_sent_in_a_burst_all_arrive_even_for_who_comes_late_fault_1(probe: Probe, system: System) -> None:
