@@ -29,6 +29,7 @@ MODULES = {
     "decision": ("eval.benchmarks.decision", "what one decision of a policy costs"),
     "feature-cost": ("eval.benchmarks.feature_cost", "what a learned planner's features cost"),
     "node-load": ("eval.benchmarks.node_load", "what the game's nodes cost a computer (ROS)"),
+    "start-stop": ("eval.benchmarks.start_stop", "how long a game takes to start and to stop (ROS)"),
     "validation": ("eval.checks.validation", "the simulator beside the ten real trials"),
     "navigation": ("eval.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
     "houses": ("eval.checks.generated_levels", "whether generated houses can be played, judged independently"),
