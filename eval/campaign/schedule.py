@@ -1,4 +1,4 @@
-"""The schedule of a randomised game of the robot's nodes: its ground, policy, Clyde, faults and interferences.
+"""The schedule of a randomised game of the robot's nodes: its ground, policy, Clyde, faults, interferences and outages.
 
 All of it is drawn from the game's seed, as plain values; who makes it happen is ``eval.campaign``, and whether the
 nodes withstood it is judged in ``verdict``. ROS is not imported.
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS
+from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 GAMES_PER_SYSTEM = 10  # consecutive seeds are played by the same processes, on the same ground
@@ -32,6 +33,10 @@ NONSENSE = (
     *("cancel of an unknown goal", "cancel all and leave", "goal and leave"),
 )
 INTERFERENCES = (*RESETS, *NONSENSE)
+FREEZE, KILL, LOSS = OUTAGES = ("freeze", "kill", "network loss")
+EVERY_NODE = "all"  # of a network on which nobody hears anybody
+NODES = (SIMULATOR, *GAME, SELECTOR)
+LEASE_S = 20.0  # of silence, after which the middleware takes a node for gone
 
 #: How long after its beginning something happens in a state at most, s; later than most games stay in it, never.
 _LATEST_S = {"menu": 3.0, "returning_home": 10.0, "starting": 8.0, "running": 40.0, "dying": 5.0}
@@ -40,6 +45,12 @@ _LASTS_S = (2.0, 5.0, 15.0, 40.0, 90.0)
 _TOGETHER = 0.3  # share of faults that begin with the one before
 _RESET = 0.15  # share of games that are broken off
 _CALM = 0.1  # share of games in which nothing happens
+_OUTAGES = (0.15, 0.45, 0.3, 0.1)  # shares of games with none, one, two and three
+_KINDS = (0.35, 0.3, 0.35)  # of outages
+_WEIGHTS = {REFEREE: 2.0, SELECTOR: 2.0}  # of nodes; of all others 1
+_SHORTEST_S, _LONGEST_S = 1.0, 60.0  # of an outage; half of them are longer than the lease
+_PERCENT = (30, 60, 100)  # of packets that are lost
+_EVERY = 0.2  # share of losses that concern every node
 
 
 @dataclass(frozen=True)
@@ -48,9 +59,11 @@ class Step:
 
     state: str
     after_s: float  # simulated
-    kind: str  # a fault's name, or one of ``INTERFERENCES``
+    kind: str  # a fault's name, or one of ``INTERFERENCES`` or ``OUTAGES``
     words: str = ""  # of a fault, as ``sim/fault`` takes them; empty: no fault
-    lasts_s: float = 0.0  # of a fault, simulated
+    lasts_s: float = 0.0  # of a fault, simulated; of an outage, wall time multiplied by the clock's speed
+    node: str = ""  # of an outage
+    percent: int = 100  # of packets, of a network loss
 
 
 @dataclass(frozen=True)
@@ -96,9 +109,9 @@ def schedule(seed: int) -> Schedule:
     return Schedule(
         seed=seed,
         policy=str(rng.choice(POLICIES)),
-        clyde_speed_mps=round(float(rng.uniform(0.0, 0.4)), 3),
+        clyde_speed_mps=max(0.001, round(float(rng.uniform(0.0, 0.4)), 3)),
         menu_s=round(float(rng.uniform(0.0, 4.0)), 1),
-        steps=tuple(faults + others + resets),
+        steps=tuple(faults + others + resets + ([] if calm else _outages(np.random.default_rng([seed, 2])))),
     )
 
 
@@ -127,3 +140,24 @@ def _numbers(rng: np.random.Generator, kind: str) -> list[float]:
     if kind == "pose_jump":
         return [*rng.uniform(-1.5, 1.5, 2).tolist(), float(rng.uniform(-3.1, 3.1))]
     return rng.uniform(0.0, 6.0, len(FAULTS[kind])).tolist()
+
+
+def _outages(rng: np.random.Generator) -> list[Step]:
+    """They come from numbers of their own: whoever plays without one kind meets the others as they were."""
+    weights = np.array([_WEIGHTS.get(node, 1.0) for node in NODES])
+    steps = []
+    for _ in range(int(rng.choice(len(_OUTAGES), p=_OUTAGES))):
+        kind, node = str(rng.choice(OUTAGES, p=_KINDS)), str(rng.choice(NODES, p=weights / weights.sum()))
+        bounds = (_SHORTEST_S, LEASE_S) if rng.random() < 0.5 else (LEASE_S, _LONGEST_S)
+        lasts_s, percent, every = (
+            round(float(rng.uniform(*bounds)), 1),
+            int(rng.choice(_PERCENT)),
+            rng.random() < _EVERY,
+        )
+        step = replace(_step(rng, kind), node=node)
+        if kind != KILL:
+            step = replace(step, lasts_s=lasts_s)
+        if kind == LOSS:
+            step = replace(step, percent=percent, node=EVERY_NODE if every else node)
+        steps.append(step)
+    return steps

@@ -27,6 +27,8 @@ from pacman_env.ros.supervisor.game_nodes import (
 )
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 
+from .schedule import LEASE_S
+
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
 
@@ -43,6 +45,33 @@ def confine(folder: Path, domain: int | None) -> None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
     stay_on_this_machine()
     os.environ["ROS_LOG_DIR"] = str(folder)
+
+
+def write_middleware_profile(path: Path, speed: float) -> Path:
+    """FastDDS's own times, divided by the clock's speed as all others: the lease of 20 s, announcements and heartbeats.
+
+    A node that is away for as long as it was drawn, divided likewise, is then forgotten when it would be on a robot.
+    """
+    announcement_s, heartbeat_s = 3.0, 3.0
+
+    def duration(tag: str, seconds: float) -> str:
+        whole, part = divmod(round(seconds / speed * 1e9), 10**9)
+        return f"<{tag}><sec>{whole}</sec><nanosec>{part}</nanosec></{tag}>"
+
+    path.write_text(f"""<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="campaign_participant" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      {duration("leaseAnnouncement", announcement_s)}
+      {duration("leaseDuration", LEASE_S)}
+    </discovery_config></builtin></rtps>
+  </participant>
+  <data_writer profile_name="campaign_writer" is_default_profile="true">
+    <times>{duration("heartbeatPeriod", heartbeat_s)}</times>
+  </data_writer>
+</profiles>
+""")
+    return path
 
 
 def first_domain() -> int:
@@ -62,11 +91,18 @@ class Lateness:
     STARVED = 0.9  # share of a look's time: less is taking turns
 
     def __init__(self, processes: Collection[int], proc: Path = Path("/proc")) -> None:
-        self._files = [proc / str(process) / "schedstat" for process in (*processes, os.getpid())]
+        self._proc = proc
+        self._files: list[Path] = []
+        self.watch((*processes, os.getpid()))
         self._waited: dict[Path, float] = {}
         self._streak: defaultdict[Path, float] = defaultdict(float)
         self._looked_s = time.monotonic()
         self.lags: list[tuple[int, float]] = []
+
+    def watch(self, processes: Collection[int]) -> None:
+        """Look at these, too."""
+        files = [self._proc / str(process) / "schedstat" for process in processes]
+        self._files += [file for file in files if file not in self._files]
 
     def look(self) -> None:
         """To be called often."""
@@ -113,14 +149,16 @@ class System:
         extra: dict[str, Any] = {
             SIMULATOR: {"seed": seed},
             "clyde_ghost_node": {"seed": seed},
-            REFEREE: {"state_file": ""},
+            REFEREE: {"state_file": str(folder / "game_controller.json")},
         }
         self._setup = GameSetup(
             map_yaml, "nearest", sim=True, speed=speed, preset=preset, settings=tuple(settings), extra=extra
         )
-        self.folder = folder
+        self.folder, self.speed = folder, speed
         self._read: dict[Path, int] = {}  # bytes of the logs
         self.said: list[str] = []  # by the process group
+        self.killed: set[str] = set()  # nodes whose death is no trouble
+        self._troubles: list[str] = []
 
     def __enter__(self) -> System:
         from pacman_env.ros.supervisor.up import environment
@@ -133,8 +171,12 @@ class System:
         try:
             for name in self._setup.first_nodes:
                 self._processes.start(name)
-            if not self.recorder.wait_for(lambda: self._processes.status(WAIT) is not None, START_WALL_S):
+            if not self.recorder.wait_for(
+                lambda: self._processes.status(WAIT) is not None or self.tend(), START_WALL_S
+            ):
                 raise Lost(f"the robot is not localized: {self._processes.last_words(SIMULATOR)}")
+            if self._troubles:
+                raise Lost("; ".join(self._troubles))
             self._processes.dismiss(WAIT)
             self._processes.start(SELECTOR)
             if not self.recorder.wait_for(lambda: self.recorder.ready() or self._processes.tend(), START_WALL_S):
@@ -148,13 +190,30 @@ class System:
         self.said += [f"{name} did not stop and was killed" for name in self._processes.stop(STOP_ORDER)]
         self.recorder.close()
 
-    def troubles(self) -> list[str]:
-        """Processes that have ended, and bad lines in the logs, since the last call."""
+    def tend(self) -> list[str]:
+        """Have nodes that died started again; those that were found dead now. To be called often."""
         try:
-            found = [f"{name} ended" for name in self._processes.tend()]
+            dead = self._processes.tend()
         except Lost as lost:
-            found = [str(lost)]
-        found += self.said
+            self._troubles.append(str(lost))
+            return []
+        for name in dead:
+            if name in self.killed:
+                self.killed.remove(name)
+                self.said = [line for line in self.said if not line.startswith(f"{name} ended with status -9: ")]
+            else:
+                self._troubles.append(f"{name} ended")
+        return dead
+
+    def ids(self) -> dict[str, int]:
+        """The processes of the nodes."""
+        return self._processes.ids()
+
+    def troubles(self) -> list[str]:
+        """Processes that have ended unexpectedly, and bad lines in the logs, since the last call."""
+        self.tend()
+        found = self._troubles + self.said
+        self._troubles.clear()
         self.said.clear()
         for path in sorted(self.folder.glob("*.log")):
             text = path.read_bytes()
@@ -165,4 +224,4 @@ class System:
 
     def lateness(self) -> Lateness:
         """Of its processes, from now on."""
-        return Lateness(self._processes.ids().values())
+        return Lateness(self.ids().values())

@@ -3,6 +3,11 @@
 Plain values in, lines about violations out: recording is ``eval.campaign``'s business. Instants are ns of the wall's
 clock at which messages left their publishers, so that those of different processes can be put in order; durations are
 of the robot's time, which no jump of the simulated clock touches.
+
+Nodes that were frozen, killed or off the network answer late, and what they said then may not have reached the recorder
+(a participant that was forgotten by the middleware is heard again only when it is found again). So what may be late or
+unheard is not judged from the beginning of such an outage of a node that it is about until ``RECOVERY_S`` after its
+end. What the score, the counters and the result are at the end is judged as in every other game.
 """
 
 from __future__ import annotations
@@ -16,6 +21,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pacman_env.config import ShowConfig
+from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, SIMULATOR
+
+from .schedule import EVERY_NODE
 
 DRIVING = frozenset({"running", "returning_home"})
 SHOWS = {"starting": ShowConfig.start_s, "dying": ShowConfig.death_s}
@@ -34,12 +42,18 @@ NEXT = {
 CROSSING_S = 0.2
 LAG_COUNTS_S = 0.5  # of wall time around it in which a waiting process may be why
 TICK_S = 0.2  # of the robot's time: of the timers that end a show, and of the samples
+#: s of wall time after an outage in which all find one another again, services are called again (after 2 s) and reports
+#: that nobody has answered are made again (every 2 s, of what was unanswered the time before).
+RECOVERY_S = 5.0
+PELLET_MANAGER, EVENT_MAPPER = "pellet_manager", "game_event_mapper"
+MOVERS = (SELECTOR, REFEREE, SIMULATOR)
 CANCEL_S = 1.5  # of the robot's time: a cancel that was lost is sent again after 1 s
 FASTEST_MPS = 0.306
 BRAKING_M = FASTEST_MPS**2 / (2 * 0.9)
 STANDING_M = 0.05
 OUTCOMES = ("complete", "lost")
 _SEEN = {"complete": "complete", "lost": "dying"}  # states
+_SAID = {"complete": "Complete", "lost": "Death"}  # in the result
 _COLLECTED = re.compile(r"pellet_collected:(\d{1,9})", re.ASCII)
 ENDED = frozenset({4, 5, 6})  # action_msgs/GoalStatus
 
@@ -63,13 +77,23 @@ class Sample:
     y: float
 
 
+@dataclass(frozen=True)
+class Outage:
+    """A node that was frozen, killed or off the network, and from when to when, ns of wall time."""
+
+    kind: str
+    node: str
+    begin: int
+    end: int
+
+
 @dataclass
 class Evidence:
     """Everything that was seen of one game, from its menu to the next.
 
     ``records`` by topic: ``game_state``, ``game_command``, ``game_result``, ``game_status``, ``game/score``,
     ``game/round``, ``game/pellets_spawned``, ``game/pellets_collected``, ``clyde/speed``; ``turn`` (rad/s), ``sent``
-    (a goal's words), ``goals`` (status by id).
+    (a goal's words), ``goals`` (status by id), ``shown`` (the pellets in a report).
     """
 
     own_pellets: frozenset[int]
@@ -82,6 +106,7 @@ class Evidence:
     forged_reports: list[int] = field(default_factory=list)  # when a false report of the pellets was sent, ns
     lags: list[tuple[int, float]] = field(default_factory=list)  # when, ns, one had waited for a core how long, s
     troubles: list[tuple[float, float]] = field(default_factory=list)  # robot's time in which faults were active
+    outages: list[Outage] = field(default_factory=list)
 
     def of(self, topic: str) -> list[Record]:
         """The records of a topic, in order."""
@@ -144,6 +169,22 @@ class Evidence:
                     found.append((begin, until))
         return found
 
+    def away(self, *nodes: str) -> list[tuple[int, int]]:
+        """The instants in which one of these was away or not yet found again; what overlaps is one."""
+        found: list[tuple[int, int]] = []
+        for begin, end in sorted((o.begin, o.end) for o in self.outages if o.node in (*nodes, EVERY_NODE)):
+            begin, end = begin - self.crossing_ns(begin), end + round(RECOVERY_S * 1e9)
+            if found and begin <= found[-1][1]:
+                found[-1] = found[-1][0], max(end, found[-1][1])
+            else:
+                found.append((begin, end))
+        return found
+
+    def away_s(self, begin: int, end: int, *nodes: str) -> float:
+        """How much of the robot's time between two instants that was."""
+        cut = [(max(begin, since), min(end, until)) for since, until in self.away(*nodes)]
+        return sum(self.time_s(until) - self.time_s(since) for since, until in cut if since < until)
+
 
 def outcome(evidence: Evidence) -> str:
     """The end of the game: ``complete``, ``lost``, ``reset``, ``home failed`` before it began, or ``never`` begun."""
@@ -153,21 +194,37 @@ def outcome(evidence: Evidence) -> str:
     if not ends:
         return "never"
     at, before = states[ends[-1]][0], words[ends[-1] - 1]
-    if before != "returning_home" or _was_reset(evidence, at):
+    unheard = _overlaps(evidence.away(REFEREE), states[ends[-1] - 1][0], at)
+    if _was_reset(evidence, at) or not (before == "returning_home" or unheard):
         return "reset"
-    return next((how for how in OUTCOMES if _SEEN[how] in words), "home failed")
+    results = [str(r.value) for r in evidence.of("game_result") if r.at > evidence.started]  # the state may be unheard
+    ended = (how for how in OUTCOMES if _SEEN[how] in words or any(one.startswith(_SAID[how]) for one in results))
+    return next(ended, "home failed")
 
 
 def _was_reset(e: Evidence, at: int) -> bool:
-    tolerance = e.crossing_ns(at)
-    return any(called - tolerance <= at <= called + 2 * tolerance for called in e.resets)
+    tolerance, away = e.crossing_ns(at), e.away(REFEREE, SIMULATOR)
+    return any(called - tolerance <= at <= _answered(away, called, 2 * tolerance) for called in e.resets)
+
+
+def _answered(away: Sequence[tuple[int, int]], asked: int, within: int) -> int:
+    """The last instant for an answer that takes so long, ns, from somebody who may be away meanwhile."""
+    latest = asked + within
+    for since, until in away:
+        if since <= latest and asked <= until:
+            latest = max(latest, until + within)
+    return latest
+
+
+def _overlaps(spans: Sequence[tuple[int, int]], begin: int, end: int) -> bool:
+    return any(since <= end and begin <= until for since, until in spans)
 
 
 def violations(evidence: Evidence) -> list[str]:
     """Everything that was wrong, one line each."""
     if not evidence.states():
         return ["the game's state was never heard"]
-    checks = (_transitions, _shows, _goals, _motion, _turns, _scores, _results)
+    checks = (_transitions, _shows, _goals, _motion, _turns, _spawned, _scores, _results)
     return [line for check in checks for line in check(evidence)]
 
 
@@ -177,24 +234,36 @@ def _inside(e: Evidence, at: int, intervals: Sequence[tuple[int, int]]) -> bool:
 
 
 def _transitions(e: Evidence) -> Iterator[str]:
-    states = e.states()
-    for (_, before), (at, after) in itertools.pairwise(states):
-        if after not in NEXT[before] and not (after == "menu" and _was_reset(e, at)):
+    unheard = e.away(REFEREE)
+    for (since, before), (at, after) in itertools.pairwise(e.states()):
+        if after in NEXT[before] or (after == "menu" and _was_reset(e, at)):
+            continue
+        if not (_overlaps(unheard, since, at) and after in _reached(before)):
             yield f"the state went from {before} to {after}"
+
+
+def _reached(state: str) -> set[str]:
+    """The states that a game comes to without another start."""
+    found: set[str] = set()
+    ahead = set(NEXT[state])
+    while ahead - found:
+        found |= ahead
+        ahead = set().union(*(NEXT[one] for one in ahead - {"menu"}))
+    return found
 
 
 def _shows(e: Evidence) -> Iterator[str]:
     for state, lasts in SHOWS.items():
         for begin, end in e.intervals((state,)):
-            lasted = e.time_s(end) - e.time_s(begin)
+            lasted = e.time_s(end) - e.time_s(begin) - e.away_s(begin, end, REFEREE, SIMULATOR)
             if lasted > lasts + e.crossing_s(end) + TICK_S:
                 yield f"{state} lasted {lasted:.1f} s, not {lasts:g} s"
 
 
 def _goals(e: Evidence) -> Iterator[str]:
-    driving = e.intervals(DRIVING)
+    driving, away = e.intervals(DRIVING), e.away(*MOVERS)
     for record in e.of("sent"):
-        if not _inside(e, record.at, driving):
+        if not _inside(e, record.at, [*driving, *away]):
             late = min((record.at - end for _, end in driving if end <= record.at), default=0)
             yield f"a goal was sent {late * 1e-9:.2f} s (wall) after driving was over: {record.value}"
     sent = len(e.of("sent"))
@@ -210,11 +279,12 @@ def _goals(e: Evidence) -> Iterator[str]:
     if len(accepted) > sent:
         yield f"{len(accepted)} goals were accepted, {sent} were sent"
     last = e.track[-1].at if e.track else 0
+    troubles = [*e.troubles, *((e.time_s(since), e.time_s(until)) for since, until in away)]
     for key, begin in accepted.items():
         end = ended.get(key, last)
         for stood, drove in e.intervals(NEXT.keys() - DRIVING):
             since, until = e.time_s(max(begin, stood)), e.time_s(min(end, drove))
-            free = until - max([since, *(b for a, b in e.troubles if b >= since and a <= until)])
+            free = until - max([since, *(b for a, b in troubles if b >= since and a <= until)])
             if free > CANCEL_S + e.crossing_s(max(begin, stood)):
                 yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
 
@@ -222,7 +292,8 @@ def _goals(e: Evidence) -> Iterator[str]:
 def _motion(e: Evidence) -> Iterator[str]:
     """The robot stands where nobody drives; each goal that is accepted late moves it once more."""
     goals = sorted(_first_seen(e).values())
-    for begin, end in e.intervals(NEXT.keys() - DRIVING):
+    away = e.away(*MOVERS)
+    for begin, end in _without(e.intervals(NEXT.keys() - DRIVING), away):
         places = [(s.x, s.y) for s in e.track if begin <= s.at <= end]
         if not places:
             continue
@@ -231,6 +302,18 @@ def _motion(e: Evidence) -> Iterator[str]:
         stops = sum(FASTEST_MPS * (e.crossing_s(at) + 2 * TICK_S) + BRAKING_M for at in starts)
         if moved > stops + STANDING_M:
             yield f"the robot moved {moved:.2f} m while nobody was to drive"
+
+
+def _without(intervals: Sequence[tuple[int, int]], left_out: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """What is left of intervals without others, which are in order and apart."""
+    for begin, end in intervals:
+        for since, until in left_out:
+            if since < end and until > begin:
+                if since > begin:
+                    yield begin, since
+                begin = until
+        if begin < end:
+            yield begin, end
 
 
 def _first_seen(e: Evidence) -> dict[str, int]:
@@ -243,7 +326,7 @@ def _first_seen(e: Evidence) -> dict[str, int]:
 
 def _turns(e: Evidence) -> Iterator[str]:
     """Spin and shake: where, how fast and for how long the event mapper turned the robot."""
-    shows = e.intervals(SHOWS)
+    shows, away = e.intervals(SHOWS), e.away(EVENT_MAPPER, REFEREE, SIMULATOR)
     turn: list[Record] = []
     turns = [record for record in e.of("turn") if math.isfinite(record.value)]  # others are nonsense from outside
     for record in [*turns, Record(e.track[-1].at if e.track else 0, "turn", 0.0)]:
@@ -257,6 +340,9 @@ def _turns(e: Evidence) -> Iterator[str]:
             lasted = e.time_s(end) - e.time_s(begin)
             longest = SHOWS["dying" if any(r.value < 0 for r in turn) else "starting"]
             what = f"a turn of {lasted:.1f} s"
+            if _overlaps(away, begin, end):
+                turn = []
+                continue
             if lasted > longest + e.crossing_s(end) + TICK_S:
                 yield f"{what}, longer than {longest:g} s"
             if not any(_inside(e, at, shows) for at in (begin, end)):
@@ -264,6 +350,25 @@ def _turns(e: Evidence) -> Iterator[str]:
             elif not _inside(e, end, shows):
                 yield f"{what} that did not end with its show"
         turn = []
+
+
+def _spawned(e: Evidence) -> Iterator[str]:
+    """None before the first report, then all, always; more while a false report of 10,000 is the latest one.
+
+    How long a node needs for such a report is not known. That the number is right at the end is asked elsewhere.
+    """
+    own = len(e.own_pellets)
+    for record in e.of("game/pellets_spawned"):
+        forged = any(at <= record.at for at in e.forged_reports)
+        right = record.value in (0, own) or (forged and record.value > own) or _near_forged(e, record.at)
+        if record.at > e.started and not right:
+            yield f"{record.value} pellets were said to be spawned, there are {own}"
+
+
+def _gone(e: Evidence, running: Sequence[tuple[int, int]]) -> set[int]:
+    """The pellets that the last true report of a round shows no more: somebody has had them removed."""
+    shown = [r for r in e.of("shown") if not _near_forged(e, r.at) and _inside(e, r.at, running)]
+    return set(e.own_pellets) - set(shown[-1].value) if shown else set()
 
 
 def _scores(e: Evidence) -> Iterator[str]:
@@ -277,13 +382,18 @@ def _scores(e: Evidence) -> Iterator[str]:
                 sure.add(pellet)
     words = [state for _, state in e.states()]
     counted = _last_before_end(e, "game/pellets_collected")
+    away = e.away(SELECTOR, REFEREE, SIMULATOR)
+    if any(_overlaps(away, *one) for one in running):
+        perhaps |= _gone(e, running)  # a report that the referee has heard may not have reached the recorder
+        if outcome(e) == "reset":  # broken off before the referee could hear of all of them: nobody asks for a score
+            sure.clear()
     if not len(sure) <= counted <= len(perhaps):
         yield f"{counted} pellets were counted, {len(sure)} to {len(perhaps)} were collected"
     most = max((r.value for r in e.of("game/score") if r.at > e.started), default=e.score)
     if "running" in words and most != max(e.score + counted, e.score):
         yield f"the score went up to {most}, from {e.score} with {counted} pellets"
     known = not any(_near_forged(e, at) for at, state in e.states() if state == "complete")
-    if "complete" in words and known and counted != len(e.own_pellets):
+    if ("complete" in words or outcome(e) == "complete") and known and counted != len(e.own_pellets):
         yield f"the round was complete with {counted} of {len(e.own_pellets)} pellets"
 
 
@@ -296,7 +406,8 @@ def _own_pellet(e: Evidence, word: str) -> int | None:
 def _near_forged(e: Evidence, at: int) -> bool:
     """Whether a false report of the pellets was all that the referee knew: the next true one comes within 1 s."""
     wall_ns = round(1e9 / e.speed) + 2 * e.crossing_ns(at)
-    return any(0 <= at - forged <= wall_ns for forged in e.forged_reports)
+    away = e.away(PELLET_MANAGER, REFEREE)
+    return any(forged <= at <= _answered(away, forged, wall_ns) for forged in e.forged_reports)
 
 
 def _last_before_end(e: Evidence, topic: str) -> int:

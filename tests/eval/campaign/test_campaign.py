@@ -6,7 +6,8 @@ import dataclasses
 
 import pytest
 
-from eval.campaign.__main__ import Verdict, main, table, waits
+from eval.campaign.__main__ import main, table
+from eval.campaign.games import Verdict, waits
 from eval.campaign.schedule import schedule
 
 
@@ -16,7 +17,7 @@ def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> No
         Verdict(1, "house", "ppo", ["abort", "abort"], "lost", violations=["a turn of 9 s", "hangs"]),
         Verdict(2, "house", "ppo", [], "reset"),
     ]
-    rows = {line[:27].strip(): list(map(int, line[27:].split())) for line in table(verdicts)[1:]}
+    rows = {line[:34].strip(): list(map(int, line[34:].split())) for line in table(verdicts)[1:]}
     assert rows["all games"] == [3, 1, 1, 1, 0, 0, 2]
     assert rows["nothing"] == [1, 0, 0, 1, 0, 0, 0]
     assert rows["abort"] == [2, 1, 1, 0, 0, 0, 2]

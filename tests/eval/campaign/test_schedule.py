@@ -8,9 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eval.campaign.schedule import (
+    EVERY_NODE,
+    FREEZE,
     GAMES_PER_SYSTEM,
     GROUNDS,
     INTERFERENCES,
+    KILL,
+    LEASE_S,
+    LOSS,
+    NODES,
+    OUTAGES,
     POLICIES,
     STATES,
     ground_of,
@@ -40,6 +47,10 @@ def test_a_game_belongs_to_its_seed_and_every_step_can_happen(seed: int) -> None
             faults.apply(step.words)
             assert step.kind in faults
             assert step.lasts_s > 0.0
+        elif step.kind in OUTAGES:
+            assert step.node in NODES or (step.kind, step.node) == (LOSS, EVERY_NODE)
+            assert 1.0 <= step.lasts_s <= 60.0 or (step.kind, step.lasts_s) == (KILL, 0.0)
+            assert 0 < step.percent <= 100
         else:
             assert step.kind in INTERFERENCES
             assert not (step.kind.startswith("start") and step.state == "menu")
@@ -55,12 +66,17 @@ def test_games_of_one_system_share_their_ground(seed: int) -> None:
 def test_two_hundred_games_meet_every_fault_every_interference_and_every_ground() -> None:
     games = [schedule(seed) for seed in range(200)]
     met = [step for game in games for step in game.steps]
-    assert {step.kind for step in met} == {*FAULTS, *INTERFERENCES}
-    for kind in FAULTS:
+    assert {step.kind for step in met} == {*FAULTS, *INTERFERENCES, *OUTAGES}
+    for kind in (*FAULTS, *OUTAGES):
         assert {step.state for step in met if step.kind == kind} == set(STATES)
     assert {game.policy for game in games} == set(POLICIES) <= set(policy_names())
     assert {ground_of(seed) for seed in range(400)} == set(GROUNDS)
     assert any(not game.steps for game in games)
+    outages = {kind: [step for step in met if step.kind == kind] for kind in OUTAGES}
+    assert all({step.node for step in steps} >= set(NODES) for steps in outages.values())
+    for kind in (FREEZE, LOSS):
+        assert 0.3 < np.mean([step.lasts_s > LEASE_S for step in outages[kind]]) < 0.7
+    assert {step.percent for step in outages[LOSS]} == {30, 60, 100}
     assert any(
         one.words and other.words and (one.state, one.after_s) == (other.state, other.after_s)
         for game in games

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from eval.campaign.verdict import Evidence, Record, Sample, outcome, violations
+from eval.campaign.verdict import Evidence, Outage, Record, Sample, outcome, violations
 
 Change = Callable[[Evidence], Any]
 SPEED = 10.0
@@ -121,6 +121,7 @@ COMPLETE: dict[str, Change] = {
     "the score went up to 9, from 5 with 2 pellets": replace("game/score", 7, 9),
     "the round was complete with 1 of 2 pellets": replace("game/pellets_collected", 2, 1),
     "game_result is 'Death - Score: 7' at the end": replace("game_result", "Complete - Score: 7", "Death - Score: 7"),
+    "1 pellets were said to be spawned, there are 2": add(20.0, "game/pellets_spawned", 1, 2),
     "game/round is 2 at the end, not 3": replace("game/round", 3, 2),
     "clyde/speed is 0.25 at the end": replace("clyde/speed", 0.3, 0.25),
     "game/pellets_spawned is 7 at the end, not 2": add(BACK + 1.0, "game/pellets_spawned", 7),
@@ -197,4 +198,51 @@ def test_the_score_of_a_game_before_a_reset_in_the_menu_is_not_this_games() -> N
         e.records.remove(record)
     say(e, 0.0, ("game/score", 26), ("game/round", 3))
     say(e, 1.0, ("game/score", 5), ("game/round", 2))
+    assert violations(e) == []
+
+
+def away(e: Evidence, node: str, begin_s: float, end_s: float) -> None:
+    e.outages.append(Outage("freeze", node, at(begin_s), at(end_s)))
+
+
+def test_what_a_referee_who_was_away_says_late_is_no_violation_and_what_another_node_says_late_is_one() -> None:
+    late = "starting lasted 16.0 s, not 8 s"
+    for node, wrong in (("game_controller", False), ("game_light_node", True)):
+        e = a_game()
+        stretch("starting", 8.0)(e)
+        assert late in violations(e)
+        away(e, node, STARTING + 1.0, STARTING + 4.0)
+        assert (late in violations(e)) == wrong
+
+
+def test_states_that_the_recorder_missed_while_the_referee_was_found_again_are_no_violation() -> None:
+    e = a_game()
+    e.records = [r for r in e.records if r.value != "complete"]
+    assert violations(e) == ["the state went from running to returning_home"]
+    away(e, "game_controller", OVER - 5.0, OVER - 1.0)
+    assert violations(e) == []
+    e.outages.clear()
+    away(e, "game_controller", OVER + 6.0, OVER + 7.0)  # later
+    assert violations(e) == ["the state went from running to returning_home"]
+
+
+@pytest.mark.parametrize("node", ["game_controller", "goal_selector", "sim_robot", "pellet_manager", "all"])
+def test_a_wrong_score_is_one_whoever_was_away(node: str) -> None:
+    e = a_game(lost=True)
+    away(e, node, 15.0, 25.0)
+    say(e, 19.0, ("game_status", "pellet_collected:8"), ("shown", []))  # nobody counted it
+    assert "1 pellets were counted, 2 to 2 were collected" in violations(e)
+    e = a_game()
+    away(e, node, 15.0, 25.0)
+    replace("game/score", 7, 9)(e)
+    assert "the score went up to 9, from 5 with 2 pellets" in violations(e)
+
+
+def test_a_report_that_only_the_referee_heard_is_believed_where_somebody_was_away() -> None:
+    e = a_game()
+    replace("game_status", "pellet_collected:3", "nothing")(e)
+    say(e, 20.0, ("shown", [8]))
+    say(e, OVER, ("shown", []))
+    assert violations(e) == ["2 pellets were counted, 0 to 1 were collected"]
+    away(e, "goal_selector", 18.0, 19.0)
     assert violations(e) == []
