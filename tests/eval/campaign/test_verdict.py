@@ -222,7 +222,7 @@ def test_states_that_the_recorder_missed_while_the_referee_was_found_again_are_n
     away(e, "game_controller", OVER - 5.0, OVER - 1.0)
     assert violations(e) == []
     e.outages.clear()
-    away(e, "game_controller", OVER + 6.0, OVER + 7.0)  # later
+    away(e, "game_controller", BACK - 1.0, BACK)  # later
     assert violations(e) == ["the state went from running to returning_home"]
 
 
