@@ -115,7 +115,6 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
         (["--map", "house", "--speed", "2"], "only a simulated robot"),
         (["--map", "house", "--sim", "--speed", "11"], "speed 11: must be 1 to 10"),
         (["--map", "house", "--play-on"], "only with --sim"),
-        (["--map", "house", "--home", "1", "2", "inf"], "inf"),
         (["--map", "house", "--preset", "lunar"], "unknown preset 'lunar'"),
         (["--map", "house", "--set", "clyde.speed_mps=fast"], "clyde.speed_mps = 'fast': must be a finite number"),
         (["--map", "house", "--set", "clyde.sped=1"], "unknown configuration field 'clyde.sped'"),
@@ -129,6 +128,12 @@ def test_what_cannot_be_played_is_one_line_before_anything_starts(
     assert out == ""
     assert words in err
     assert err.count("\n") == 1
+
+
+def test_a_home_is_three_finite_numbers() -> None:
+    assert GameSetup("house", home=(1.0, 2.0, 0.5)).parameters(SELECTOR)["home"] == [1.0, 2.0, 0.5]
+    with pytest.raises(ValueError, match="home"):
+        GameSetup("house", home=(1.0, 2.0, float("inf")))
 
 
 def test_without_ros_the_command_says_what_to_install(
