@@ -59,15 +59,14 @@ def _add_up(group: Any) -> None:
 
 
 def _up(arguments: argparse.Namespace) -> int:
-    from pacman_env.ros.supervisor.game_nodes import GameSetup
-
+    with _what_ros_needs():
+        from pacman_env.ros.supervisor.game_nodes import GameSetup
+        from pacman_env.ros.supervisor.up import up
     setup = GameSetup(
         *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
         *(arguments.preset, arguments.execution, tuple(arguments.set)),
         home=None if arguments.home is None else tuple(arguments.home),
     )
-    with _what_ros_needs():
-        from pacman_env.ros.supervisor.up import up
     return up(setup, arguments.domain_id, arguments.logs, arguments.start, arguments.play_on)
 
 
