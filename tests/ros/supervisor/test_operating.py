@@ -193,7 +193,10 @@ def test_ctrl_c_in_the_first_seconds_is_no_traceback(
         assert process.stdout.readline() == "begun\n"  # before, it is Python's start
         time.sleep(after_s)
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=PATIENCE_S)
+        try:
+            out, _ = process.communicate(timeout=PATIENCE_S)
+        finally:
+            process.kill()
     assert "Traceback" not in out
     assert process.returncode in (0, 3, 130, -signal.SIGINT)
 
