@@ -19,7 +19,7 @@ from .supervisor.game_nodes import SIMULATOR
 COSTMAPS = ("local_costmap", "global_costmap")  # names of nodes
 HIGHEST_DOMAIN = 232  # of DDS, by its formula for ports
 _NAMES_S = 1.0
-_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_"  # ROS's word
+_NAMELESS, _NOBODY = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "ROS_SUPER_CLIENT")  # other ways to others
 
@@ -95,7 +95,8 @@ def unheard_by(node: Any, topic: str) -> list[str]:
         topic: the cloud's, relative to the node's namespace.
     """
     names = {info.node_name for info in node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))}
-    return [] if SIMULATOR in names else [name for name in COSTMAPS if name not in names]
+    known = SIMULATOR in names or _NOBODY in names  # a node that was frozen has lost its name for others
+    return [] if known else [name for name in COSTMAPS if name not in names]
 
 
 def publishers(node: Any, topics: Iterable[str]) -> list[str]:
@@ -110,7 +111,7 @@ def publishers(node: Any, topics: Iterable[str]) -> list[str]:
     while any(_NAMELESS in who for who in found) and time.monotonic() < end:  # names come after what they have
         time.sleep(0.05)
         found = _publishers(node, topics)
-    return [who.replace(f"{_NAMELESS}/", "").replace("_NODE_NAME_UNKNOWN_", "a node without a name") for who in found]
+    return [who.replace(f"{_NAMELESS}/", "").replace(_NOBODY, "a node without a name") for who in found]
 
 
 def _publishers(node: Any, topics: Iterable[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 from typing import TYPE_CHECKING, Any
@@ -14,11 +15,12 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from pacman_env.ros import topics
-from pacman_env.ros.selector.goal_scores import SCORES
-from tests.ros.selector_game import FAR_AWAY, NODE, Game, house, slot_of
+from pacman_env.ros.messages import pose_message
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
+from tests.ros.selector_game import FAR_AWAY, NODE, Game, house, pellet, slot_of
 
 if TYPE_CHECKING:
     from tests.ros.system import System
@@ -179,3 +181,29 @@ def test_what_cannot_be_used_is_said_at_the_start(system: System, parameters: di
     system.processes.clear()
     assert complaint in process.output
     assert "Traceback" not in process.output
+
+
+def test_an_initial_pose_that_is_corrected_in_the_menu_moves_home_and_in_a_round_it_does_not(game: Game) -> None:
+    game.start()
+    game.stand(*game.pose)
+    game.say(topics.GAME_STATE, "menu")
+
+    def home() -> list[float]:
+        told = [json.loads(text)["home"] for text in game.probe.values(DIAGNOSTICS)]
+        return told[-1] if told and told[-1] else []
+
+    def corrected(x: float, y: float) -> None:
+        message = topics.INITIAL_POSE.type(header=Header(stamp=game.probe.stamp(), frame_id="map"))
+        message.pose.pose = pose_message(x, y, 0.0, game.probe.stamp()).pose
+        game.say(topics.INITIAL_POSE, message)
+
+    game.probe.wait_for(lambda: home() == pytest.approx(list(game.pose)), what="home")
+    corrected(*pellet(0))
+    game.probe.wait_for(lambda: home()[:2] == pytest.approx(list(pellet(0))), what="home to move")
+    game.begin()
+    game.running_goal(1)
+    corrected(*pellet(1))
+    game.probe.taken_in(topics.INITIAL_POSE, "goal_selector")
+    game.probe.forget()
+    game.probe.wait_for(home, what="what is told then")
+    assert home()[:2] == pytest.approx(list(pellet(0)))
