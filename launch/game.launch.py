@@ -20,6 +20,7 @@ from launch_ros.actions import Node
 
 from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
 from pacman_env.ros.supervisor.game_nodes import NAMESPACE, SELECTOR, GameSetup
+from pacman_env.ros.supervisor.processes import BAD_START
 
 ARGUMENTS = (
     ("map", "house", "a map's YAML, or a shipped map's name; the one that localization uses"),
@@ -33,7 +34,6 @@ ARGUMENTS = (
     ("settings", "", "fields of the configuration, name=value, separated by blanks"),
 )
 RESPAWN = {"respawn": True, "respawn_delay": 2.0}
-BAD_START = 2  # exit status of a node that refuses its arguments: starting it again does not help
 
 
 def _home(text):
@@ -68,7 +68,7 @@ def _nodes(context):
         started = node(name, **RESPAWN)
 
         def ended(event, context):
-            if event.returncode != BAD_START:
+            if event.returncode != BAD_START:  # else starting it again does not help
                 return []
             return [EmitEvent(event=Shutdown(reason=f"{name} does not start: its last line says why"))]
 

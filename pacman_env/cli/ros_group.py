@@ -11,7 +11,6 @@ from typing import Any
 
 from pacman_env.cli.command import finite_number, uninterrupted, whole_number
 
-HIGHEST_DOMAIN = 232
 WAIT_S = 10.0
 
 
@@ -24,9 +23,7 @@ def add_ros_group(commands: Any) -> None:
 
 def _add_where(parser: Any) -> None:
     parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
-    parser.add_argument(
-        "--domain-id", type=whole_number(0, HIGHEST_DOMAIN), help="ROS_DOMAIN_ID (that of the environment)"
-    )
+    parser.add_argument("--domain-id", type=whole_number(0), help="ROS_DOMAIN_ID (that of the environment)")
 
 
 def _add_up(group: Any) -> None:

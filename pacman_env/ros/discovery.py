@@ -19,7 +19,8 @@ from .supervisor.game_nodes import SIMULATOR
 COSTMAPS = ("local_costmap", "global_costmap")  # names of nodes
 HIGHEST_DOMAIN = 232  # of DDS, by its formula for ports
 _NAMES_S = 1.0
-_NAMELESS, _NOBODY = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
+_PLACELESS, _NOBODY = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
+NAMELESS = "a node without a name"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "ROS_SUPER_CLIENT")  # other ways to others
 
@@ -37,8 +38,8 @@ def domain_of(text: str) -> int:
     return int(text)
 
 
-def join(domain: int | None, this_machine: bool) -> None:
-    """Choose what nodes made from now on can meet.
+def join(domain: int | None, this_machine: bool) -> int:
+    """Choose what nodes made from now on can meet; returns the domain.
 
     Args:
         domain: None: that of the environment.
@@ -47,9 +48,11 @@ def join(domain: int | None, this_machine: bool) -> None:
     Raises:
         ValueError: there is no such domain.
     """
-    os.environ["ROS_DOMAIN_ID"] = str(domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain)))
+    number = domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain))
+    os.environ["ROS_DOMAIN_ID"] = str(number)
     if this_machine:
         stay_on_this_machine()
+    return number
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) -> None:
@@ -108,10 +111,15 @@ def publishers(node: Any, topics: Iterable[str]) -> list[str]:
     """
     found = _publishers(node, topics)
     end = time.monotonic() + _NAMES_S
-    while any(_NAMELESS in who for who in found) and time.monotonic() < end:  # names come after what they have
+    while any(NAMELESS in who for who in found) and time.monotonic() < end:  # names come after what they have
         time.sleep(0.05)
         found = _publishers(node, topics)
-    return [who.replace(f"{_NAMELESS}/", "").replace(_NOBODY, "a node without a name") for who in found]
+    return found
+
+
+def full_name(name: str, namespace: str) -> str:
+    """A node's name with its namespace; what ROS says of one whose name it does not know is put in words."""
+    return NAMELESS if name == _NOBODY or namespace == _PLACELESS else f"{namespace.rstrip('/')}/{name}"
 
 
 def _publishers(node: Any, topics: Iterable[str]) -> list[str]:
@@ -121,5 +129,5 @@ def _publishers(node: Any, topics: Iterable[str]) -> list[str]:
         for info in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
             who = info.node_name, info.node_namespace
             if who != own:
-                found.add(f"{who[1].rstrip('/')}/{who[0]} ({topic})")
+                found.add(f"{full_name(*who)} ({topic})")
     return sorted(found)

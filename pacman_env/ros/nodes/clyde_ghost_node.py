@@ -86,9 +86,7 @@ class ClydeGhostNode(GameNode):
         self._around = radius_m * GHOST_OBSTACLE  # at 0.05 m, original
 
         self.ghosts = MapGhosts(assets, config, seed)
-        self.ghosts.decide(self._choices())
-        self.ghosts.step()  # compiled now, not while the game waits for a pose
-        self.ghosts.respawn([])
+        self.ghosts.rehearse(self._choices())
         self._state = "menu"
         self._began_s = monotonic()
         self._home: Position | None = None  # the first pose there is, then where a round starts

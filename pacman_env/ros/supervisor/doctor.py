@@ -26,14 +26,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from pacman_env import __version__
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import domain_of, stay_on_this_machine
+from pacman_env.ros.discovery import COSTMAPS, NAMELESS, full_name, join
 from pacman_env.ros.messages import BadMessage, pose_of, seconds_of, transform_of, word_of
 from pacman_env.ros.node import Stop, started
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import QUIET, full_namespace
 from pacman_env.ros.supervisor.readiness import (
     CLOUDS,
-    COSTMAPS,
     MANAGERS,
     VARIABLES,
     Delays,
@@ -61,8 +60,6 @@ _LOOK_S = 0.5  # between two looks at what has been found
 _AGAIN_S = 1.0  # a service that was asked too early drops its answer
 _WAITING_S = 0.5  # for messages that have arrived
 _NAMES_S = 1.0  # names of nodes come after what they have
-_NAMELESS = "_NODE_NAME_UNKNOWN_"  # ROS's words
-_PLACELESS = "_NODE_NAMESPACE_UNKNOWN_"
 _WATCHED = ("odom", "scan", "tf", "amcl_pose", "map", "/clock")
 _STAMPS = 2000
 _FRAMES = 1000
@@ -308,7 +305,7 @@ class Doctor(Node):
 
     def _ends(self, topic: str, infos: Callable[[str], Iterable[Any]]) -> tuple[str, ...]:
         """The nodes at one end of a topic, but for this one."""
-        ends = {_full(info.node_name, info.node_namespace) for info in infos(self.resolve_topic_name(topic))}
+        ends = {full_name(info.node_name, info.node_namespace) for info in infos(self.resolve_topic_name(topic))}
         return tuple(sorted(ends - {self.get_fully_qualified_name()}))
 
     def _misheard(self, topic: str) -> tuple[str, ...]:
@@ -319,7 +316,7 @@ class Doctor(Node):
     def _nodes(self) -> tuple[str, ...]:
         """All in the domain but those that only look on: of this kind, and the command line's."""
         pairs = self.get_node_names_and_namespaces()
-        found = {_full(name, where) for name, where in pairs if not name.startswith(("pacman_", "_ros2cli"))}
+        found = {full_name(name, where) for name, where in pairs if not name.startswith(("pacman_", "_ros2cli"))}
         return tuple(sorted(found))
 
     def _robots(self) -> tuple[str, ...]:
@@ -337,7 +334,7 @@ class Doctor(Node):
         for name, where in sorted(set(self.get_node_names_and_namespaces())):
             with contextlib.suppress(NodeNameNonExistentError):
                 if action in dict(get_action_server_names_and_types_by_node(self, name, where)):
-                    found.append(_full(name, where))
+                    found.append(full_name(name, where))
         servers = self.count_services(f"{action}/_action/send_goal")
         return tuple(found + ["another node"] * (servers - len(found)))  # two of one name, or one without
 
@@ -354,7 +351,7 @@ class Doctor(Node):
     def _nameless(self) -> bool:
         infos = [info for topic in _WATCHED for info in self._infos(topic, self.get_publishers_info_by_topic)]
         infos += [info for topic in CLOUDS for info in self._infos(topic, self.get_subscriptions_info_by_topic)]
-        return any(info.node_name == _NAMELESS for info in infos)
+        return any(full_name(info.node_name, info.node_namespace) == NAMELESS for info in infos)
 
     def _infos(self, topic: str, infos: Callable[[str], Iterable[Any]]) -> Iterable[Any]:
         return infos(self.resolve_topic_name(topic))
@@ -446,12 +443,10 @@ def doctor(
     """
     out = out or sys.stdout
     where = full_namespace(namespace)
-    number = domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain))
+    number = join(domain, this_machine=sim)
     if not 0.0 < wait_s <= LONGEST_S:  # nor NaN
         raise ValueError(f"wait {wait_s:g} s: must be more than 0 and at most {LONGEST_S:g}")
     occupancy = None if map is None else load_map(map)
-    if sim:
-        stay_on_this_machine()
     with Stop() as stop:
         node = Doctor(where, number, occupancy, map or "", sim, wait_s)
         try:
@@ -500,10 +495,3 @@ def _json(message: Any) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise BadMessage("no JSON object")
     return found
-
-
-def _full(name: str, namespace: str) -> str:
-    """A node's name with its namespace."""
-    if name == _NAMELESS or namespace == _PLACELESS:
-        return "a node without a name"
-    return f"{namespace.rstrip('/')}/{name}"

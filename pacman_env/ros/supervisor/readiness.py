@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import differences
+from pacman_env.ros.discovery import COSTMAPS
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -32,7 +33,6 @@ FEWEST_STAMPS = 5
 CELLS_DIFFER = 0.001  # share; the same file gives 0
 LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, as long as no scan names another
 CLOUDS = ("clyde_obstacle", "clyde_trail")
-COSTMAPS = ("local_costmap", "global_costmap")
 #: Nodes that Nav2's launch files for Jazzy bring up by these two managers (nav2_bringup 1.3.13, f4108e5).
 MANAGERS: Mapping[str, tuple[str, ...]] = {
     "lifecycle_manager_localization": ("map_server", "amcl"),

@@ -98,6 +98,11 @@ class StatusLine(Node):
         return self._values.get(GAME_STATE.name)
 
     @property
+    def result(self) -> str | None:
+        """Of the last round, empty before the first; None as long as nobody has said it."""
+        return self._values.get(GAME_RESULT.name)
+
+    @property
     def ready(self) -> bool:
         """Whether the goal selector decides, and Nav2 is there for it."""
         return bool(self.condition.get("active") and self.condition.get("nav2"))
@@ -160,7 +165,7 @@ class StatusLine(Node):
             *(["Nav2 is away"] if self.condition.get("nav2") is False else []),
             *(["Nav2 does not see Clyde"] if self.condition.get("ghosts_heard") is False else []),
         ]
-        result = self._values.get(GAME_RESULT.name)
+        result = self.result
         policy = Path(self._policy).name
         return fitted([*parts, *troubles, *([result] if result else []), pose, policy], width)
 

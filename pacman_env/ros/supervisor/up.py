@@ -251,14 +251,14 @@ class _Play:
                         status = NO_POSE
                         break
                     processes.start(SELECTOR)
-                if start and not self._awaited() and self._in_menu():
+                awaited = self._awaited()
+                if start and not awaited and self._in_menu():
                     self._wanted.append(START_GAME)
                     start = play_on
                 self._keys()
                 self._ask()
                 if SELECTOR in processes.tend():
                     self._status_line.halt()  # no node watches over its goal any more
-                awaited = self._awaited()
                 self._writer.show(self._waiting.line(f"starting: {awaited}") if awaited else self._status_line.line)
         except Lost as lost:
             self._writer.say(str(lost))
@@ -286,8 +286,7 @@ class _Play:
             return False
         now = time.monotonic()
         self._menu_s = now if self._menu_s is None else self._menu_s
-        played = bool(self._status_line.facts()["result"])
-        return now - self._menu_s >= (NEXT_ROUND_S if played else 0.0)
+        return now - self._menu_s >= (NEXT_ROUND_S if self._status_line.result else 0.0)
 
     def _keys(self) -> None:
         for key in self._keyboard.pressed():

@@ -70,9 +70,7 @@ def rehearse(part: Part, map_yaml: str, config: Config) -> None:
     if GHOSTS in part.nodes:
         behaviours, _ = split_ghosts(config.clyde.ghosts)
         ghosts = MapGhosts(map_assets(map_yaml, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
-        ghosts.decide(np.zeros(len(behaviours), dtype=np.int64))
-        ghosts.step()
-        ghosts.respawn([])
+        ghosts.rehearse(np.zeros(len(behaviours), dtype=np.int64))
     if SIMULATOR in part.nodes:
         SimulatedRobot(load_map(map_yaml), config, 0).rehearse()
 

@@ -89,6 +89,12 @@ class MapGhosts:
         """Where those who do not just wander go now; ``choices`` (G,) are candidates for those sent from outside."""
         self._ghosts.decide(self._games, None if choices is None else choices[None], self._remembered, self._parameters)
 
+    def rehearse(self, choices: NDArray[np.int64]) -> None:
+        """Compile everything before anybody waits for it; they are put anew then."""
+        self.decide(choices)
+        self.step()
+        self.respawn([])
+
     def step(self) -> None:
         """One update of ``clyde.update_period_s``."""
         self._ghosts.move(self._games, self._parameters)
