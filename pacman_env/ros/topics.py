@@ -29,6 +29,9 @@ LATCHED = _qos(1, latched=True)
 #: Commands come in bursts, and a depth of 1 keeps only the last of one; depth is no part of compatibility, so
 #: nodes with the original's depth can still listen.
 COMMANDS = _qos(32, latched=True)
+#: A listener keeps as much of a latched topic: with a depth of 1, a foreign word that follows closely pushes out the
+#: true one before it is read.
+HEARD_LATCHED = _qos(10, latched=True)
 EVENTS = _qos(10)
 #: What is said while a listener is away comes to him whole: all the pellets of a round, and its end.
 REPORTS = _qos(200)
@@ -66,7 +69,8 @@ class Topic(_Interface):
 
     def subscription(self, node: Any, callback: Callable[[Any], None], **options: Any) -> Any:
         """A subscription of ``node``; ``options`` go to ``create_subscription``."""
-        return node.create_subscription(self.type, self.name, callback, self.qos, **options)
+        qos = HEARD_LATCHED if self.qos == LATCHED else self.qos
+        return node.create_subscription(self.type, self.name, callback, qos, **options)
 
 
 @dataclass(frozen=True)

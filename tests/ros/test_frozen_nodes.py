@@ -9,7 +9,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,28 +35,34 @@ class Frozen(Game):
 
     def menu(self) -> None:
         """As of every game; a node that was frozen is without a name, so that nobody can be asked who serves."""
-        self.ask(topics.RESET_GAME, "menu")
+        self.ask(topics.RESET_GAME, lambda: self.state == "menu" and self.value(SCORE) == 0, "the menu of a new game")
         self.wait(lambda: not self.drives(), "the robot to stand")
         self.forget(*HEARD)
 
     def begin(self) -> None:
         self.menu()
-        self.ask(topics.START_GAME, "starting")
+        self.ask_for_start()
 
-    def ask(self, service: topics.Service, state: str) -> None:
-        """Call until the game is in that state: an answer may be lost."""
+    def ask_for_start(self) -> None:
+        """Until the show has begun: the robot may have to drive home first."""
+        self.ask(topics.START_GAME, lambda: self.state == "starting", "the start", but_not_in="returning_home")
+
+    def ask(self, service: topics.Service, done: Callable[[], bool], what: str, but_not_in: str = "") -> None:
+        """Call until it is done: an answer may be lost."""
         client = service.client(self.probe.node)
         self.wait(client.service_is_ready, service.name)
         asked_s = -math.inf
 
         def there() -> bool:
             nonlocal asked_s
-            if time.monotonic() - asked_s > 1.0 and self.state not in (state, "returning_home"):
+            if done():
+                return True
+            if time.monotonic() - asked_s > 1.0 and self.state != but_not_in:
                 client.call_async(service.type.Request())
                 asked_s = time.monotonic()
-            return self.state == state
+            return False
 
-        self.wait(there, f"state {state}")
+        self.wait(there, what)
         self.probe.node.destroy_client(client)
 
     @contextmanager
@@ -135,7 +141,7 @@ def test_a_pellet_manager_who_was_frozen_between_two_rounds_has_all_pellets_in_t
         game.to_the_end(spawned)
         game.until("menu")
         game.forget(RESULT, topics.REMOVE_PELLET)
-        game.ask(topics.START_GAME, "starting")
+        game.ask_for_start()
         game.until("running")
     assert game.value(ROUND) == 2
     game.to_the_end(2 * spawned)
