@@ -67,6 +67,7 @@ class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     shown: tuple[_Count, ...]
     still_shown: tuple[_Count, ...]
     lasting: tuple[_Count, ...]
+    gone: tuple[_Count, ...]
     left: tuple[_Count, ...] | None
     due_in_s: Annotated[float, Meta(ge=0, le=1e6)] | None
     after_home: Literal["start", "next_round", "game_over"]
@@ -98,6 +99,7 @@ class RoundController:
     #: In two reports in a row, or in the last before a pause: such a pellet does not go but by being collected.
     _lasting: set[int] = field(default_factory=set, init=False)
     _reported_s: float = field(default=-math.inf, init=False)  # when the latest report came
+    _gone: frozenset[int] = field(default=frozenset(), init=False)  # lasted, and not in the latest two reports
     _still_shown: frozenset[int] = field(default=frozenset(), init=False)  # collected, but in the latest report
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
     _after_home: Literal["start", "next_round", "game_over"] = field(default="start", init=False)
@@ -144,6 +146,7 @@ class RoundController:
             "shown": sorted(self._shown),
             "still_shown": sorted(self._still_shown),
             "lasting": sorted(self._lasting),
+            "gone": sorted(self._gone),
             "left": None if self._left is None else sorted(self._left),
             "due_in_s": None if self._deadline_s is None else max(0.0, self._deadline_s - now),
             "after_home": self._after_home,
@@ -161,7 +164,7 @@ class RoundController:
             ValueError: not a snapshot; nothing has changed.
         """
         kept: Snapshot = convert(values, Snapshot, "snapshot")
-        for name in ("collected", "shown", "still_shown", "lasting", "left"):
+        for name in ("collected", "shown", "still_shown", "lasting", "gone", "left"):
             ids = getattr(kept, name) or ()
             require(len(set(ids)) == len(ids), f"snapshot.{name}", ids, "must have each pellet once")
         state, due_s = kept.state, kept.due_in_s
@@ -172,6 +175,7 @@ class RoundController:
         self._collected = set(kept.collected)
         self._shown, self._still_shown = set(kept.shown), frozenset(kept.still_shown)
         self._lasting, self._reported_s = set(kept.lasting), -math.inf  # reports were missed since
+        self._gone = frozenset(kept.gone)
         self._left = None if kept.left is None else frozenset(kept.left)
         self._deadline_s = None if due_s is None else now + due_s
         self._after_home, self._home_failures = kept.after_home, kept.home_failures
@@ -203,6 +207,7 @@ class RoundController:
         left, missed = frozenset(ids), now - self._reported_s > _MISSED_S
         if self._left is not None:
             self._lasting |= self._left if missed else self._left & left
+            self._gone = frozenset(self._lasting - self._left - left)
         self._left, self._reported_s = left, now
         self._shown |= self._left
         still = self._left & self._collected
@@ -239,7 +244,7 @@ class RoundController:
         if name == "death_detected":
             return self._die(now)
         if name == "game_complete":
-            return self._complete()
+            return [*self._count_gone(), *self._complete()]
         return self._home_reached(now) if name == "home_reached" else self._home_failed(now)
 
     def tick(self, now: float) -> list[Action]:
@@ -278,6 +283,7 @@ class RoundController:
         self._left = None
         self._shown.clear()
         self._lasting.clear()
+        self._gone = frozenset()
         self._still_shown = frozenset()
         self._deadline_s = None
         return [
@@ -342,6 +348,19 @@ class RoundController:
         if round_complete(self.collected, self.spawned):
             actions += self._complete()
         return actions
+
+    def _count_gone(self) -> list[Action]:
+        """The executing side has nothing left to collect, nor to report.
+
+        A pellet that lasted and has been gone for a while was collected by a goal selector that died before anybody
+        heard of it: nobody else has pellets removed. One report without it says nothing.
+        """
+        gone = self._gone - self._collected
+        if not gone:
+            return []
+        self._collected.update(gone)
+        self.score += len(gone)
+        return [Action("collected", self.collected), Action("score", self.score)]
 
     def _complete(self) -> list[Action]:
         self.result = f"Complete - Score: {self.score}"
