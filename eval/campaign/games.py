@@ -19,6 +19,7 @@ from pacman_env.config import make_config
 from pacman_env.files import write_json
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS
+from pacman_env.ros.standstill import LEASE
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR
 from pacman_env.ros.supervisor.processes import Lost
 
@@ -28,6 +29,7 @@ from .schedule import (
     GAMES_PER_SYSTEM,
     INTERFERENCES,
     KILL,
+    LEASE_S,
     LOSS,
     OUTAGES,
     Schedule,
@@ -41,7 +43,8 @@ from .verdict import Evidence, outcome, violations
 
 LIMIT_S = 600.0  # of the robot's time after the last fault: longer games are broken off
 STILL_S = 120.0  # of the robot's time without any progress while nothing is wrong: the game hangs
-MOTION_M = 0.5  # is progress (Nav2's own measure); a Clyde that moves less in STILL_S stands
+MOTION_M = 0.5  # is progress (Nav2's own measure)
+AROUND_M = 2.0  # a Clyde that moves less in STILL_S may stay where he is in the way, in these small grounds
 HOLD = -1  # pursued, in the goal selector's diagnostics
 SETTLE_S = 8.0  # of the robot's time, in the menu after a game: more than what may cross, for late motion to be seen
 ANSWER_WALL_S = 20.0
@@ -87,8 +90,8 @@ def verdict_on(plan: Schedule) -> Verdict:
 
 
 def waits(state: str | None, condition: Mapping[str, Any], plan: Schedule) -> bool:
-    """Whether the planner holds on purpose: a Clyde who stands on the last pellet lets nobody collect it."""
-    return state == "running" and condition.get("pursued") == HOLD and plan.clyde_speed_mps * STILL_S < MOTION_M
+    """Whether the planner holds on purpose: a Clyde who stays at the last pellets lets nobody collect them."""
+    return state == "running" and condition.get("pursued") == HOLD and plan.clyde_speed_mps * STILL_S < AROUND_M
 
 
 class Played:
@@ -331,9 +334,9 @@ class Silent(Exception):
 
 
 def end_with_parent() -> None:
-    """Have this process interrupted when the one that started it ends, so that its nodes are stopped; Linux only."""
+    """Have this process end with the one that started it, and its nodes with it; on Linux only."""
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def play(
@@ -343,6 +346,7 @@ def play(
     verdicts: list[Verdict] = []
     folder.mkdir(parents=True, exist_ok=True)
     confine(folder, domain)
+    os.environ[LEASE] = str(LEASE_S / speed)
     os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(write_middleware_profile(folder / "middleware.xml", speed))
     if NETWORK not in without:
         network.enter_own_network()

@@ -1,7 +1,7 @@
 """Nodes that are frozen, killed, or lose packets: begun and ended in the processes of a running game.
 
 What is drawn is in ``schedule``, what may be late because of it in ``verdict``. Durations are wall time; a killed
-node is away until the recorder has heard the new one.
+node is away until the recorder has heard the new one, and so is one that ends after a standstill.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from . import network
 from .schedule import EVERY_NODE, FREEZE, KILL, LOSS, Step
 from .verdict import Outage
 
+_ENDS_WITHIN_S = 1.5  # of wall time: a node that stood still for too long, to be started anew
 _LOOK_S = 0.2  # between two looks at the ports of those who lose packets: a node that is started again has others
 
 
@@ -26,6 +27,7 @@ class _Active:
     process: int
     began: int  # ns
     end_s: float
+    thawed: bool = False  # it ran again, and may end to be started anew
 
 
 class Outages:
@@ -78,6 +80,9 @@ class Outages:
         for one in self._active[:]:
             if self._is_over(one):
                 self._end(one)
+            elif one.step.kind == FREEZE and not one.thawed and time.monotonic() >= one.end_s:
+                self._thaw(one)
+                one.end_s += _ENDS_WITHIN_S
         now_s = time.monotonic()
         if now_s - self._look_s >= _LOOK_S:
             self._look_s = now_s
@@ -90,16 +95,21 @@ class Outages:
         self._lose()
 
     def _is_over(self, one: _Active) -> bool:
-        if one.step.kind == KILL:
-            known = self._ids().get(one.step.node)
+        known = self._ids().get(one.step.node)
+        if one.step.kind == KILL or (one.thawed and known != one.process):
             return known not in (None, one.process) and self._heard().get(one.step.node) == known
-        return time.monotonic() >= one.end_s
+        return time.monotonic() >= one.end_s and (one.thawed or one.step.kind != FREEZE)
+
+    def _thaw(self, one: _Active) -> None:
+        one.thawed = True
+        if self._ids().get(one.step.node) == one.process:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(one.process, signal.SIGCONT)
 
     def _end(self, one: _Active) -> None:
         self._active.remove(one)
-        if one.step.kind == FREEZE and self._ids().get(one.step.node) == one.process:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(one.process, signal.SIGCONT)
+        if one.step.kind == FREEZE:
+            self._thaw(one)
         self._look_s = 0.0
         self.over.append(Outage(one.step.kind, one.step.node, one.began, time.time_ns()))
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.ros.discovery import stay_on_this_machine
+from pacman_env.ros.standstill import STOOD_STILL
 from pacman_env.ros.supervisor.game_nodes import (
     REFEREE,
     SELECTOR,
@@ -198,9 +199,11 @@ class System:
             self._troubles.append(str(lost))
             return []
         for name in dead:
-            if name in self.killed:
-                self.killed.remove(name)
-                self.said = [line for line in self.said if not line.startswith(f"{name} ended with status -9: ")]
+            thawed = f"{name} ended with status {STOOD_STILL}: "  # as it has to, after a standstill
+            if name in self.killed or any(line.startswith(thawed) for line in self.said):
+                self.killed.discard(name)
+                expected = f"{name} ended with status -9: ", thawed
+                self.said = [line for line in self.said if not line.startswith(expected)]
             else:
                 self._troubles.append(f"{name} ended")
         return dead

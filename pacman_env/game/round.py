@@ -53,6 +53,7 @@ def clyde_speed_mps(base: float, step: float, round: int) -> float:
 
 _Count = Annotated[int, Meta(ge=0, lt=10**9)]
 _MISSED_S = 3.0  # reports come once a second: after a longer pause some were missed
+_OFTEN = 5  # reports that show a pellet
 
 
 class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,6 +66,7 @@ class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     base_speed_mps: Annotated[float, Meta(ge=1e-6, le=1e6)]
     collected: tuple[_Count, ...]
     shown: tuple[_Count, ...]
+    times_shown: tuple[_Count, ...]
     still_shown: tuple[_Count, ...]
     lasting: tuple[_Count, ...]
     gone: tuple[_Count, ...]
@@ -95,7 +97,7 @@ class RoundController:
     _base_speed_mps: float = field(init=False)
     _collected: set[int] = field(default_factory=set, init=False)
     _left: frozenset[int] | None = field(default=None, init=False)  # None: no report in this round yet
-    _shown: set[int] = field(default_factory=set, init=False)  # in any report of this round
+    _shown: dict[int, int] = field(default_factory=dict, init=False)  # in how many reports of this round, to _OFTEN
     #: In two reports in a row, or in the last before a pause: such a pellet does not go but by being collected.
     _lasting: set[int] = field(default_factory=set, init=False)
     _reported_s: float = field(default=-math.inf, init=False)  # when the latest report came
@@ -144,6 +146,7 @@ class RoundController:
             "base_speed_mps": self._base_speed_mps,
             "collected": sorted(self._collected),
             "shown": sorted(self._shown),
+            "times_shown": [self._shown[pellet] for pellet in sorted(self._shown)],
             "still_shown": sorted(self._still_shown),
             "lasting": sorted(self._lasting),
             "gone": sorted(self._gone),
@@ -167,13 +170,16 @@ class RoundController:
         for name in ("collected", "shown", "still_shown", "lasting", "gone", "left"):
             ids = getattr(kept, name) or ()
             require(len(set(ids)) == len(ids), f"snapshot.{name}", ids, "must have each pellet once")
+        count = len(kept.times_shown)
+        require(count == len(kept.shown), "snapshot.times_shown", count, "must be as many numbers as shown")
         state, due_s = kept.state, kept.due_in_s
         timed = state == "returning_home" or (due_s is not None) == (state in ("starting", "dying"))
         require(timed, "snapshot.due_in_s", due_s, f"does not fit state {state!r}")
         self.state, self.score, self.round, self.result = state, kept.score, kept.round, kept.result
         self._base_speed_mps = kept.base_speed_mps
         self._collected = set(kept.collected)
-        self._shown, self._still_shown = set(kept.shown), frozenset(kept.still_shown)
+        self._shown = dict(zip(kept.shown, kept.times_shown, strict=True))
+        self._still_shown = frozenset(kept.still_shown)
         self._lasting, self._reported_s = set(kept.lasting), -math.inf  # reports were missed since
         self._gone = frozenset(kept.gone)
         self._left = None if kept.left is None else frozenset(kept.left)
@@ -209,7 +215,7 @@ class RoundController:
             self._lasting |= self._left if missed else self._left & left
             self._gone = frozenset(self._lasting - self._left - left)
         self._left, self._reported_s = left, now
-        self._shown |= self._left
+        self._shown |= {pellet: min(_OFTEN, self._shown.get(pellet, 0) + 1) for pellet in left}
         still = self._left & self._collected
         again, self._still_shown = still & self._still_shown, still
         spawned = [Action("spawned", self.spawned)] if self.spawned != before else []
@@ -334,7 +340,7 @@ class RoundController:
         pellet = int(argument)
         if pellet in self._collected:
             return [Action("ignored", f"pellet {pellet} was counted before")]
-        if self._left is not None and pellet not in self._left | self._shown:
+        if self._left is not None and pellet not in self._left | self._shown.keys():
             return [Action("ignored", f"pellet {pellet} is none of this round's")]
         before = self.spawned
         self._collected.add(pellet)
@@ -353,9 +359,10 @@ class RoundController:
         """The executing side has nothing left to collect, nor to report.
 
         A pellet that lasted and has been gone for a while was collected by a goal selector that died before anybody
-        heard of it: nobody else has pellets removed. One report without it says nothing.
+        heard of it: nobody else has pellets removed. One report without it says nothing, nor do a few with it: those of
+        another map, say.
         """
-        gone = self._gone - self._collected
+        gone = {pellet for pellet in self._gone - self._collected if self._shown[pellet] >= _OFTEN}
         if not gone:
             return []
         self._collected.update(gone)

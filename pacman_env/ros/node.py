@@ -34,6 +34,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from .discovery import simulated, stay_on_this_machine
 from .messages import BadMessage
 from .process_memory import settle
+from .standstill import STOOD_STILL, Standstill, lease_s
 from .topics import CONFIGURATION
 
 LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
@@ -277,6 +278,8 @@ class Stop:
 def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = None, stopped: int = 0) -> int:
     """Make the node and spin it in one thread until a signal or its own end; then its last messages and shutdown.
 
+    One that stood still for too long ends by itself, with status 75, to be started again (``standstill.py``).
+
     To be called in the main thread. ROS's own signal handlers stay out: they end the context first, and nothing can
     be published any more.
 
@@ -305,11 +308,12 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
                 )
             if simulated(arguments):
                 stay_on_this_machine()
+            longest_s = lease_s()
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             node = make()
             stop.breaks_off = False
             settle()
-            _spin(node, stop)
+            _spin(node, stop, longest_s)
         except KeyboardInterrupt:
             pass  # there is no node yet that could say anything
         except (ValueError, OSError, ParameterException, rclpy_implementation.RCLError) as error:
@@ -327,14 +331,20 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
     return stopped if node is None or node.status is None else node.status
 
 
-def _spin(node: BaseNode, stop: Stop) -> None:
+def _spin(node: BaseNode, stop: Stop, longest_s: float) -> None:
     """Spin until the end; then let the node publish its last messages, and its peers receive them."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    standstill = Standstill(longest_s)
     try:
         while not stop.asked and node.status is None:
             executor.spin_once(timeout_sec=POLL_S)
+            if standstill:
+                text = f"stood still for {standstill.longest_s:.1f} s: others may not hear it any more; to start again"
+                node.get_logger().warning(text)
+                node.status = STOOD_STILL
     finally:
+        standstill.close()
         end = time.monotonic() + LAST_MESSAGES_S
         for answer in () if node.silent else node.last_messages():
             executor.spin_until_future_complete(answer, max(0.0, end - time.monotonic()))

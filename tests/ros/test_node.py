@@ -16,6 +16,7 @@ from rclpy.time import Time  # noqa: E402
 from pacman_env.config import make_config, parse_settings  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
+from pacman_env.ros.standstill import LEASE, STOOD_STILL  # noqa: E402
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, Process, System
@@ -212,3 +213,30 @@ def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
         seen.append(node.now_s())
     node.destroy_node()
     assert seen == pytest.approx([10.0, 11.0, 1011.0, 1012.0, 1012.0, 1013.0, 1013.0, 1014.0])
+
+
+def test_a_node_that_stood_still_for_longer_than_others_wait_ends_to_be_started_again(
+    probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(LEASE, "4.0")
+    process = up(probe, system, words=1)
+    process.send(signal.SIGSTOP)
+    probe.spin(0.5)
+    process.send(signal.SIGCONT)
+    probe.spin(1.0)
+    assert process.popen.poll() is None  # nobody has missed it
+    process.send(signal.SIGSTOP)
+    probe.spin(5.0)
+    process.send(signal.SIGCONT)
+    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="its last message")
+    assert process.wait() == STOOD_STILL
+    assert "stood still for " in process.output
+    system.processes.remove(process)
+
+
+def test_a_lease_that_is_none_is_refused_by_name(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LEASE, "soon")
+    process = system.start(NODE)
+    assert process.wait() == 2
+    assert f"{LEASE}='soon': must be a number of seconds above 0" in process.output
+    system.processes.remove(process)

@@ -255,8 +255,9 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self._decide()
 
     def _repeat(self) -> None:
-        """Say again what nobody has answered."""
+        """Say again what nobody has answered; go on where an answer was lost."""
         assert self._selection is not None
+        self._nav2.end_without_results()
         if self._timer is not None and not self._shadow:
             self._do([ExecutorAction("status", word) for word in self._selection.executor.statuses.open()])
 

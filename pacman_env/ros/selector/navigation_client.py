@@ -19,6 +19,7 @@ from pacman_env.ros.selector.message_queue import MessageQueue
 
 _TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
+_ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
@@ -50,6 +51,8 @@ class NavigationClient:
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._taken: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
         self._unanswered: dict[int, UUID] = {}
+        self._ended: dict[int, int] = {}  # the last statuses of goals of which there is no result yet
+        self._overdue: set[int] = set()  # those at the last call of ``end_without_results``
         self._newest: Any = None  # feedback, of whichever goal
         self._rest: Future | None = None
         self._destroyed = False
@@ -74,13 +77,24 @@ class NavigationClient:
         return monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def _on_statuses(self, message: Any) -> None:
-        """A goal of somebody else's that turns up just after all were cancelled was on its way then."""
+        """Goals that have ended; one of somebody else's that turns up just after all were cancelled was on its way."""
+        status_of = {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in message.status_list}
+        for number, name in self._taken.items():
+            if (status := status_of.get(bytes(name.uuid))) in _ENDED:
+                self._ended[number] = status
         if self._clearing is None or monotonic() > self._clearing[1]:
             return
         own = {bytes(name.uuid) for goals in (self._taken, self._unanswered) for name in goals.values()}
         for goal in message.status_list:
             if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in own:
                 self._canceller.call_async(self._canceller.srv_type.Request(goal_info=goal.goal_info))
+
+    def end_without_results(self) -> None:
+        """End the goals whose result must be lost, for their end is known; to be called every few seconds."""
+        self._ended = {number: status for number, status in self._ended.items() if number in self._taken}
+        for number in self._overdue & self._ended.keys():
+            self._end(number, self._ended.pop(number), 0)
+        self._overdue = set(self._ended)
 
     def send(self, number: int, pose: Pose) -> None:
         """Send a goal in the map frame."""

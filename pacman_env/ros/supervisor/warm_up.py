@@ -67,12 +67,12 @@ def rehearse(part: Part, map_yaml: str, config: Config) -> None:
     """
     if SELECTOR in part.nodes:
         rehearsed(part.policy, RobotView(map_assets(map_yaml, config), config))
+    if SIMULATOR in part.nodes:  # before the ghosts: another process compiles meanwhile what both need of a map
+        SimulatedRobot(load_map(map_yaml), config, 0).rehearse()
     if GHOSTS in part.nodes:
         behaviours, _ = split_ghosts(config.clyde.ghosts)
         ghosts = MapGhosts(map_assets(map_yaml, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
         ghosts.rehearse(np.zeros(len(behaviours), dtype=np.int64))
-    if SIMULATOR in part.nodes:
-        SimulatedRobot(load_map(map_yaml), config, 0).rehearse()
 
 
 def main() -> int:

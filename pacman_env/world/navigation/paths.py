@@ -53,7 +53,9 @@ def neighbour_table(cell_id, cell):  # type: ignore[no-untyped-def]
     width = columns + 2 * _PAD
     number = np.full((rows + 2 * _PAD) * width, -1, np.int32)
     for row in range(rows):
-        number[(row + _PAD) * width + _PAD :][:columns] = cell_id[row]
+        first = (row + _PAD) * width + _PAD
+        for column in range(columns):  # an assignment of slices takes three seconds to compile, for its error message
+            number[first + column] = cell_id[row, column]
     there = np.empty((16, 3), np.int64)
     for d in range(16):
         dc, dr = STEPS16[d]

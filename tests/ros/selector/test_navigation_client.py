@@ -46,6 +46,21 @@ def test_a_goal_whose_acceptance_was_lost_can_be_cancelled(probe: Probe, monkeyp
     nav2.close()
 
 
+def test_a_goal_whose_result_was_lost_ends_as_its_status_says(probe: Probe, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(NavigationClient, "_on_result", lambda *lost: None)
+    nav2, told = ScriptedNav2(probe), Told(probe)
+    told.client.send(1, (1.0, 2.0, 0.0))
+    probe.wait_for(nav2.running, what="the goal to be taken up")
+    told.client.end_without_results()
+    nav2.succeed(nav2.goals[0])
+    probe.wait_for(lambda: told.client._ended, what="the status")
+    told.client.end_without_results()  # a result comes after its status, as a rule
+    assert told.words == [("accepted", 1)]
+    told.client.end_without_results()
+    assert told.words == [("accepted", 1), ("finished", 1, GoalStatus.STATUS_SUCCEEDED)]
+    nav2.close()
+
+
 def test_at_rest_nothing_is_driven_even_if_an_acceptance_was_lost(
     probe: Probe, monkeypatch: pytest.MonkeyPatch
 ) -> None:
