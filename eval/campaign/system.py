@@ -203,7 +203,7 @@ class System:
             if name in self.killed or any(line.startswith(thawed) for line in self.said):
                 self.killed.discard(name)
                 expected = f"{name} ended with status -9: ", thawed
-                self.said = [line for line in self.said if not line.startswith(expected)]
+                self.said[:] = [line for line in self.said if not line.startswith(expected)]
             else:
                 self._troubles.append(f"{name} ended")
         return dead

@@ -26,6 +26,7 @@ from pacman_env.game.round import Action, RoundController
 from .. import topics
 from ..messages import number_of, pellets_of, word_of
 from ..node import GameNode, parameter, run
+from ..standstill import STOOD_STILL
 from .state_file import StateFile
 
 NAME = "game_controller"
@@ -183,7 +184,10 @@ class GameController(GameNode):
         self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
 
     def last_messages(self) -> Iterable[Any]:
-        """Without a referee nobody drives, shakes or shines."""
+        """Without a referee nobody drives, shakes or shines; one who is to be started again goes on with the game."""
+        if self.status == STOOD_STILL:
+            self._save()
+            return ()
         self._do([Action("command", "disable"), Action("event", "reset"), Action("state", "menu")])
         self._file.remove()
         return ()

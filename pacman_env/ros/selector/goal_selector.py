@@ -37,6 +37,7 @@ from pacman_env.world.maps.occupancy import MapError
 
 NAME = "goal_selector"
 _REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee needs as long to come back
+_LOOK_S = 0.5  # of wall time, shorter than any start
 _UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, OSError)
 _PUBLISHED = (topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, SCORES, DIAGNOSTICS)
 
@@ -125,12 +126,14 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         ]
         self._transforms = MessageQueue(self, topics.TF, self._take_transforms)
         timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
-        reporter = self.create_timer(_REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timers = [timer, self.create_timer(_REPEAT_S, self._repeat, clock=steady)]
+        if self.get_parameter("use_sim_time").value:
+            timers.append(self.create_timer(_LOOK_S, self._look_for_nav2, clock=steady))
         self._destroy = [
             self._nav2.destroy,
             self._transforms.destroy,
-            lambda: self.destroy_timer(timer),
-            lambda: self.destroy_timer(reporter),
+            *[lambda one=one: self.destroy_timer(one) for one in timers],
             *[lambda one=one: self.destroy_subscription(one) for one in subscriptions],
             *[lambda one=one: self.destroy_publisher(one) for one in self._out.values()],
         ]
@@ -228,6 +231,12 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self.once.warning("no Nav2", "no action server navigate_to_pose")
         self._do(executor.nav2(there, now))
         self._decide()
+
+    def _look_for_nav2(self) -> None:
+        """A simulated robot takes the time with it: while it is started again there is no tick to see that."""
+        assert self._selection is not None
+        if self._timer is not None and not self._shadow and not self._nav2.ready:
+            self._do(self._selection.executor.nav2(False, self.now_s()))
 
     def _decide(self) -> None:
         assert self._selection is not None
