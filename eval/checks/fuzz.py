@@ -175,6 +175,7 @@ def _state(env: PacManBotEnv) -> list[bytes]:
 
 
 def _check(env: PacManBotEnv, observation: dict[str, Any], reward: float) -> None:
+    assert isinstance(env.observation_space, spaces.Dict)
     for key, array in observation.items():
         _require(bool(np.isfinite(array).all()), f"observation[{key!r}] holds what is not finite")
         _require(env.observation_space[key].contains(array), f"observation[{key!r}] is not in its space")

@@ -31,6 +31,7 @@ class Config(Checked):
     pellets: sections.PelletConfig = field(default_factory=sections.PelletConfig)
     clyde: sections.ClydeConfig = field(default_factory=sections.ClydeConfig)
     execution: sections.ExecutionConfig = field(default_factory=sections.ExecutionConfig)
+    decisions: sections.DecisionConfig = field(default_factory=sections.DecisionConfig)
     show: sections.ShowConfig = field(default_factory=sections.ShowConfig)
     reward: sections.RewardConfig = field(default_factory=sections.RewardConfig)
     #: Of each ghost that is an agent, where rewards are not zero-sum.
@@ -64,6 +65,19 @@ class Config(Checked):
                 period,
                 f"must be a whole number of physics steps of {self.physics_step_s} s",
             )
+        longest_s = min(self.decisions.longest_s, self.decisions.threat_longest_s)
+        require(
+            longest_s >= self.execution.tick_s,
+            "decisions.longest_s, threat_longest_s",
+            longest_s,
+            f"must be at least execution.tick_s = {self.execution.tick_s}",
+        )
+        require(
+            self.decisions.when == "tick" or self.action == "goal",
+            "decisions.when",
+            self.decisions.when,
+            "must be tick where actions are velocities: they hold for a tick",
+        )
         fastest = self.fastest_mps
         require(
             fastest <= self.robot.wheel_speed_mps,

@@ -135,6 +135,18 @@ class ExecutionConfig(Checked, group="execution"):
 
 
 @dataclass(frozen=True)
+class DecisionConfig(Checked, group="decisions"):
+    """When the planner is asked for a choice; in between the robot goes on with the last one."""
+
+    #: At each tick, or when its goal has ended, a pellet was collected, a ghost has come near, or it has been long.
+    when: Literal["tick", "event"] = "tick"
+    longest_s: Positive = 4.0  # of event: it is asked after so much time in any case
+    threat_distance_m: NotNegative = 2.0  # of event: a ghost that comes nearer, straight, is a reason to ask ...
+    threat_longest_s: Positive = 1.0  # ... and as long as one is, it is asked after so much time
+    discount_per_s: Annotated[float, Meta(gt=0, le=1)] = 1.0  # of event: of the rewards between two decisions
+
+
+@dataclass(frozen=True)
 class ShowConfig(Checked, group="show"):
     """Algorithm 5: how long the shows last, and how often the way home is tried."""
 
@@ -206,6 +218,13 @@ class ObservationConfig(Checked, group="observation"):
     #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), grid (picture around the
     #: robot), planner (what the learned planner reads); in any order.
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
+    #: Those of the map by their numbers, or the nearest, in the order of the robot's way to them: as many on any map.
+    candidates: Literal["all", "nearest"] = "all"
+    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 8
+    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 4
+    normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/scales.py)
+    flat: bool = False  # one array of all
+    mask: Literal["observation", "info", "method"] = "observation"  # where the action mask is; as a method, always
     scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: Positive = 0.15  # RPLIDAR A1
     scan_maximum_m: Positive = 12.0  # RPLIDAR A1

@@ -19,7 +19,7 @@ from ..policies.registry import make_policy
 from ..sim.maps.assets import MapSource, map_assets
 from ..sim.maps.generated import GeneratedMaps
 from ..sim.maps.level_source import FixedMap, LevelSource
-from ..sim.observation.kinds import KINDS
+from ..sim.observation.kinds import FLAT, KINDS
 from ..world.maps.occupancy import OccupancyMap
 
 #: How many wander, or for each a behaviour or a policy of his own.
@@ -36,6 +36,12 @@ class EnvArguments:
     _: KW_ONLY
     ghosts: Ghosts | None = None
     observation: str | Sequence[str] | None = None
+    candidates: str | None = None
+    normalize: bool | None = None
+    mask: str | None = None
+    decide: str | None = None
+    numeric_info: bool = False
+    timeout: str = "truncation"
     action: str | None = None
     endless: bool | None = None
     start_level: int | None = None
@@ -59,6 +65,8 @@ class EnvArguments:
         behaviours, policies = _behaviours(self.ghosts)
         changes: dict[str, Any] = {} if self.observation is None else _kinds(self.observation)
         given = {"clyde.ghosts": behaviours, "action": self.action, "endless": self.endless}
+        given |= {"decisions.when": self.decide, "observation.candidates": self.candidates}
+        given |= {"observation.normalize": self.normalize, "observation.mask": self.mask}
         changes |= {name: value for name, value in given.items() if value is not None}
         if config is not None:
             if settings or changes or (self.preset, self.execution) != ("robot", "robust"):
@@ -67,6 +75,16 @@ class EnvArguments:
         for name in sorted(changes.keys() & settings.keys()):
             raise ConfigError(f"{name} is given twice: as an argument and in settings")
         return make_config(self.preset, self.execution, **changes, **settings), policies
+
+    def timeout_ends(self) -> bool:
+        """Whether a time-out is an end of the game's own, by its reward, and not a cut from outside.
+
+        Raises:
+            ConfigError: it is neither.
+        """
+        if self.timeout not in ("truncation", "termination"):
+            raise ConfigError(f"timeout = {self.timeout!r}: choose truncation or termination")
+        return self.timeout == "termination"
 
     def make_source(self, config: Config) -> LevelSource:
         """The maps: ``generated`` ones, ``generated:test``, or one map.
@@ -135,6 +153,9 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
 def _kinds(observation: str | Sequence[str]) -> dict[str, Any]:
     several = isinstance(observation, Iterable) and not isinstance(observation, (str, Mapping))
     chosen: list[Any] = list(observation) if several else [observation]
+    flat = FLAT in chosen
+    if flat:
+        chosen = [name for name in chosen if name != FLAT] or ["features"]
     if not chosen or not all(isinstance(name, str) for name in chosen):
         raise ConfigError(f"observation = {observation!r}: choose one or several of {', '.join(KINDS.names())}")
     try:
@@ -142,7 +163,7 @@ def _kinds(observation: str | Sequence[str]) -> dict[str, Any]:
             KINDS.find(name)
     except PluginError as error:
         raise ConfigError(f"observation = {observation!r}: {error}") from error
-    return {"observation.kinds": tuple(chosen)}
+    return {"observation.kinds": tuple(chosen)} | ({"observation.flat": True} if flat else {})
 
 
 def check_render_mode(render_mode: str | None, known: Sequence[str]) -> None:

@@ -13,8 +13,8 @@ from ..config import Config, ConfigError
 from ..game.execution import RUNNING
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
-from ..sim.observation.kinds import Observer
-from ..sim.observation.robot_features import Observation
+from ..sim.observation.kinds import FLAT, MASK, Observer
+from ..sim.observation.nearest import NOBODY
 from ..sim.observation.situation import Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
@@ -36,7 +36,13 @@ class EnvCore:
         self.batch = GameBatch(arguments.make_source(self.config), self.config, n)
         self._observer = Observer(self.batch)
         self.parts = self._observer.parts
+        self.candidates = self.batch.candidates if self._observer.nearest is None else self._observer.nearest.count
+        self._numeric = arguments.numeric_info
+        self._timeout_terminates = arguments.timeout_ends()
+        self._mask_in_info = self.config.observation.mask == "info"
         self._situation: Situation | None = None
+        self._listed: NDArray[np.int64] | None = None  # candidates by the number that an action has; None: their own
+        self.elapsed_s = np.zeros(n)  # simulated, in the last step
         self._draws = bool(self.config.randomize.ranges())  # asked at every step otherwise
 
     @property
@@ -58,13 +64,35 @@ class EnvCore:
 
     def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
         """New episodes in the games ``index``."""
+        self.elapsed_s[index] = 0.0
         self.batch.reset(index, seeds)
         if self._policies:
             mask = np.zeros(self.batch.n, dtype=np.bool_)
             mask[index] = True
             for policy in self._policies.values():
                 policy.reset(mask)
+        self._look()
+
+    def _look(self) -> None:
         self._situation = self.batch.situation()
+        self._listed = self._observer.listed(self._situation)
+
+    def masks(self) -> NDArray[np.bool_]:
+        """(N, C) which actions are allowed now."""
+        return self.situation.mask.copy() if self._listed is None else self._listed != NOBODY
+
+    def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """The candidates that the actions stand for, hold where they are forbidden, and where that is."""
+        if self._listed is None:
+            there = (actions >= 0) & (actions < self.batch.candidates)  # others are refused by the batch
+            rows = np.arange(self.batch.n)
+            return actions, there & ~self.situation.mask[rows, np.where(there, actions, 0)]
+        bad = np.flatnonzero((actions < 0) | (actions >= self.candidates))
+        if len(bad):
+            raise ValueError(f"choice {actions[bad[0]]} of game {bad[0]}: candidates are 0 to {self.candidates - 1}")
+        chosen = np.take_along_axis(self._listed, actions[:, None], axis=1)[:, 0]
+        forbidden = chosen == NOBODY
+        return np.where(forbidden, self.batch.hold, chosen), forbidden
 
     def step(
         self, actions: NDArray[Any], ghost_choices: Mapping[int, int] | None = None
@@ -79,27 +107,82 @@ class EnvCore:
         self.require_reset()
         batch = self.batch
         was_over = batch.games["end"] != RUNNING
+        if self.config.action == "goal":
+            actions, forbidden = self._chosen(actions)
+            if self.config.decisions.when == "event":
+                return self._step_until_due(actions, forbidden, was_over)
         batch.step(actions, self._ghost_choices(ghost_choices or {}))
-        self._situation = batch.situation()
-        return outcome.reward_and_end(batch.games, was_over, self.config.reward)
+        self._look()
+        return self._ended(*outcome.reward_and_end(batch.games, was_over, self.config.reward))
+
+    def _ended(
+        self, reward: NDArray[np.float64], terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+        """With a time-out as the environment calls it."""
+        if self._timeout_terminates:
+            return reward, terminated | truncated, np.zeros_like(truncated)
+        return reward, terminated, truncated
+
+    def _step_until_due(
+        self, actions: NDArray[Any], forbidden: NDArray[np.bool_], over: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Ticks in each game until the next decision is due in it: a semi-Markov step.
+
+        After a choice that is forbidden, the next is due after a tick. Rewards are summed up, discounted by the time
+        since the decision.
+        """
+        batch, games, config = self.batch, self.batch.games, self.config
+        since = batch.decision_point()
+        self.elapsed_s = np.zeros(batch.n)
+        awake, reward = ~over, np.zeros(batch.n)
+        first_tick, factor = True, 1.0
+        while first_tick or awake.any():
+            first_tick = False
+            asleep = ~awake
+            batch.step_awake(actions, self._ghost_choices({}), awake)
+            earned, _, _ = outcome.reward_and_end(games, asleep, config.reward)
+            reward += factor * earned
+            factor *= config.decisions.discount_per_s**config.execution.tick_s
+            self.elapsed_s[awake] += config.execution.tick_s
+            awake &= ~forbidden
+            batch.put_to_sleep(awake, actions, since)
+        self._look()
+        _, terminated, truncated = outcome.reward_and_end(games, over, config.reward)
+        return self._ended(reward, terminated, truncated)
 
     def ghost_reward(self) -> NDArray[np.float64]:
         """Of the tick that has just ended, for a ghost that plays for himself, (N,)."""
         never = np.zeros(self.batch.n, dtype=np.bool_)
         return outcome.reward_and_end(self.batch.games, never, self.config.ghost_reward)[0]
 
-    def observe(self) -> Observation:
-        """The robot's agent sees this now: one array (N, ...) per key."""
-        return self._observer.observe(self.situation)
+    def observe(self) -> Any:
+        """The robot's agent sees this now: one array (N, ...) per key, or one array where observations are flat."""
+        seen = self._observer.observe(self.situation)
+        return seen[FLAT] if self.config.observation.flat else seen
+
+    def info_of_game(self) -> dict[str, Any]:
+        """The infos of the only game, numbers as Python's."""
+        return {key: array[0].copy() if array.ndim > 1 else array.tolist()[0] for key, array in self.infos().items()}
+
+    @staticmethod
+    def of_game(observation: Any, game: int) -> Any:
+        """One game's observation, of all."""
+        if isinstance(observation, dict):
+            return {key: array[game] for key, array in observation.items()}
+        return observation[game]
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Per game; see the environment."""
         batch, games = self.batch, self.batch.games
-        result = outcome.infos(games)
+        result = outcome.infos(games, self._numeric)
+        if self._mask_in_info:
+            result[MASK] = self.masks().astype(np.int8)
         if len(batch.levels) > 1:
             result["level"] = batch.level_numbers()
         if self.config.endless:
             result["round"], result["score"] = games["round"].astype(np.int64), games["score"].astype(np.int64)
+        if self.config.decisions.when == "event":
+            result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result
 
     def _ghost_choices(self, given: Mapping[int, int]) -> NDArray[np.int64] | None:
@@ -155,4 +238,4 @@ class CoreEnv:
         return self._masks
 
     def _masks(self) -> NDArray[np.bool_]:
-        return self.situation.mask.copy()
+        return self._core.masks()

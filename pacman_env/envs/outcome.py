@@ -32,12 +32,13 @@ def reward_and_end(
     return reward, terminated, truncated
 
 
-def infos(games: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Per game: outcome (object), pellets collected, lost and spawned, goals aborted by Nav2, the round's seed.
+def infos(games: NDArray[Any], numeric: bool) -> dict[str, NDArray[Any]]:
+    """Per game: outcome, pellets collected, lost and spawned, goals aborted by Nav2, the round's seed.
 
-    New arrays, the counts int64 as Gymnasium's vector environments make them.
+    New arrays, the counts int64 as Gymnasium's vector environments make them. ``outcome`` is a word (object), or with
+    ``numeric`` the number of its place in ``OUTCOMES``.
     """
-    result = {"outcome": OUTCOMES[games["end"]]}
+    result = {"outcome": games["end"].astype(np.int64) if numeric else OUTCOMES[games["end"]]}
     for name in _COUNTS:
         result[name] = games["episode_seed" if name == "round_seed" else name].astype(np.int64)  # seeds are below 2**63
     return result

@@ -18,7 +18,7 @@ from .spaces import action_space, checked_action, observation_space
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotEnv(Display, CoreEnv, gym.Env[dict[str, Any], Any]):
+class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
@@ -122,14 +122,14 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[dict[str, Any], Any]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
     action_space: spaces.Discrete | spaces.Box
-    observation_space: spaces.Dict
+    observation_space: spaces.Dict | spaces.Box
 
     @takes_env_arguments
     def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_core(1, arguments)
         self.observation_space = observation_space(self._core.parts)
-        self.action_space = action_space(self.batch)
+        self.action_space = action_space(self.batch, self._core.candidates)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -155,10 +155,10 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[dict[str, Any], Any]):
         return self._observation(), float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
 
     def _masks(self) -> NDArray[np.bool_]:
-        return self.situation.mask[0].copy()
+        return self._core.masks()[0]
 
-    def _observation(self) -> Observation:
-        return {key: array[0] for key, array in self._core.observe().items()}
+    def _observation(self) -> Any:
+        return self._core.of_game(self._core.observe(), 0)
 
     def _info(self) -> dict[str, Any]:
-        return {key: array.tolist()[0] for key, array in self._core.infos().items()}
+        return self._core.info_of_game()

@@ -58,7 +58,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(self._core.parts)
-        self.single_action_space = action_space(self.batch)
+        self.single_action_space = action_space(self.batch, self._core.candidates)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
@@ -165,7 +165,8 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         last = self._core.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
-            final_obs[i] = {key: array[i].copy() for key, array in last.items()}
+            seen = self._core.of_game(last, i)
+            final_obs[i] = {key: array.copy() for key, array in seen.items()} if isinstance(seen, dict) else seen.copy()
         present = np.zeros(self.num_envs, dtype=np.bool_)
         present[ended] = True
         return {

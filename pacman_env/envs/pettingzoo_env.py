@@ -101,6 +101,8 @@ class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], An
         if arguments.ghosts is None and arguments.config is None and "clyde.ghosts" not in (arguments.settings or {}):
             arguments = replace(arguments, ghosts=("policy",))
         self._make_core(1, arguments, ghost_agents=True)
+        if self.config.decisions.when == "event" or self.config.observation.candidates == "nearest":
+            raise ConfigError("decide='event' and candidates='nearest' are for one agent: here all decide at each tick")
         self._ghosts = {GHOST_NAMES[k]: k for k in self._core.ghost_agents}
         if not self._ghosts:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
@@ -110,7 +112,7 @@ class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], An
         self.possible_agents = [PACMAN, *self._ghosts]
         self.agents: list[str] = []
         self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: observation_space(self._core.parts)}
-        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: action_space(self.batch)}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: action_space(self.batch, self._core.candidates)}
         for name in self._ghosts:
             self.observation_spaces[name] = ghost_observation_space(self.batch)
             self.action_spaces[name] = ghost_action_space(self.batch)
@@ -207,14 +209,14 @@ class PacManBotParallelEnv(Display, CoreEnv, ParallelEnv[str, dict[str, Any], An
         return list(state_limits(self.batch))
 
     def _observations(self) -> Observations:
-        result = {PACMAN: {key: array[0] for key, array in self._core.observe().items()}}
+        result = {PACMAN: self._core.of_game(self._core.observe(), 0)}
         for name, number in self._ghosts.items():
             seen = observe(self.batch.situation(number))
             result[name] = {key: array[0] for key, array in seen.items()}
         return result
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        info = {key: array.tolist()[0] for key, array in self._core.infos().items()}
+        info = self._core.info_of_game()
         return {agent: dict(info) for agent in self.possible_agents}
 
     def _ghost_rewards(self, pacman: float) -> list[float]:

@@ -12,6 +12,17 @@ from types import ModuleType
 from typing import Any
 
 ENV_ID = "pacman_env/PacManBot-v0"
+#: The same game as a learner likes it best; its arguments are those of v0 with these for defaults.
+LEARNERS_ID = "pacman_env/PacManBot-v1"
+LEARNERS_DEFAULTS = {
+    "decide": "event",
+    "candidates": "nearest",
+    "observation": "flat",
+    "normalize": True,
+    "mask": "method",
+    "numeric_info": True,
+    "timeout": "termination",
+}
 
 
 def register_envs() -> None:
@@ -23,6 +34,12 @@ def register_envs() -> None:
             ENV_ID,
             entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
             vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
+        )
+        gym.register(
+            LEARNERS_ID,
+            entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
+            vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
+            kwargs=dict(LEARNERS_DEFAULTS),
         )
 
 

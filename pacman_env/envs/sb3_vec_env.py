@@ -188,4 +188,5 @@ def _rows(infos: dict[str, Any], **more: NDArray[Any]) -> list[dict[str, Any]]:
     """One dict per game from Gymnasium's arrays, numbers as Python's; masks (``_key``) and final values left out."""
     columns = {key: value for key, value in infos.items() if key[0] != "_" and key not in _FINAL} | more
     names = tuple(columns)
-    return [dict(zip(names, row, strict=True)) for row in zip(*(v.tolist() for v in columns.values()), strict=True)]
+    values = [list(v) if v.ndim > 1 else v.tolist() for v in columns.values()]
+    return [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]

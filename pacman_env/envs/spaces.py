@@ -10,14 +10,17 @@ from gymnasium import spaces
 
 from ..game.ghosts import GHOST_NAMES
 from ..sim.core.batch import GameBatch
-from ..sim.observation.kinds import MASK, Features, Part, bounds, mask_part
+from ..sim.observation.kinds import FLAT, MASK, Features, Part, bounds, mask_part
 from ..sim.observation.robot_features import FAST_MPS
 
 _MANY = 1e9  # rounds, or pellets over all rounds
 
 
-def observation_space(parts: Mapping[str, Part]) -> spaces.Dict:
-    """Of one game, from its parts."""
+def observation_space(parts: Mapping[str, Part]) -> spaces.Dict | spaces.Box:
+    """Of one game, from its parts; of a flat one, the one array's."""
+    if FLAT in parts:
+        part = parts[FLAT]
+        return spaces.Box(part.low, part.high, part.shape, np.float32)
     return spaces.Dict({key: _space(key, part) for key, part in parts.items()})
 
 
@@ -27,10 +30,10 @@ def _space(key: str, part: Part) -> spaces.Space[Any]:
     return spaces.Box(part.low, part.high, part.shape, part.dtype)
 
 
-def action_space(batch: GameBatch) -> spaces.Discrete | spaces.Box:
-    """Of one game: the candidate to drive to, or v in m/s and omega in rad/s."""
+def action_space(batch: GameBatch, candidates: int) -> spaces.Discrete | spaces.Box:
+    """Of one game: the candidate to drive to, of so many, or v in m/s and omega in rad/s."""
     if batch.config.action == "goal":
-        return spaces.Discrete(batch.candidates)
+        return spaces.Discrete(candidates)
     robot = batch.config.robot
     high = np.array([robot.wheel_speed_mps, robot.omega_radps], dtype=np.float32)
     return spaces.Box(high * np.array([0, -1], dtype=np.float32), high, dtype=np.float32)
@@ -38,7 +41,8 @@ def action_space(batch: GameBatch) -> spaces.Discrete | spaces.Box:
 
 def ghost_observation_space(batch: GameBatch) -> spaces.Dict:
     """Of one ghost: the features, and his mask."""
-    return observation_space({**Features().parts(batch), MASK: mask_part(batch)})
+    parts = {**Features().parts(batch), MASK: mask_part(batch)}
+    return spaces.Dict({key: _space(key, part) for key, part in parts.items()})
 
 
 def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:

@@ -7,13 +7,13 @@ is bit-identical to the same game alone with the same seed.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...game.execution import COMPLETE, TIMEOUT
+from ...game.execution import COMPLETE, RUNNING, TIMEOUT
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import PhysicsWorld
 from ...world.navigation.planner import PATH_POINTS, detour_memory
@@ -26,6 +26,16 @@ from . import kernels, records
 from .ghosts import BEHAVIOUR_NAMES, Ghosts, behaviour_choice
 from .history import History, RoundSoFar
 from .parameters import batch_parameters, draw_episodes, next_seeds
+
+_ASLEEP = -1  # in place of RUNNING
+
+
+class DecisionPoint(NamedTuple):
+    """Of N games."""
+
+    tick: NDArray[np.int32]
+    distance: NDArray[np.float64]  # m, to the nearest ghost
+    round: NDArray[np.int32]
 
 
 class GameBatch:
@@ -68,7 +78,7 @@ class GameBatch:
             radius_m=config.robot.radius_m,
             mass_kg=config.robot.mass_kg,
             step_s=config.physics_step_s,
-            shared=len(self.levels) == 1,
+            shared=len(self.levels) == 1 and config.decisions.when == "tick",
         )
         self._parameters = batch_parameters(config, self.levels.resolution, slots, self.refuge_slots)
         self._sends_ghosts = bool(self._ghosts.sent_from_outside.any())
@@ -81,6 +91,7 @@ class GameBatch:
         check_steps = round(config.execution.check_period_s / config.physics_step_s)
         self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
         self._version = -1
+        self._awake: NDArray[np.bool_] | None = None  # None: all
         self._bind()
 
     @property
@@ -248,6 +259,31 @@ class GameBatch:
         if self.config.endless:
             self._next_rounds()
 
+    def step_awake(
+        self, actions: NDArray[Any], ghost_choices: NDArray[np.int64] | None, awake: NDArray[np.bool_]
+    ) -> None:
+        """A step for the games ``awake`` (N,) alone; time stands still in the others.
+
+        Only where ``config.decisions.when`` is ``event``: each game has a space of its own then.
+        """
+        asleep = ~awake & (self.games["end"] == RUNNING)
+        self.games["end"][asleep] = _ASLEEP
+        self._awake = awake
+        try:
+            self.step(actions, ghost_choices)
+        finally:
+            self._awake = None
+            self.games["end"][asleep] = RUNNING
+
+    def decision_point(self) -> DecisionPoint:
+        """What :meth:`put_to_sleep` has to know of the moment of a decision."""
+        games = self.games
+        return DecisionPoint(games["tick"].copy(), games["distance"].copy(), games["round"].copy())
+
+    def put_to_sleep(self, awake: NDArray[np.bool_], choices: NDArray[np.int64], since: DecisionPoint) -> None:
+        """Clear ``awake`` (N,) where the next decision is due (``game/decisions.py``)."""
+        kernels.decisions_due(self.games, choices, *since, awake, self._parameters)
+
     def _advance(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64]) -> None:
         """A step, but for what follows a completed round."""
         parameters, games, goal_xy = self._parameters, self.games, self._goal_xy
@@ -268,7 +304,7 @@ class GameBatch:
             due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, self._affine, self._clearance)
             if due & kernels.RESULT_DUE:
                 kernels.apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters)
-            physics.step()
+            physics.step(self._awake)
         kernels.finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
 
     def _decide(self, actions: NDArray[Any]) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from ...game.decisions import decision_due
 from ...game.execution import (
     CANCEL,
     CHOICE,
@@ -317,6 +318,24 @@ def finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, paramete
         _end_tick(g, obstacles[i], p)
         if g.end == RUNNING and g.tick >= p.ticks_max:
             g.end = TIMEOUT
+
+
+@kernel
+def decisions_due(games, choices, ticks, distances, rounds, awake, parameters):  # type: ignore[no-untyped-def]
+    """Which of the games ``awake`` (N,) ask for a decision after a tick: they are put to sleep in it.
+
+    ``ticks``, ``distances`` and ``rounds`` (N,) are as they were at the last decision, which was ``choices`` (N,).
+    """
+    p = parameters[0]
+    hold = p.pellet_slots + p.refuge_slots
+    for i in range(len(games)):
+        if not awake[i]:
+            continue
+        g = games[i]
+        choice = NO_CHOICE if choices[i] == hold else choices[i]
+        news = g.end != RUNNING or g.tick_pellets > 0 or g.round != rounds[i]
+        waited = g.tick - ticks[i]
+        awake[i] = not decision_due(choice, g.pursued, news, distances[i], g.distance, waited, p)
 
 
 @kernel

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...game.decisions import decision_rules
 from ...game.execution import rules
 from ...jit import kernel
 from ...rng import RANDOMIZE, ROUND, stream, uniform
@@ -37,6 +38,7 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
         "perfect": loc.perfect,
         "use_tf": execution.pose_source == "tf",
         **rules(config, steps),
+        **decision_rules(config, lambda seconds: round(seconds / execution.tick_s)),
         "unreachable_tolerance": nav2.unreachable_tolerance_m,
         "clyde_keepout": nav2.clyde_keepout_m,
         "inscribed_cm": math.floor(100 * robot.inscribed_radius_m),

@@ -140,6 +140,9 @@ PARAMETERS = np.dtype(
         ("refuge_slots", np.int64),
         ("velocity_actions", np.int64),
         ("arcade_distance", np.float64),
+        ("threat_distance", np.float64),
+        ("longest", np.int64),  # ticks
+        ("threat_longest", np.int64),  # ticks
     ],
     align=True,
 )

@@ -7,7 +7,7 @@ need the map as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -17,13 +17,16 @@ from ...config import ConfigError
 from ...plugins import PluginError, Registry
 from ...world.navigation.lidar import scan_all
 from ..core.batch import GameBatch
+from .nearest import Nearest, in_order, nearest_candidates
 from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from .raster import CHANNELS, raster_all
 from .robot_features import COLUMNS, Columns, Observation, features
+from .scales import Scale
 from .situation import Situation
 
 _BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
 _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
+FLAT = "flat"
 MASK = "action_mask"  # in every observation whose actions are candidates, whatever its kinds
 
 
@@ -35,6 +38,7 @@ class Part(NamedTuple):
     shape: tuple[int, ...]
     dtype: type[np.generic]
     columns: Columns = ()  # of its last axis: name, low, high, unit
+    by_candidate: bool = False  # its first axis is the candidates
 
 
 class ObservationKind(Protocol):
@@ -64,7 +68,7 @@ def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
 
 def mask_part(batch: GameBatch) -> Part:
     """Which candidates may be chosen."""
-    return Part(0, 1, (batch.candidates,), np.int8)
+    return Part(0, 1, (batch.candidates,), np.int8, by_candidate=True)
 
 
 class Features:
@@ -80,7 +84,8 @@ class Features:
         for key, columns in COLUMNS.items():
             low, high = np.array([known.get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
             shape = (*rows.get(key, ()), len(columns))
-            parts[key] = Part(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
+            low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
+            parts[key] = Part(low, high, shape, np.float32, columns, key == "candidates")
         if ghosts == 1:
             del parts["ghosts"]
         return parts
@@ -99,7 +104,7 @@ class Planner:
         """Of each candidate, and of the whole."""
         shape = batch.candidates, len(CANDIDATE_FEATURES)
         return {
-            "planner_candidates": Part(-10.0, 10.0, shape, np.float32),
+            "planner_candidates": Part(-10.0, 10.0, shape, np.float32, by_candidate=True),
             "planner_globals": Part(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
         }
 
@@ -177,34 +182,92 @@ KINDS: Registry[Callable[[], ObservationKind]] = Registry(
 
 
 class Observer:
-    """Builds the observations of one batch, of the kinds that its configuration names.
+    """Builds the observations of one batch, as its configuration asks for.
 
     Attributes:
-        parts: the arrays of one game's observation by key.
+        parts: the arrays of one game's observation by key; of a flat one, ``FLAT`` alone.
+        nearest: how many candidates are listed, where the nearest are; else None.
     """
 
     def __init__(self, batch: GameBatch) -> None:
-        """Raises ConfigError for a kind that there is not, or two that add arrays of one key."""
+        """Raises ConfigError for a kind that there is not, or two that add arrays of one key, or what does not fit."""
         self._batch = batch
+        self._config = config = batch.config.observation
+        self.nearest = (
+            Nearest(config.nearest_pellets, config.nearest_refuges) if config.candidates == "nearest" else None
+        )
+        self._masked = batch.config.action == "goal" and config.mask == "observation"
+        if self.nearest and batch.config.action != "goal":
+            raise ConfigError("observation.candidates = 'nearest': velocities choose no candidate")
         try:
-            self._kinds = [KINDS.find(name)() for name in batch.config.observation.kinds]
+            self._kinds = [KINDS.find(name)() for name in config.kinds]
         except PluginError as error:
-            raise ConfigError(f"observation.kinds = {batch.config.observation.kinds!r}: {error}") from None
-        self.parts: dict[str, Part] = {}
-        if batch.config.action == "goal":
-            self.parts[MASK] = mask_part(batch)
+            raise ConfigError(f"observation.kinds = {config.kinds!r}: {error}") from None
+        found: dict[str, Part] = {MASK: mask_part(batch)} if self._masked else {}
         for kind in self._kinds:
             for key, part in kind.parts(batch).items():
-                if key in self.parts:
+                if key in found:
                     raise ConfigError(f"observation kind {kind.name!r}: {key!r} is in the observation already")
-                self.parts[key] = part
+                found[key] = part
+        self._by_candidate = {key for key, part in found.items() if part.by_candidate}
+        if self.nearest:
+            found = {key: _listed(part, self.nearest.count) for key, part in found.items()}
+        self._scales: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {}
+        if config.normalize:
+            self._scales = {key: self._scale(key, part) for key, part in found.items() if key != MASK}
+            found = {key: part if key == MASK else _unit(part) for key, part in found.items()}
+        self.parts = {FLAT: self._flattened(found)} if config.flat else found
+
+    def listed(self, situation: Situation) -> NDArray[np.int64] | None:
+        """(N, K) the candidates in their order here; None: all, by their numbers."""
+        return None if self.nearest is None else nearest_candidates(situation, self.nearest)
 
     def observe(self, situation: Situation) -> Observation:
         """Observations of all games, one array (N, ...) per key; new arrays at each call.
 
         ``situation`` is the batch's own, as it is now.
         """
-        observation = {MASK: situation.mask.astype(np.int8)} if MASK in self.parts else {}
+        observation: Observation = {MASK: situation.mask.astype(np.int8)} if self._masked else {}
         for kind in self._kinds:
             observation |= kind.fill(self._batch, situation)
-        return observation
+        if (order := self.listed(situation)) is not None:
+            for key in self._by_candidate:
+                observation[key] = in_order(observation[key], order)
+        observation = {key: self._scales[key](a) if key in self._scales else a for key, a in observation.items()}
+        if not self._config.flat:
+            return observation
+        rows = [array.reshape(len(array), -1) for array in observation.values()]
+        return {FLAT: np.concatenate(rows, axis=1, dtype=np.float32)}
+
+    def _scale(self, key: str, part: Part) -> Callable[[NDArray[Any]], NDArray[Any]]:
+        if part.columns:
+            return Scale(part.columns, self._batch.config.time_limit_s)
+        low, high = np.asarray(part.low, dtype=np.float32), np.asarray(part.high, dtype=np.float32)
+        if part.dtype == np.uint8 or not (np.isfinite(low).all() and np.isfinite(high).all()):
+            raise ConfigError(f"observation.normalize: {key!r} has no bounds to divide by, or is a picture")
+        middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))
+        return lambda array: np.clip((array - middle) / half, -1.0, 1.0).astype(np.float32)
+
+    def _flattened(self, parts: Mapping[str, Part]) -> Part:
+        for key, part in parts.items():
+            if part.dtype == np.uint8:
+                raise ConfigError(f"observation.flat: {key!r} is a picture, which is not laid out as numbers in a row")
+        ends = [
+            (np.broadcast_to(p.low, p.shape).ravel(), np.broadcast_to(p.high, p.shape).ravel()) for p in parts.values()
+        ]
+        low, high = (np.concatenate(side).astype(np.float32) for side in zip(*ends, strict=True))
+        return Part(low, high, low.shape, np.float32)
+
+
+def _listed(part: Part, count: int) -> Part:
+    """A part with so many candidates, of which some may be nobody: 0."""
+    if not part.by_candidate:
+        return part
+    shape = (count, *part.shape[1:])
+    low = np.minimum(np.broadcast_to(part.low, part.shape)[:1], 0)
+    high = np.maximum(np.broadcast_to(part.high, part.shape)[:1], 0)
+    return part._replace(low=np.broadcast_to(low, shape), high=np.broadcast_to(high, shape), shape=shape)
+
+
+def _unit(part: Part) -> Part:
+    return part._replace(low=-1.0, high=1.0, dtype=np.float32)

@@ -1,0 +1,137 @@
+"""Decisions by events: the same game as with a decision at each tick, under a wrapper that repeats choices."""
+
+from __future__ import annotations
+
+import os
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.config import ConfigError
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.game.decisions import HOLD, decision_due, decision_rules
+from pacman_env.game.execution import RUNNING
+from pacman_env.policies.registry import make_policy
+
+EPISODES = int(os.environ.get("PACMAN_ENV_EVENT_EPISODES", "12"))  # 10,000 for the contract
+GHOSTS: tuple[Any, ...] = (None, ("chase",), ("arcade", "wander"))
+
+
+class Repeats:
+    """One game with a decision at each tick, which is repeated until the rule asks for another."""
+
+    def __init__(self, **arguments: Any) -> None:
+        self.env = PacManBotEnv(**arguments)
+        config = self.env.config
+        self.rules = SimpleNamespace(**decision_rules(config, lambda s: round(s / config.execution.tick_s)))
+        self.discount = config.decisions.discount_per_s**config.execution.tick_s
+
+    def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any], int]:
+        env, game = self.env, self.env.batch.games[0]
+        allowed = env.action_masks()[action]
+        before, reward, factor = game.copy(), 0.0, 1.0
+        while True:
+            observation, earned, terminated, truncated, info = env.step(action)
+            reward += factor * earned
+            factor *= self.discount
+            news = terminated or truncated or any(game[name] != before[name] for name in ("collected", "round"))
+            choice = HOLD if action == env.batch.hold else action
+            waited = int(game["tick"] - before["tick"])
+            now = float(game["distance"])
+            asked = decision_due(choice, int(game["pursued"]), news, float(before["distance"]), now, waited, self.rules)
+            if asked or not allowed:
+                return observation, reward, terminated, truncated, info, waited
+
+
+def play(seed: int, policy: str, **arguments: Any) -> None:
+    """One episode on both, bit for bit."""
+    ticks, events = Repeats(**arguments), PacManBotEnv(decide="event", **arguments)
+    rng = np.random.default_rng(seed)
+    observation, _ = events.reset(seed=seed)
+    same, _ = ticks.env.reset(seed=seed)
+    chooser = make_policy(policy)
+    chooser.reset(np.ones(1, dtype=np.bool_))
+    over = False
+    while not over:
+        for key, array in observation.items():
+            assert array.tobytes() == same[key].tobytes(), key
+        action = int(chooser.select(events.situation)[0])
+        if rng.random() < 0.1:  # forbidden ones among them
+            action = int(rng.integers(events.batch.candidates))
+        observation, reward, terminated, truncated, info = events.step(action)
+        same, reward_there, terminated_there, truncated_there, info_there, waited = ticks.step(action)
+        assert (reward, terminated, truncated) == (reward_there, terminated_there, truncated_there)
+        assert info.pop("elapsed_s") == pytest.approx(waited * events.config.execution.tick_s, abs=1e-9)
+        assert info == info_there
+        assert events.batch.games.tobytes() == ticks.env.batch.games.tobytes()
+        over = terminated or truncated
+
+
+@pytest.mark.parametrize("execution", ["robust", "as_built"])
+@pytest.mark.parametrize("policy", ["nearest", "random"])
+def test_a_game_of_events_is_the_game_of_ticks_with_choices_repeated(policy: str, execution: str) -> None:
+    for seed in range(max(1, EPISODES // 4)):
+        settings = {"clyde.speed_mps": 0.1 + 0.05 * (seed % 8), "time_limit_s": 120.0, "decisions.discount_per_s": 0.99}
+        play(seed, policy, map="house", execution=execution, ghosts=GHOSTS[seed % 3], settings=settings)
+
+
+def test_a_game_among_others_of_different_durations_is_the_game_alone() -> None:
+    arguments: dict[str, Any] = {"map": "generated", "decide": "event", "settings": {"time_limit_s": 60.0}}
+    many = PacManBotVectorEnv(5, **arguments)
+    alone = [PacManBotEnv(**arguments) for _ in range(5)]
+    many.reset(seed=3)
+    for i, env in enumerate(alone):
+        env.reset(seed=3 + i)
+    rng = np.random.default_rng(0)
+    elapsed = set()
+    for _ in range(40):
+        if (many.batch.games["end"] != RUNNING).any():
+            break
+        actions = np.array([rng.choice(np.flatnonzero(env.action_masks())) for env in alone])
+        _, rewards, *_, infos = many.step(actions)
+        elapsed |= {tuple(infos["elapsed_s"])}
+        for i, env in enumerate(alone):
+            _, reward, *_ = env.step(int(actions[i]))
+            assert reward == rewards[i]
+            for name in ("x", "y", "heading", "tick", "collected", "pursued", "end"):
+                assert env.batch.games[name][0] == many.batch.games[name][i], name
+    assert any(len(set(durations)) > 1 for durations in elapsed)
+
+
+def test_a_copy_goes_on_as_the_environment() -> None:
+    import copy
+
+    env = PacManBotEnv(map="house", decide="event")
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(int(np.flatnonzero(env.action_masks())[0]))
+    other = copy.deepcopy(env)
+    for _ in range(5):
+        action = int(np.flatnonzero(env.action_masks())[0])
+        one, two = env.step(action), other.step(action)
+        assert one[1:] == two[1:]
+        assert env.batch.games.tolist() == other.batch.games.tolist()
+
+
+def test_an_endless_game_asks_when_a_round_follows() -> None:
+    env = PacManBotEnv(map="loop", decide="event", endless=True, settings={"clyde.speed_mps": 0.01})
+    env.reset(seed=1)
+    policy = make_policy("nearest")
+    policy.reset(np.ones(1, dtype=np.bool_))
+    rounds = [1]
+    for _ in range(200):
+        *_, terminated, truncated, info = env.step(int(policy.select(env.situation)[0]))
+        rounds.append(info["round"])
+        if terminated or truncated or info["round"] == 2:
+            break
+    assert rounds[-1] == 2
+    assert env.batch.games["tick"][0] == 0
+
+
+def test_agents_that_decide_together_decide_at_each_tick() -> None:
+    with pytest.raises(ConfigError, match="decide='event'"):
+        PacManBotParallelEnv(map="house", decide="event")

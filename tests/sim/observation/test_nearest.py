@@ -1,0 +1,61 @@
+"""Candidates in the order of their ways."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pacman_env.config import make_config
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.nearest import NOBODY, Nearest, in_order, nearest_candidates
+from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
+
+
+@pytest.fixture(scope="module")
+def situation() -> Situation:
+    """Of games that have gone on for a while, each in another way."""
+    config = make_config()
+    batch = GameBatch(map_assets("house", config), config, 16)
+    batch.reset(np.arange(16), np.arange(16, dtype=np.uint64))
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        batch.step(rng.integers(batch.candidates, size=16))
+    return batch.situation()
+
+
+@pytest.mark.parametrize("nearest", [Nearest(8, 4), Nearest(1, 0), Nearest(40, 20)])
+def test_each_kind_is_listed_by_the_length_of_its_way(situation: Situation, nearest: Nearest) -> None:
+    order = nearest_candidates(situation, nearest)
+    assert order.shape == (16, nearest.count)
+    for i in range(16):
+        parts = (order[i, : nearest.pellets], PELLET), (order[i, nearest.pellets : -1], REFUGE)
+        for listed, kind in parts:
+            allowed = np.flatnonzero((situation.kind[i] == kind) & situation.mask[i])
+            wanted = allowed[np.argsort(situation.path_robot[i, allowed], kind="stable")]
+            there = listed[listed != NOBODY]
+            assert len(there) == min(len(wanted), len(listed))
+            assert (listed[: len(there)] == there).all()  # nobody comes last
+            current = situation.current[i]
+            if current in allowed and current not in wanted[: len(there)] and len(there):
+                assert there[-1] == current
+                there, wanted = there[:-1], wanted[: len(there) - 1]
+            assert there.tolist() == wanted[: len(there)].tolist()
+        assert situation.kind[i, order[i, -1]] == HOLD
+
+
+def test_the_candidate_that_is_pursued_is_listed_however_far_it_is(situation: Situation) -> None:
+    allowed = (situation.kind == PELLET) & situation.mask
+    way = np.where(allowed, situation.path_robot, -1.0)
+    situation = Situation(**{**situation.__dict__, "current": way.argmax(axis=1)})
+    order = nearest_candidates(situation, Nearest(2, 0))
+    several = allowed.sum(axis=1) >= 2
+    assert several.any()
+    assert (order[several, 1] == situation.current[several]).all()
+
+
+def test_rows_follow_the_order_and_are_0_where_nobody_is() -> None:
+    array = np.arange(1, 13, dtype=np.float32).reshape(2, 3, 2)
+    order = np.array([[2, 0], [NOBODY, 1]])
+    assert in_order(array, order).tolist() == [[[5, 6], [1, 2]], [[0, 0], [9, 10]]]
+    assert in_order(array[..., 0], order).tolist() == [[5, 1], [0, 9]]
