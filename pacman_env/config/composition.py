@@ -67,7 +67,7 @@ class Config(Checked):
             )
         longest_s = min(self.decisions.longest_s, self.decisions.threat_longest_s)
         require(
-            longest_s >= self.execution.tick_s,
+            self.decisions.when == "tick" or longest_s >= self.execution.tick_s,
             "decisions.longest_s, threat_longest_s",
             longest_s,
             f"must be at least execution.tick_s = {self.execution.tick_s}",

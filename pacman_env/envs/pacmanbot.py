@@ -102,6 +102,18 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
       (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
+      With `"flat"` among them all are one array.
+    - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 8 nearest pellets, the 4 nearest refuges
+      (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's way to them, and hold. Spaces are
+      then the same on every map.
+    - `normalize`: all numbers of the observation in [-1, 1], by the constants of `sim/observation/scales.py`.
+    - `mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, or only a `"method"`.
+    - `decide`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal has ended,
+      a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
+      (`config.decisions`). Rewards are summed up (`decisions.discount_per_s`), `info["elapsed_s"]` is the duration.
+    - `numeric_info`: `outcome` is its number (`pacman_env.envs.outcome.OUTCOMES`), not a word.
+    - `timeout`: the time limit is a `"truncation"` (the default), or a `"termination"`: its reward of -5 is an end, and
+      no learner adds the value of what would have followed.
     - `action`: `"goal"` (the default) or `"velocity"`.
     - `endless`: round follows round.
     - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to
@@ -117,6 +129,8 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
     its seed and its decisions, which takes up to some tens of ms.
 
     ## Version History
+    - v1: the same game with other defaults, for learners: `decide="event"`, `candidates="nearest"`,
+      `observation="flat"`, `normalize=True`, `mask="method"`, `numeric_info=True`, `timeout="termination"`.
     - v0: first version.
     """  # noqa: E501
 

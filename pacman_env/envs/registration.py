@@ -26,7 +26,7 @@ LEARNERS_DEFAULTS = {
 
 
 def register_envs() -> None:
-    """Register ``pacman_env/PacManBot-v0``; a second call changes nothing."""
+    """Register ``pacman_env/PacManBot-v0`` and ``-v1``; a second call changes nothing."""
     import gymnasium as gym
 
     if ENV_ID not in gym.registry:
@@ -35,6 +35,7 @@ def register_envs() -> None:
             entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
             vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
         )
+    if LEARNERS_ID not in gym.registry:
         gym.register(
             LEARNERS_ID,
             entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",

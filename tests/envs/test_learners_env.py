@@ -28,8 +28,7 @@ def make(**arguments: Any) -> PacManBotEnv:
     return env
 
 
-@pytest.mark.filterwarnings("error")
-@pytest.mark.filterwarnings("ignore:Your observation .* has an unconventional shape")
+@pytest.mark.filterwarnings("error", "ignore:Your observation .* has an unconventional shape")
 @pytest.mark.parametrize(
     "arguments", [{}, {"mask": "info"}, {"observation": "features"}, {"observation": ("flat", "planner", "scan")}]
 )

@@ -59,8 +59,8 @@ def test_after_the_longest_interval_it_is_asked_in_any_case(before: float, now: 
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
-        ({"decisions.longest_s": 0.4}, "decisions.longest_s"),
-        ({"decisions.threat_longest_s": 0.1}, "threat_longest_s"),
+        ({"decisions.when": "event", "decisions.longest_s": 0.4}, "decisions.longest_s"),
+        ({"decisions.when": "event", "decisions.threat_longest_s": 0.1}, "threat_longest_s"),
         ({"decisions.when": "event", "action": "velocity"}, "decisions.when"),
         ({"decisions.discount_per_s": 0.0}, "decisions.discount_per_s"),
         ({"decisions.when": "never"}, "decisions.when"),

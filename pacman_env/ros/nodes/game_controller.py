@@ -96,10 +96,10 @@ class GameController(GameNode):
         return saved
 
     def _save(self) -> None:
-        """Save the game as it is now; in the menu there is none."""
+        """Save the game as it is now; in the menu before the first round there is none."""
         if self._saved is not None:
             return
-        if self.game.state == "menu":
+        if self.game.state == "menu" and not self.game.score and self.game.round == 1:
             self._file.remove()
             return
         try:

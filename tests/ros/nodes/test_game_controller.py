@@ -296,6 +296,12 @@ def test_a_killed_referee_goes_on_with_the_round(probe: Probe, system: System, t
     assert probe.values(topics.SCORE)[-1] == 3
     status(probe, "home_reached")
     wait_state(probe, "menu")
+    killed(system.processes[-1], system)  # between two rounds
+    said = dict(again(probe, system))
+    assert (said["game_state"], said["game/score"], said["game/round"]) == ("menu", 3, 2)
+    assert said["clyde/speed"] == pytest.approx(0.3)
+    assert said["game_result"] == "Complete - Score: 3"
+    assert probe.call(topics.RESET_GAME).success
     probe.wait_for(lambda: not kept.exists(), what="the game to be forgotten")
 
 

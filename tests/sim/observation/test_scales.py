@@ -25,7 +25,8 @@ def test_every_column_is_within_bounds_and_keeps_the_order(key: str, one: float,
 
 def test_half_of_the_range_is_for_short_lengths() -> None:
     scale = Scale((("distance", 0.0, 100.0, "m, straight"),), LIMIT_S)
-    assert scale(np.array([[0.0], [LENGTH_M], [1e6]], np.float32)).ravel().tolist() == pytest.approx([0.0, 0.5, 1.0], abs=1e-5)
+    lengths = np.array([[0.0], [LENGTH_M], [1e6]], np.float32)
+    assert scale(lengths).ravel().tolist() == pytest.approx([0.0, 0.5, 1.0], abs=1e-5)
 
 
 def test_time_is_its_share_of_the_limit() -> None:
