@@ -25,7 +25,7 @@ from pacman_env.cli.command import Parser, run_command
 from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.supervisor.game_nodes import NODES, module_of
-from pacman_env.ros.topics import RosAction
+from pacman_env.ros.topics import HEARD_LATCHED, LATCHED, RosAction
 from tools.reference import table, update
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "robot_reference.md"
@@ -129,7 +129,8 @@ def _type(kind: Any) -> str:
 def _qos(profile: Any) -> str:
     reliable = profile.reliability != ReliabilityPolicy.BEST_EFFORT
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return f"{'reliable' if reliable else 'best effort'}{', latched' if latched else ''}, depth {profile.depth}"
+    depth = LATCHED.depth if latched and profile.depth == HEARD_LATCHED.depth else profile.depth  # as its sender has it
+    return f"{'reliable' if reliable else 'best effort'}{', latched' if latched else ''}, depth {depth}"
 
 
 def page() -> str:
@@ -158,7 +159,8 @@ def _topics(nodes: dict[str, Described]) -> str:
         [f"`{name}`", f"`{kind}`", qos, *(", ".join(roles[r]) or "-" for r in roles), "yes" if name in recorded else ""]
         for (name, kind, qos), roles in sorted(rows.items())
     ]
-    text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz.\n\n"
+    text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. Of a latched "
+    text += "topic of depth 1 a listener keeps the last 10.\n\n"
     text += table(head, lines) + "\n## Services and actions\n\n"
     calls: dict[tuple[str, str, str], dict[str, list[str]]] = {}
     for node, described in nodes.items():
