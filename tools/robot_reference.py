@@ -159,8 +159,8 @@ def _topics(nodes: dict[str, Described]) -> str:
         [f"`{name}`", f"`{kind}`", qos, *(", ".join(roles[r]) or "-" for r in roles), "yes" if name in recorded else ""]
         for (name, kind, qos), roles in sorted(rows.items())
     ]
-    text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. Of a latched "
-    text += "topic of depth 1 a listener keeps the last 10.\n\n"
+    text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
+    text += "Of a latched topic of depth 1 a listener keeps the last 10.\n\n"
     text += table(head, lines) + "\n## Services and actions\n\n"
     calls: dict[tuple[str, str, str], dict[str, list[str]]] = {}
     for node, described in nodes.items():
