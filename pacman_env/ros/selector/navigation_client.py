@@ -18,6 +18,7 @@ from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, po
 from pacman_env.ros.selector.message_queue import MessageQueue
 
 _TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
+_ASK_AGAIN_S = 5.0  # of wall time
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
@@ -51,6 +52,7 @@ class NavigationClient:
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._taken: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
         self._unanswered: dict[int, UUID] = {}
+        self._asked: dict[int, tuple[Future, float]] = {}  # for the results of those taken, and when
         self._ended: dict[int, int] = {}  # the last statuses of goals of which there is no result yet
         self._overdue: set[int] = set()  # those at the last call of ``end_without_results``
         self._newest: Any = None  # feedback, of whichever goal
@@ -90,7 +92,15 @@ class NavigationClient:
                 self._canceller.call_async(self._canceller.srv_type.Request(goal_info=goal.goal_info))
 
     def end_without_results(self) -> None:
-        """End the goals whose result must be lost, for their end is known; to be called every few seconds."""
+        """End the goals whose result must be lost, for their end is known; to be called every few seconds.
+
+        The others' results are asked for again: a server that was started anew meanwhile, faster than anybody could
+        miss it, answers that it knows no such goal.
+        """
+        for number, (answer, asked_s) in list(self._asked.items()):
+            if monotonic() - asked_s > _ASK_AGAIN_S and number in self._taken and self._results.service_is_ready():
+                self._results.remove_pending_request(answer)
+                self._ask_for_result(number)
         self._ended = {number: status for number, status in self._ended.items() if number in self._taken}
         for number in self._overdue & self._ended.keys():
             self._end(number, self._ended.pop(number), 0)
@@ -138,16 +148,22 @@ class NavigationClient:
         self._unanswered.pop(number, None)
         if answer.result().accepted:
             self._taken[number] = name
-            request = self._results.srv_type.Request(goal_id=name)
-            self._results.call_async(request).add_done_callback(partial(self._on_result, number))
+            self._ask_for_result(number)
             self._accepted(number)
         else:
             self._rejected(number)
         self._look_for_rest()
 
+    def _ask_for_result(self, number: int) -> None:
+        request = self._results.srv_type.Request(goal_id=self._taken[number])
+        answer = self._results.call_async(request)
+        self._asked[number] = answer, monotonic()
+        answer.add_done_callback(partial(self._on_result, number))
+
     def _on_result(self, number: int, answer: Any) -> None:
         result = answer.result()
-        self._end(number, result.status, getattr(result.result, "error_code", 0))
+        status = CANCELED if result.status == GoalStatus.STATUS_UNKNOWN else result.status
+        self._end(number, status, getattr(result.result, "error_code", 0))
 
     def _on_cancel(self, number: int, answer: Any) -> None:
         code = answer.result().return_code
@@ -158,6 +174,7 @@ class NavigationClient:
 
     def _end(self, number: int, status: int, error: int) -> None:
         name = self._taken.pop(number, None) or self._unanswered.pop(number, None)
+        self._asked.pop(number, None)
         if name is None:
             return
         self.last_status, self.last_error = status, error

@@ -13,6 +13,7 @@ from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
 from pacman_env.ros import topics
+from pacman_env.ros.selector import navigation_client
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from tests.ros.scripted_nav2 import ScriptedNav2
 
@@ -59,6 +60,30 @@ def test_a_goal_whose_result_was_lost_ends_as_its_status_says(probe: Probe, monk
     told.client.end_without_results()
     assert told.words == [("accepted", 1), ("finished", 1, GoalStatus.STATUS_SUCCEEDED)]
     nav2.close()
+
+
+def test_a_goal_that_a_server_started_anew_does_not_know_has_ended(
+    probe: Probe, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(navigation_client, "_ASK_AGAIN_S", 0.5)
+    nav2, told = ScriptedNav2(probe), Told(probe)
+    told.client.send(1, (1.0, 2.0, 0.0))
+    probe.wait_for(lambda: told.words, what="the goal to be accepted")
+    for _ in range(3):
+        probe.spin(0.6)
+        told.client.end_without_results()
+    assert told.words == [("accepted", 1)]  # this one knows it
+    nav2.close()
+    another = ScriptedNav2(probe)
+    probe.wait_for(lambda: told.client.ready, what="another server")
+
+    def ended() -> bool:
+        told.client.end_without_results()
+        return len(told.words) == 2
+
+    probe.wait_for(ended, what="the end of the goal")
+    assert told.words[1] == ("finished", 1, GoalStatus.STATUS_CANCELED)
+    another.close()
 
 
 def test_at_rest_nothing_is_driven_even_if_an_acceptance_was_lost(
