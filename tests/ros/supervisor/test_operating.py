@@ -22,6 +22,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from eval.campaign.schedule import part_of_map
 from pacman_env.ros.supervisor.status_line import fitted
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
@@ -179,6 +180,20 @@ except KeyboardInterrupt as interrupt:
     if interrupt.__traceback__.tb_next is not None:  # else the command has not begun
         raise
 """
+
+
+def test_a_simulated_game_plays_round_after_round_where_it_is_asked_to(domain: int, tmp_path: Path) -> None:
+    ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
+    words = ["--map", ground, "--policy", "nearest", "--sim", "--speed", "10", "--play-on"]
+    terminal = Terminal([*COMMAND, "up", *words, "--set", "clyde.speed_mps=0.01", "--logs", str(tmp_path / "logs")])
+    try:
+        for number in (1, 2, 3):
+            terminal.wait_for(lambda n=number: terminal.shows(rf"^running +round {n}"), f"round {number}")  # type: ignore[misc]
+        assert terminal.shows(r"Complete - Score: 3")
+        assert max(len(line) for line in terminal.lines if not line.startswith("logs in")) < COLUMNS
+    finally:
+        terminal.process.send_signal(signal.SIGINT)
+        assert terminal.end() == 0
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.3, 1.0, 3.0])
