@@ -83,8 +83,8 @@ def watch_contacts(batch: GameBatch) -> list[float]:
     deepest = [0.0]
     step = batch.physics.step
 
-    def watched(awake: NDArray[np.bool_] | None = None) -> None:
-        step(awake)
+    def watched() -> None:
+        step()
         deepest[0] = max(deepest[0], batch.physics.deepest_contact())
 
     batch.physics.step = watched  # type: ignore[method-assign]

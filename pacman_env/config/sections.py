@@ -220,8 +220,8 @@ class ObservationConfig(Checked, group="observation"):
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
     #: Those of the map by their numbers, or the nearest, in the order of the robot's way to them: as many on any map.
     candidates: Literal["all", "nearest"] = "all"
-    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 8
-    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 4
+    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 8  # of nearest: so many are listed
+    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 4  # likewise
     normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/scales.py)
     flat: bool = False  # one array of all
     mask: Literal["observation", "info", "method"] = "observation"  # where the action mask is; as a method, always

@@ -32,7 +32,7 @@ def reward_and_end(
     return reward, terminated, truncated
 
 
-def infos(games: NDArray[Any], numeric: bool) -> dict[str, NDArray[Any]]:
+def infos(games: NDArray[Any], numeric: bool = False) -> dict[str, NDArray[Any]]:
     """Per game: outcome, pellets collected, lost and spawned, goals aborted by Nav2, the round's seed.
 
     New arrays, the counts int64 as Gymnasium's vector environments make them. ``outcome`` is a word (object), or with

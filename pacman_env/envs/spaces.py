@@ -30,10 +30,10 @@ def _space(key: str, part: Part) -> spaces.Space[Any]:
     return spaces.Box(part.low, part.high, part.shape, part.dtype)
 
 
-def action_space(batch: GameBatch, candidates: int) -> spaces.Discrete | spaces.Box:
-    """Of one game: the candidate to drive to, of so many, or v in m/s and omega in rad/s."""
+def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Discrete | spaces.Box:
+    """Of one game: the candidate to drive to, of so many (None: all of the batch's), or v in m/s and omega in rad/s."""
     if batch.config.action == "goal":
-        return spaces.Discrete(candidates)
+        return spaces.Discrete(batch.candidates if candidates is None else candidates)
     robot = batch.config.robot
     high = np.array([robot.wheel_speed_mps, robot.omega_radps], dtype=np.float32)
     return spaces.Box(high * np.array([0, -1], dtype=np.float32), high, dtype=np.float32)

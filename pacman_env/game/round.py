@@ -53,7 +53,6 @@ def clyde_speed_mps(base: float, step: float, round: int) -> float:
 
 _Count = Annotated[int, Meta(ge=0, lt=10**9)]
 _MISSED_S = 3.0  # reports come once a second: after a longer pause some were missed
-_OFTEN = 5  # reports that show a pellet
 
 
 class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -66,10 +65,8 @@ class Snapshot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     base_speed_mps: Annotated[float, Meta(ge=1e-6, le=1e6)]
     collected: tuple[_Count, ...]
     shown: tuple[_Count, ...]
-    times_shown: tuple[_Count, ...]
     still_shown: tuple[_Count, ...]
     lasting: tuple[_Count, ...]
-    gone: tuple[_Count, ...]
     left: tuple[_Count, ...] | None
     due_in_s: Annotated[float, Meta(ge=0, le=1e6)] | None
     after_home: Literal["start", "next_round", "game_over"]
@@ -97,11 +94,10 @@ class RoundController:
     _base_speed_mps: float = field(init=False)
     _collected: set[int] = field(default_factory=set, init=False)
     _left: frozenset[int] | None = field(default=None, init=False)  # None: no report in this round yet
-    _shown: dict[int, int] = field(default_factory=dict, init=False)  # in how many reports of this round, to _OFTEN
+    _shown: set[int] = field(default_factory=set, init=False)  # in any report of this round
     #: In two reports in a row, or in the last before a pause: such a pellet does not go but by being collected.
     _lasting: set[int] = field(default_factory=set, init=False)
     _reported_s: float = field(default=-math.inf, init=False)  # when the latest report came
-    _gone: frozenset[int] = field(default=frozenset(), init=False)  # lasted, and not in the latest two reports
     _still_shown: frozenset[int] = field(default=frozenset(), init=False)  # collected, but in the latest report
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
     _after_home: Literal["start", "next_round", "game_over"] = field(default="start", init=False)
@@ -146,10 +142,8 @@ class RoundController:
             "base_speed_mps": self._base_speed_mps,
             "collected": sorted(self._collected),
             "shown": sorted(self._shown),
-            "times_shown": [self._shown[pellet] for pellet in sorted(self._shown)],
             "still_shown": sorted(self._still_shown),
             "lasting": sorted(self._lasting),
-            "gone": sorted(self._gone),
             "left": None if self._left is None else sorted(self._left),
             "due_in_s": None if self._deadline_s is None else max(0.0, self._deadline_s - now),
             "after_home": self._after_home,
@@ -167,21 +161,17 @@ class RoundController:
             ValueError: not a snapshot; nothing has changed.
         """
         kept: Snapshot = convert(values, Snapshot, "snapshot")
-        for name in ("collected", "shown", "still_shown", "lasting", "gone", "left"):
+        for name in ("collected", "shown", "still_shown", "lasting", "left"):
             ids = getattr(kept, name) or ()
             require(len(set(ids)) == len(ids), f"snapshot.{name}", ids, "must have each pellet once")
-        count = len(kept.times_shown)
-        require(count == len(kept.shown), "snapshot.times_shown", count, "must be as many numbers as shown")
         state, due_s = kept.state, kept.due_in_s
         timed = state == "returning_home" or (due_s is not None) == (state in ("starting", "dying"))
         require(timed, "snapshot.due_in_s", due_s, f"does not fit state {state!r}")
         self.state, self.score, self.round, self.result = state, kept.score, kept.round, kept.result
         self._base_speed_mps = kept.base_speed_mps
         self._collected = set(kept.collected)
-        self._shown = dict(zip(kept.shown, kept.times_shown, strict=True))
-        self._still_shown = frozenset(kept.still_shown)
+        self._shown, self._still_shown = set(kept.shown), frozenset(kept.still_shown)
         self._lasting, self._reported_s = set(kept.lasting), -math.inf  # reports were missed since
-        self._gone = frozenset(kept.gone)
         self._left = None if kept.left is None else frozenset(kept.left)
         self._deadline_s = None if due_s is None else now + due_s
         self._after_home, self._home_failures = kept.after_home, kept.home_failures
@@ -213,9 +203,8 @@ class RoundController:
         left, missed = frozenset(ids), now - self._reported_s > _MISSED_S
         if self._left is not None:
             self._lasting |= self._left if missed else self._left & left
-            self._gone = frozenset(self._lasting - self._left - left)
         self._left, self._reported_s = left, now
-        self._shown |= {pellet: min(_OFTEN, self._shown.get(pellet, 0) + 1) for pellet in left}
+        self._shown |= self._left
         still = self._left & self._collected
         again, self._still_shown = still & self._still_shown, still
         spawned = [Action("spawned", self.spawned)] if self.spawned != before else []
@@ -250,7 +239,7 @@ class RoundController:
         if name == "death_detected":
             return self._die(now)
         if name == "game_complete":
-            return [*self._count_gone(), *self._complete()]
+            return self._complete()
         return self._home_reached(now) if name == "home_reached" else self._home_failed(now)
 
     def tick(self, now: float) -> list[Action]:
@@ -289,7 +278,6 @@ class RoundController:
         self._left = None
         self._shown.clear()
         self._lasting.clear()
-        self._gone = frozenset()
         self._still_shown = frozenset()
         self._deadline_s = None
         return [
@@ -340,7 +328,7 @@ class RoundController:
         pellet = int(argument)
         if pellet in self._collected:
             return [Action("ignored", f"pellet {pellet} was counted before")]
-        if self._left is not None and pellet not in self._left | self._shown.keys():
+        if self._left is not None and pellet not in self._left | self._shown:
             return [Action("ignored", f"pellet {pellet} is none of this round's")]
         before = self.spawned
         self._collected.add(pellet)
@@ -354,20 +342,6 @@ class RoundController:
         if round_complete(self.collected, self.spawned):
             actions += self._complete()
         return actions
-
-    def _count_gone(self) -> list[Action]:
-        """The executing side has nothing left to collect, nor to report.
-
-        A pellet that lasted and has been gone for a while was collected by a goal selector that died before anybody
-        heard of it: nobody else has pellets removed. One report without it says nothing, nor do a few with it: those of
-        another map, say.
-        """
-        gone = {pellet for pellet in self._gone - self._collected if self._shown[pellet] >= _OFTEN}
-        if not gone:
-            return []
-        self._collected.update(gone)
-        self.score += len(gone)
-        return [Action("collected", self.collected), Action("score", self.score)]
 
     def _complete(self) -> list[Action]:
         self.result = f"Complete - Score: {self.score}"

@@ -501,41 +501,6 @@ def test_pellets_that_went_while_the_referee_was_away_are_waited_for() -> None:
     assert not words(said, "spawned")
 
 
-def test_pellets_of_which_nobody_is_left_to_report_count_when_the_round_is_said_to_be_complete() -> None:
-    game = running(5)
-    for second in range(12, 17):
-        game.pellets_left(range(5), float(second))
-    game.pellets_left([4], 30.0)  # frozen for 28 s, and whoever collected four has died since
-    game.pellets_left([4], 31.0)
-    game.status("pellet_collected:4", 32.0)
-    assert game.state == "running"
-    game.pellets_left([], 33.0)
-    said = game.status("game_complete", 35.0)
-    assert words(said, "collected", "score") == [("collected", 5), ("score", 5)]
-    assert (game.score, game.result) == (5, "Complete - Score: 5")
-
-
-def test_pellets_that_one_report_leaves_out_do_not_count_when_the_round_is_said_to_be_complete() -> None:
-    game = running(5)
-    for second in range(12, 17):
-        game.pellets_left(range(5), float(second))
-    game.pellets_left([], 17.0)
-    game.status("game_complete", 17.5)
-    assert (game.score, game.result) == (0, "Complete - Score: 0")
-
-
-def test_pellets_of_a_few_stray_reports_do_not_count_when_the_round_is_said_to_be_complete() -> None:
-    game = running(1)
-    for second in range(12, 16):
-        game.pellets_left(range(1000), float(second))
-    game.pellets_left([0], 16.0)
-    game.status("pellet_collected:0", 16.5)
-    game.pellets_left([], 17.0)
-    game.pellets_left([], 18.0)
-    game.status("game_complete", 18.5)
-    assert (game.score, game.result) == (1, "Complete - Score: 1")
-
-
 def test_a_referee_who_went_after_the_first_report_of_a_round_still_knows_its_pellets() -> None:
     game = running(3)  # one report
     game.pellets_left([2], 40.0)

@@ -21,6 +21,7 @@ pytest.importorskip("irobot_create_msgs")
 
 from eval.campaign.schedule import part_of_map
 from pacman_env.ros import topics
+from pacman_env.ros.standstill import LEASE
 from tests.ros.system import Probe, System
 from tests.ros.test_killed_nodes import COLLECTED, HEARD, NODES, RESULT, ROUND, SCORE, SPAWNED, Game
 
@@ -90,6 +91,7 @@ def whole(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fro
     nodes = {name: own | ({"map_yaml": ground} if "map_yaml" in own else {}) for name, own in NODES.items()}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        patch.setenv(LEASE, "3600")  # they go on: what the others make of that is the question here
         patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("short_lease.xml")))
         with System(folder) as system, Probe(system) as probe:
             game = Frozen(probe, system, nodes)

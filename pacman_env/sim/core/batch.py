@@ -291,6 +291,7 @@ class GameBatch:
         ghosts = self._ghosts
         waits, aborts = self._waits, self._aborts
         row, state, force = physics.row, physics.state, physics.force
+        awake = self._awake
         self._history.make_room(games)
         due = self._decide(actions)
         ghosts.decide(games, ghost_choices, self._history.ghost_choices, parameters)
@@ -304,7 +305,10 @@ class GameBatch:
             due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, self._affine, self._clearance)
             if due & kernels.RESULT_DUE:
                 kernels.apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters)
-            physics.step(self._awake)
+            if awake is None:
+                physics.step()
+            else:
+                physics.step_some(awake)
         kernels.finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
 
     def _decide(self, actions: NDArray[Any]) -> int:

@@ -89,15 +89,13 @@ class PhysicsWorld:
         self.state[self.row[index]] = (x, y, 0.0, 0.0)
         self.force[self.row[index]] = 0.0
 
-    def step(self, awake: NDArray[np.bool_] | None = None) -> None:
-        """Apply ``force``, advance by one step, write ``state``.
+    def step(self) -> None:
+        """Apply ``force``, advance by one step, write ``state``."""
+        for space in self._spaces:
+            space.step(self.step_s)
 
-        ``awake`` (N,), where walls are not shared: time stands still for the other robots.
-        """
-        if awake is None:
-            for space in self._spaces:
-                space.step(self.step_s)
-            return
+    def step_some(self, awake: NDArray[np.bool_]) -> None:
+        """A step of the robots ``awake`` (N,) alone; only where walls are not shared."""
         for k in np.flatnonzero(awake).tolist():
             self._spaces[k].step(self.step_s)
 

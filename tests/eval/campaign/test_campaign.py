@@ -29,7 +29,8 @@ def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> No
     ("state", "pursued", "clyde_speed_mps", "waiting"),
     [
         ("running", -1, 0.002, True),
-        ("running", -1, 0.005, False),  # he walks 0.6 m in two minutes
+        ("running", -1, 0.005, True),  # he walks 0.6 m in two minutes
+        ("running", -1, 0.02, False),  # and here 2.4 m
         ("running", 3, 0.002, False),
         ("returning_home", -1, 0.002, False),
     ],
