@@ -81,7 +81,7 @@ class Game:
         for name in nodes:
             self.start(name)
         self.wait(lambda: self.state == "menu", "the referee", START_S)
-        seen = (topics.PELLET_MARKERS, topics.CLYDE_POSE, topics.AMCL_POSE)
+        seen = (topics.PELLET_MARKERS, topics.CLYDE_POSE, topics.AMCL_POSE, topics.ODOMETRY)
         self.wait(lambda: all(self.latest(topic) is not None for topic in seen), "pellets, Clyde, the robot", START_S)
         name = f"{system.namespace}/{topics.GAME_LIGHT.name}"
         self.wait(lambda: probe.node.count_subscribers(name) >= 2, "the lights", START_S)
