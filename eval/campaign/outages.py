@@ -14,10 +14,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from . import network
-from .schedule import EVERY_NODE, FREEZE, KILL, LOSS, Step
+from .schedule import EVERY_NODE, FREEZE, KILL, LEASE_S, LOSS, Step
 from .verdict import Outage
 
-_ENDS_WITHIN_S = 1.5  # of wall time: a node that stood still for too long, to be started anew
+#: Of wall time: whether a node that stood still for about the lease ends, and until one that stood still for longer is
+#: found dead and started anew, on a busy machine.
+_ENDS_WITHIN_S, _STARTS_WITHIN_S = 8.0, 60.0
 _LOOK_S = 0.2  # between two looks at the ports of those who lose packets: a node that is started again has others
 
 
@@ -82,7 +84,8 @@ class Outages:
                 self._end(one)
             elif one.step.kind == FREEZE and not one.thawed and time.monotonic() >= one.end_s:
                 self._thaw(one)
-                one.end_s += _ENDS_WITHIN_S
+                for_long = time.time_ns() - one.began > 1.25e9 * LEASE_S / self._speed
+                one.end_s = time.monotonic() + (_STARTS_WITHIN_S if for_long else _ENDS_WITHIN_S)
         now_s = time.monotonic()
         if now_s - self._look_s >= _LOOK_S:
             self._look_s = now_s
@@ -98,7 +101,10 @@ class Outages:
         known = self._ids().get(one.step.node)
         if one.step.kind == KILL or (one.thawed and known != one.process):
             return known not in (None, one.process) and self._heard().get(one.step.node) == known
-        return time.monotonic() >= one.end_s and (one.thawed or one.step.kind != FREEZE)
+        if one.step.kind != FREEZE:
+            return time.monotonic() >= one.end_s
+        shortly = time.time_ns() - one.began < 0.75e9 * LEASE_S / self._speed  # nobody has missed it
+        return one.thawed and (shortly or time.monotonic() >= one.end_s)
 
     def _thaw(self, one: _Active) -> None:
         one.thawed = True
