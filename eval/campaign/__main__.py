@@ -33,13 +33,14 @@ from pacman_env.cli.command import Parser, finite_number, run_command, whole_num
 from pacman_env.config import make_config
 from pacman_env.files import prepare, write_json
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS
+from pacman_env.ros.supervisor.child import end_with_parent
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR
 from pacman_env.ros.supervisor.warm_up import GHOSTS, Part, rehearse
 
 from . import network
-from .games import NETWORK, Verdict, blocks, end_with_parent, play
-from .schedule import EVERY_NODE, INTERFERENCES, LOSS, NODES, OUTAGES, POLICIES
-from .system import first_domain, require_ros
+from .games import NETWORK, Verdict, blocks, play
+from .schedule import EVERY_NODE, INTERFERENCES, LOSS, NODES, OUTAGES, schedule
+from .system import FIRST_POLICY, first_domain, require_ros
 
 VIOLATED = 1  # exit status
 _WIDTH = 34  # of the names in the table
@@ -82,7 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
     head = f"{'seed':>5} {'ground':14} {'policy':11} {'outcome':11} {'robot':>6} {'wall':>5} {'lag':>5}"
     print(f"{head} faults, interferences")
     shares = [[s for b in list(blocks(seeds))[k :: arguments.jobs] for s in b] for k in range(arguments.jobs)]
-    for part in (Part((GHOSTS, SIMULATOR)), *(Part((SELECTOR,), policy) for policy in POLICIES)):
+    policies = dict.fromkeys([FIRST_POLICY, *(schedule(seed).policy for seed in seeds)])
+    for part in (Part((GHOSTS, SIMULATOR)), *(Part((SELECTOR,), policy) for policy in policies)):
         rehearse(part, "house", make_config("robot"))  # a planner that compiles while it plays delays all others
     first = first_domain() if arguments.domain is None else arguments.domain
     tasks = [(share, arguments.speed, folder, first + k, arguments.without) for k, share in enumerate(shares) if share]

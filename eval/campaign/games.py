@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import os
 import shutil
-import signal
-import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -54,7 +51,6 @@ BACK_WALL_S = 120.0  # for a node that was killed to be back, on a busy machine
 TEND_WALL_S = 0.1
 REST_S = 20.0  # of the robot's time, for the last goal to end in the menu
 NETWORK = "network"
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 @dataclass
@@ -331,12 +327,6 @@ class Played:
 
 class Silent(Exception):
     """Nothing is heard any more."""
-
-
-def end_with_parent() -> None:
-    """Have this process end with the one that started it, and its nodes with it; on Linux only."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def play(

@@ -7,6 +7,7 @@ node is away until the recorder has heard the new one, and so is one that ends a
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import time
@@ -17,9 +18,9 @@ from . import network
 from .schedule import EVERY_NODE, FREEZE, KILL, LEASE_S, LOSS, Step
 from .verdict import Outage
 
-#: Of wall time: whether a node that stood still for about the lease ends, and until one that stood still for longer is
-#: found dead and started anew, on a busy machine.
-_ENDS_WITHIN_S, _STARTS_WITHIN_S = 8.0, 60.0
+#: By how many leases a node stood still, at most: how long it may take, wall time on a busy machine, until it is
+#: started anew. Nobody has missed it; it may be; it is.
+_ENDS_WITHIN_S = (0.75, 0.0), (1.25, 8.0), (math.inf, 60.0)
 _LOOK_S = 0.2  # between two looks at the ports of those who lose packets: a node that is started again has others
 
 
@@ -84,8 +85,8 @@ class Outages:
                 self._end(one)
             elif one.step.kind == FREEZE and not one.thawed and time.monotonic() >= one.end_s:
                 self._thaw(one)
-                for_long = time.time_ns() - one.began > 1.25e9 * LEASE_S / self._speed
-                one.end_s = time.monotonic() + (_STARTS_WITHIN_S if for_long else _ENDS_WITHIN_S)
+                leases = (time.time_ns() - one.began) * 1e-9 * self._speed / LEASE_S
+                one.end_s = time.monotonic() + next(wait_s for most, wait_s in _ENDS_WITHIN_S if leases < most)
         now_s = time.monotonic()
         if now_s - self._look_s >= _LOOK_S:
             self._look_s = now_s
@@ -101,10 +102,7 @@ class Outages:
         known = self._ids().get(one.step.node)
         if one.step.kind == KILL or (one.thawed and known != one.process):
             return known not in (None, one.process) and self._heard().get(one.step.node) == known
-        if one.step.kind != FREEZE:
-            return time.monotonic() >= one.end_s
-        shortly = time.time_ns() - one.began < 0.75e9 * LEASE_S / self._speed  # nobody has missed it
-        return one.thawed and (shortly or time.monotonic() >= one.end_s)
+        return time.monotonic() >= one.end_s and (one.thawed or one.step.kind != FREEZE)
 
     def _thaw(self, one: _Active) -> None:
         one.thawed = True

@@ -30,6 +30,7 @@ from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 
 from .schedule import LEASE_S
 
+FIRST_POLICY = "nearest"  # of the goal selector, until a game asks for its own
 START_WALL_S = 300.0  # the first system compiles
 _BAD_WORDS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
 
@@ -153,7 +154,7 @@ class System:
             REFEREE: {"state_file": str(folder / "game_controller.json")},
         }
         self._setup = GameSetup(
-            map_yaml, "nearest", sim=True, speed=speed, preset=preset, settings=tuple(settings), extra=extra
+            map_yaml, FIRST_POLICY, sim=True, speed=speed, preset=preset, settings=tuple(settings), extra=extra
         )
         self.folder, self.speed = folder, speed
         self._read: dict[Path, int] = {}  # bytes of the logs

@@ -107,10 +107,10 @@ class EnvCore:
         self.require_reset()
         batch = self.batch
         was_over = batch.games["end"] != RUNNING
-        if self.config.action == "goal":
-            actions, forbidden = self._chosen(actions)
-            if self.config.decisions.when == "event":
-                return self._step_until_due(actions, forbidden, was_over)
+        if self.config.decisions.when == "event":
+            return self._step_until_due(*self._chosen(actions), was_over)
+        if self._listed is not None:
+            actions, _ = self._chosen(actions)
         batch.step(actions, self._ghost_choices(ghost_choices or {}))
         self._look()
         return self._ended(*outcome.reward_and_end(batch.games, was_over, self.config.reward))
@@ -135,17 +135,17 @@ class EnvCore:
         since = batch.decision_point()
         self.elapsed_s = np.zeros(batch.n)
         awake, reward = ~over, np.zeros(batch.n)
-        first_tick, factor = True, 1.0
-        while first_tick or awake.any():
-            first_tick = False
-            asleep = ~awake
+        factor = 1.0
+        while True:
             batch.step_awake(actions, self._ghost_choices({}), awake)
-            earned, _, _ = outcome.reward_and_end(games, asleep, config.reward)
+            earned, _, _ = outcome.reward_and_end(games, ~awake, config.reward)
             reward += factor * earned
             factor *= config.decisions.discount_per_s**config.execution.tick_s
             self.elapsed_s[awake] += config.execution.tick_s
             awake &= ~forbidden
             batch.put_to_sleep(awake, actions, since)
+            if not awake.any():
+                break
         self._look()
         _, terminated, truncated = outcome.reward_and_end(games, over, config.reward)
         return self._ended(reward, terminated, truncated)
@@ -157,7 +157,7 @@ class EnvCore:
 
     def observe(self) -> Any:
         """The robot's agent sees this now: one array (N, ...) per key, or one array where observations are flat."""
-        seen = self._observer.observe(self.situation)
+        seen = self._observer.observe(self.situation, self._listed)
         return seen[FLAT] if self.config.observation.flat else seen
 
     def info_of_game(self) -> dict[str, Any]:

@@ -29,19 +29,14 @@ def register_envs() -> None:
     """Register ``pacman_env/PacManBot-v0`` and ``-v1``; a second call changes nothing."""
     import gymnasium as gym
 
-    if ENV_ID not in gym.registry:
-        gym.register(
-            ENV_ID,
-            entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
-            vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
-        )
-    if LEARNERS_ID not in gym.registry:
-        gym.register(
-            LEARNERS_ID,
-            entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
-            vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
-            kwargs=dict(LEARNERS_DEFAULTS),
-        )
+    for name, defaults in ((ENV_ID, {}), (LEARNERS_ID, LEARNERS_DEFAULTS)):
+        if name not in gym.registry:
+            gym.register(
+                name,
+                entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
+                vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
+                kwargs=dict(defaults),
+            )
 
 
 def register_when_imported() -> None:

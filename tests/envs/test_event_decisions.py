@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from types import SimpleNamespace
 from typing import Any
@@ -103,8 +104,6 @@ def test_a_game_among_others_of_different_durations_is_the_game_alone() -> None:
 
 
 def test_a_copy_goes_on_as_the_environment() -> None:
-    import copy
-
     env = PacManBotEnv(map="house", decide="event")
     env.reset(seed=0)
     for _ in range(5):

@@ -285,7 +285,7 @@ def test_a_clyde_who_is_back_is_away_from_the_robot_and_walks_as_fast_as_before(
         game.wait(lambda: len(poses) > 20 and speed_mps() > 0, "Clyde to walk")
         game.forget(topics.CLYDE_POSE)
         game.wait(lambda: len(poses) > 60, "Clyde's way")
-        assert speed_mps() == pytest.approx(CLYDE_MPS, rel=0.2)
+        assert speed_mps() == pytest.approx(CLYDE_MPS, rel=0.1)
         assert game.state == "running"
 
 

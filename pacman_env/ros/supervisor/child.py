@@ -15,11 +15,16 @@ import sys
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
+def end_with_parent() -> None:
+    """Have this process asked to end when the one that started it has ended; on Linux only."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
 def main() -> None:
     """Tie this process to its parent, then become the module."""
     parent, module = int(sys.argv[1]), sys.argv[2]
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    end_with_parent()
     if os.getppid() != parent:  # gone before it could be said
         sys.exit(1)
     sys.argv = sys.argv[2:]

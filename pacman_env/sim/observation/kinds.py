@@ -222,17 +222,19 @@ class Observer:
         """(N, K) the candidates in their order here; None: all, by their numbers."""
         return None if self.nearest is None else nearest_candidates(situation, self.nearest)
 
-    def observe(self, situation: Situation) -> Observation:
+    def observe(self, situation: Situation, listed: NDArray[np.int64] | None = None) -> Observation:
         """Observations of all games, one array (N, ...) per key; new arrays at each call.
 
-        ``situation`` is the batch's own, as it is now.
+        ``situation`` is the batch's own, as it is now; ``listed`` what :meth:`listed` says of it, if that is known.
         """
         observation: Observation = {MASK: situation.mask.astype(np.int8)} if self._masked else {}
         for kind in self._kinds:
             observation |= kind.fill(self._batch, situation)
-        if (order := self.listed(situation)) is not None:
+        if listed is None:
+            listed = self.listed(situation)
+        if listed is not None:
             for key in self._by_candidate:
-                observation[key] = in_order(observation[key], order)
+                observation[key] = in_order(observation[key], listed)
         observation = {key: self._scales[key](a) if key in self._scales else a for key, a in observation.items()}
         if not self._config.flat:
             return observation
