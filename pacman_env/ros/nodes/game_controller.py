@@ -32,6 +32,7 @@ from .state_file import StateFile
 NAME = "game_controller"
 _TICK_S = 0.05
 _ANSWER_S = 2.0  # of wall time: a service that has not answered by then is called again
+_EARLY = 10_000  # pellets at most
 _SAVE_S = 1.0  # of wall time: what is saved is never older
 _PUBLISHED = {
     "command": topics.GAME_COMMAND,
@@ -61,6 +62,7 @@ class GameController(GameNode):
         self._met: set[str] = set()  # services that have been there
         self._file = self._state_file()
         self._saved = self._load()  # a game to go on with, at the first tick: then there is a clock
+        self._early: dict[str, None] = {}  # pellets reported before that, in their order
         self.listen(topics.GAME_STATUS, self._hear_status, "bad status")
         self.listen(topics.PELLET_MARKERS, self._hear_pellets, "bad pellets")
         self.listen(topics.BASE_CLYDE_SPEED, self._hear_speed, "bad speed")
@@ -147,6 +149,7 @@ class GameController(GameNode):
 
     def _reset(self) -> list[Action]:
         self._saved = None  # nobody wants to go on with it
+        self._early.clear()
         return self.game.reset(self.now_s())
 
     def _answer(self, actions: Sequence[Action], response: Any) -> Any:
@@ -161,13 +164,17 @@ class GameController(GameNode):
         if self._saved is not None:
             saved, self._saved = self._saved, None
             self._do(self.game.restore(saved, self.now_s()))
+            for word in self._early:
+                self._do(self.game.status(word, self.now_s()))
             self.get_logger().info(f"goes on in state {self.game.state!r}, score {self.game.score}")
         self._do(self.game.tick(self.now_s()))
 
     def _hear_status(self, message: Any) -> None:
         word = word_of(message)
-        if self._saved is not None:
-            return  # it is reported again until it is answered
+        if self._saved is not None:  # all else is reported again until it is answered
+            if word.startswith("pellet_collected:") and len(self._early) < _EARLY:
+                self._early[word] = None  # the end of the round may be reported right after it, and taken in
+            return
         if word == "game_complete" and "reset_pellets" in self._due:
             self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
             return

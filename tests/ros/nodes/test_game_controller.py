@@ -333,6 +333,39 @@ def test_a_referee_who_has_not_gone_on_yet_takes_no_report_for_that_of_a_new_gam
     assert set(probe.values(topics.PELLETS_SPAWNED)) == {3}
 
 
+def test_pellets_reported_to_a_referee_who_has_not_gone_on_yet_count_before_the_end_of_the_round(
+    probe: Probe, system: System, tmp_path: Path, domain: int
+) -> None:
+    file = tmp_path / "game.json"
+    referee = RoundController()
+    referee.start(0.0)
+    for second in (1, 2):
+        referee.pellets_left([0, 1, 2], second)
+    referee.status("home_reached", 3.0)
+    referee.tick(100.0)
+    game = a_game(state=referee.snapshot(100.0))
+    game["owner"] |= {"domain": str(domain), "simulated": True}
+    file.write_text(json.dumps(game))
+    probe.record(*SAID)
+    system.start(NODE, state_file=str(file), use_sim_time=True)  # there is no clock yet
+    for pellet in (0, 1, 2):
+        status(probe, f"pellet_collected:{pellet}")
+    assert probe.publisher(topics.GAME_STATUS).wait_for_all_acked(Duration(seconds=60))
+    assert not probe.call(topics.START_GAME).success  # answered after them
+    clock, now = probe.publisher(topics.CLOCK), 1000.0
+
+    def tick() -> None:
+        nonlocal now
+        now += 0.02
+        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
+
+    probe.node.create_timer(0.01, tick)
+    status(probe, "game_complete")
+    results = lambda: [text for text in probe.values(topics.GAME_RESULT) if text]  # noqa: E731
+    probe.wait_for(results, what="the result")
+    assert results() == ["Complete - Score: 3"]
+
+
 @pytest.mark.parametrize("number", [2, 15])
 def test_a_referee_who_was_stopped_has_nothing_to_go_on_with(
     probe: Probe, system: System, tmp_path: Path, number: int

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 UP_S = 240.0  # the first nodes may have to compile
 GREET_S = 3.0  # of wall time, for a reset to reach everybody; else it is said once more
+CLICK_AGAIN_S = 2.0
 TRIES = 4  # Clyde may end a round
 CLYDE_MPS = 0.02
 ORIGINALS = {
@@ -167,12 +168,19 @@ class Mixed:
         raise AssertionError(f"Clyde has ended one of two rounds {TRIES} times")
 
     def put_clyde_away(self) -> None:
-        """Into a room without a door; the original's leaves it with the reset of a round, for anywhere."""
+        """Into a room without a door; the original's leaves it with the reset of a round, for anywhere.
+
+        A reset may come after the menu, and after the click: the click is made once more.
+        """
         point = PointStamped(header=Header(frame_id="map"))
         point.point.x, point.point.y = AWAY
-        self.probe.publish(topics.CLICKED_POINT, point)
+        clicked_s = -math.inf
 
         def there() -> bool:
+            nonlocal clicked_s
+            if time.monotonic() - clicked_s > CLICK_AGAIN_S:
+                self.probe.publish(topics.CLICKED_POINT, point)
+                clicked_s = time.monotonic()
             poses = self.probe.messages(topics.CLYDE_POSE)
             return bool(poses) and math.dist(pose_of(poses[-1])[:2], AWAY) < 0.1
 
