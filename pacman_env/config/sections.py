@@ -220,11 +220,13 @@ class ObservationConfig(Checked, group="observation"):
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
     #: Those of the map by their numbers, or the nearest, in the order of the robot's way to them: as many on any map.
     candidates: Literal["all", "nearest"] = "all"
-    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 8  # of nearest: so many are listed
-    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 4  # likewise
+    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest: so many are listed
+    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 2  # likewise
     normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/scales.py)
     flat: bool = False  # one array of all
-    mask: Literal["observation", "info", "method"] = "observation"  # where the action mask is; as a method, always
+    #: Where the action mask is: among the arrays, in the info, only a method (which there is always), or beside the
+    #: observation: a dictionary of `observation` and `action_mask`.
+    mask: Literal["observation", "info", "method", "beside"] = "observation"
     scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: Positive = 0.15  # RPLIDAR A1
     scan_maximum_m: Positive = 12.0  # RPLIDAR A1

@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
@@ -18,6 +19,7 @@ from ..sim.observation.nearest import NOBODY
 from ..sim.observation.situation import Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
+from .spaces import OBSERVATION, observation_space
 
 
 class EnvCore:
@@ -40,6 +42,9 @@ class EnvCore:
         self._numeric = arguments.numeric_info
         self._timeout_terminates = arguments.timeout_ends()
         self._mask_in_info = self.config.observation.mask == "info"
+        self._mask_beside = self.config.observation.mask == "beside"
+        if self._mask_beside and self.config.action != "goal":
+            raise ConfigError("observation.mask = 'beside': velocities have no mask")
         self._situation: Situation | None = None
         self._listed: NDArray[np.int64] | None = None  # candidates by the number that an action has; None: their own
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
@@ -61,6 +66,10 @@ class EnvCore:
         self.require_reset()
         assert self._situation is not None
         return self._situation
+
+    def observation_space(self) -> spaces.Dict | spaces.Box:
+        """Of one game."""
+        return observation_space(self.parts, self.candidates if self._mask_beside else None)
 
     def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
         """New episodes in the games ``index``."""
@@ -157,8 +166,9 @@ class EnvCore:
 
     def observe(self) -> Any:
         """The robot's agent sees this now: one array (N, ...) per key, or one array where observations are flat."""
-        seen = self._observer.observe(self.situation, self._listed)
-        return seen[FLAT] if self.config.observation.flat else seen
+        observed = self._observer.observe(self.situation, self._listed)
+        seen: Any = observed[FLAT] if self.config.observation.flat else observed
+        return {OBSERVATION: seen, MASK: self.masks().astype(np.int8)} if self._mask_beside else seen
 
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, numbers as Python's."""
@@ -168,7 +178,7 @@ class EnvCore:
     def of_game(observation: Any, game: int) -> Any:
         """One game's observation, of all."""
         if isinstance(observation, dict):
-            return {key: array[game] for key, array in observation.items()}
+            return {key: EnvCore.of_game(part, game) for key, part in observation.items()}
         return observation[game]
 
     def infos(self) -> dict[str, NDArray[Any]]:

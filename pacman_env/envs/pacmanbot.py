@@ -13,7 +13,7 @@ from ..render.display import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .spaces import action_space, checked_action, observation_space
+from .spaces import action_space, checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
 
@@ -103,11 +103,12 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
-    - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 8 nearest pellets, the 4 nearest refuges
+    - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2 nearest refuges
       (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's way to them, and hold. Spaces are
       then the same on every map.
     - `normalize`: all numbers of the observation in [-1, 1], by the constants of `sim/observation/scales.py`.
-    - `mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, or only a `"method"`.
+    - `mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, only a `"method"`, or
+      `"beside"` the observation: `{"observation": ..., "action_mask": ...}`.
     - `decide`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal has ended,
       a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
       (`config.decisions`). Rewards are summed up (`decisions.discount_per_s`), `info["elapsed_s"]` is the duration.
@@ -130,7 +131,7 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
 
     ## Version History
     - v1: the same game with other defaults, for learners: `decide="event"`, `candidates="nearest"`,
-      `observation="flat"`, `normalize=True`, `mask="method"`, `numeric_info=True`, `timeout="termination"`.
+      `observation=("planner", "flat")`, `normalize=True`, `mask="method"`, `numeric_info=True`, `timeout="termination"`.
     - v0: first version.
     """  # noqa: E501
 
@@ -142,7 +143,7 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
     def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_core(1, arguments)
-        self.observation_space = observation_space(self._core.parts)
+        self.observation_space = self._core.observation_space()
         self.action_space = action_space(self.batch, self._core.candidates)
 
     def reset(

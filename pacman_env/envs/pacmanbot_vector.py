@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from ..render.display import RENDER_FPS
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .spaces import action_space, observation_space
+from .spaces import action_space
 
 
 class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
@@ -57,7 +58,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(self._core.parts)
+        self.single_observation_space = self._core.observation_space()
         self.single_action_space = action_space(self.batch, self._core.candidates)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -165,8 +166,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         last = self._core.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
-            seen = self._core.of_game(last, i)
-            final_obs[i] = {key: array.copy() for key, array in seen.items()} if isinstance(seen, dict) else seen.copy()
+            final_obs[i] = copy.deepcopy(self._core.of_game(last, i))  # of an array that another step may write to
         present = np.zeros(self.num_envs, dtype=np.bool_)
         present[ended] = True
         return {

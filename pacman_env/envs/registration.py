@@ -17,7 +17,7 @@ LEARNERS_ID = "pacman_env/PacManBot-v1"
 LEARNERS_DEFAULTS = {
     "decide": "event",
     "candidates": "nearest",
-    "observation": "flat",
+    "observation": ("planner", "flat"),
     "normalize": True,
     "mask": "method",
     "numeric_info": True,

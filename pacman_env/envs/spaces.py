@@ -13,11 +13,18 @@ from ..sim.core.batch import GameBatch
 from ..sim.observation.kinds import FLAT, MASK, Features, Part, bounds, mask_part
 from ..sim.observation.robot_features import FAST_MPS
 
+OBSERVATION = "observation"  # where the mask is beside it
 _MANY = 1e9  # rounds, or pellets over all rounds
 
 
-def observation_space(parts: Mapping[str, Part]) -> spaces.Dict | spaces.Box:
-    """Of one game, from its parts; of a flat one, the one array's."""
+def observation_space(parts: Mapping[str, Part], beside: int | None = None) -> spaces.Dict | spaces.Box:
+    """Of one game, from its parts; of a flat one, the one array's.
+
+    ``beside``: so many candidates have their mask beside it, as PettingZoo's games have it.
+    """
+    if beside is not None:
+        mask = spaces.Box(0, 1, (beside,), np.int8)
+        return spaces.Dict({OBSERVATION: observation_space(parts), MASK: mask})
     if FLAT in parts:
         part = parts[FLAT]
         return spaces.Box(part.low, part.high, part.shape, np.float32)
