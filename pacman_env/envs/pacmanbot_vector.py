@@ -138,8 +138,9 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         """What Gymnasium's ``TimeLimit`` does for one environment."""
         self._steps += 1
         if self._most_steps is not None:
-            self._cut = (self._steps >= self._most_steps) & ~terminated & ~truncated
-            truncated |= self._cut
+            long = self._steps >= self._most_steps
+            self._cut = long & ~terminated & ~truncated
+            truncated |= long
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per game."""
