@@ -61,9 +61,9 @@ def bare_rate(world: PhysicsWorld, env: PacManBotVectorEnv, steps: int) -> float
     return steps * world.n / (time.perf_counter() - began)
 
 
-def make_vector(n: int, map_source: str, version: int = 0) -> PacManBotVectorEnv:
+def make_vector(n: int, map_source: str, version: int = 0, **arguments: Any) -> PacManBotVectorEnv:
     """The native vector environment, warmed up."""
-    kind = {"vectorization_mode": "vector_entry_point", "map": map_source}
+    kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
     env = gym.make_vec(f"pacman_env/PacManBot-v{version}", num_envs=n, **kind).unwrapped
     assert isinstance(env, PacManBotVectorEnv)
     env.reset(seed=0)
