@@ -1,8 +1,8 @@
 """The kinds of observation: one object per kind, found by name, and the observations that several kinds make up.
 
 A kind says which arrays it adds, as plain data (the environments make Gymnasium's spaces of it), and fills them for all
-games of a batch. Features and planner features are built from a situation alone, on a robot as here; scan and picture
-need the map as well.
+games of a batch. Features, planner features and bearings are built from a situation alone, on a robot as here; scan and
+picture need the map as well.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ...config import ConfigError
 from ...plugins import PluginError, Registry
 from ...world.navigation.lidar import scan_all
 from ..core.batch import GameBatch
+from .bearings import GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS, ghost_bearings, pellet_bearings
 from .nearest import Nearest, in_order, nearest_candidates
 from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from .raster import CHANNELS, raster_all
@@ -115,17 +116,21 @@ class Planner:
 
 
 class Scan:
-    """The lidar."""
+    """The lidar, and what it cannot show: in which directions pellets and ghosts lie."""
 
     name = "scan"
 
     def parts(self, batch: GameBatch) -> dict[str, Part]:
-        """The ranges, m."""
-        config = batch.config.observation
-        return {"scan": Part(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32)}
+        """The ranges, m, the nearest pellets, every ghost."""
+        config, ghosts = batch.config.observation, len(batch.config.clyde.ghosts)
+        return {
+            "scan": Part(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32),
+            "pellet_bearings": _rows(config.nearest_pellets, PELLET_BEARING_COLUMNS),
+            "ghost_bearings": _rows(ghosts, GHOST_BEARING_COLUMNS),
+        }
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """From where the robots truly are."""
+        """Ranges from where the robots truly are, bearings from where they believe to be."""
         config, games, arrays = batch.config.observation, batch.games, batch.levels.arrays
         ranges = np.empty((batch.n, config.scan_rays), dtype=np.float32)
         scan_all(
@@ -142,7 +147,11 @@ class Scan:
             config.scan_maximum_m,
             ranges,
         )
-        return {"scan": ranges}
+        return {
+            "scan": ranges,
+            "pellet_bearings": pellet_bearings(situation, config.nearest_pellets),
+            "ghost_bearings": ghost_bearings(situation),
+        }
 
 
 class Grid:
@@ -259,6 +268,13 @@ class Observer:
         ]
         low, high = (np.concatenate(side).astype(np.float32) for side in zip(*ends, strict=True))
         return Part(low, high, low.shape, np.float32)
+
+
+def _rows(count: int, columns: Columns) -> Part:
+    """So many rows of these columns."""
+    low, high = np.array([limits for _, *limits, _ in columns], dtype=np.float32).T
+    shape = count, len(columns)
+    return Part(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
 
 
 def _listed(part: Part, count: int) -> Part:
