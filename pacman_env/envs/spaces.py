@@ -73,8 +73,8 @@ def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
 def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float64]:
     """(N, 2) v in m/s and omega in rad/s from actions in the range that the configuration says.
 
-    Of the unit range, -1 and 1 are standing and the wheels' speed, and turning right and left. What is beyond them stays
-    beyond the limits of the base: the game cuts it.
+    Of the unit range, -1 and 1 are standing and the wheels' speed, and turning right and left. What is beyond them
+    stays beyond the limits of the base: the game cuts it.
     """
     if config.action_range == "physical":
         return actions

@@ -18,6 +18,7 @@ from pacman_env.sim.observation.raster import CHANNELS
 KINDS = ("features", "scan", "grid")
 SUBSETS = [kinds for count in (1, 2, 3) for kinds in itertools.combinations(KINDS, count)]
 FEATURES = {"robot", "clyde", "candidates", "round"}
+SCAN = {"scan", "pellet_bearings", "ghost_bearings"}
 
 
 def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: Any) -> dict[str, np.ndarray]:
@@ -38,8 +39,9 @@ def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: An
 def test_the_parts_are_those_asked_for_and_do_not_depend_on_one_another(kinds: tuple[str, ...], action: str) -> None:
     some, everything = observed(kinds, action=action), observed(KINDS, action=action)
     expected = {"action_mask"} if action == "goal" else set()
-    expected |= FEATURES if "features" in kinds else set()
-    assert set(some) == expected | (set(kinds) - {"features"})
+    for kind in kinds:
+        expected |= {"features": FEATURES, "scan": SCAN}.get(kind, {kind})
+    assert set(some) == expected
     for key, array in some.items():
         assert array.dtype == everything[key].dtype
         np.testing.assert_array_equal(array, everything[key])
@@ -47,10 +49,11 @@ def test_the_parts_are_those_asked_for_and_do_not_depend_on_one_another(kinds: t
 
 def test_shapes_and_types_are_those_declared() -> None:
     observation = observed(KINDS, **{"clyde.ghosts": ("wander", "chase", "arcade")})
-    assert set(observation) == FEATURES | {"ghosts", "action_mask", "scan", "grid"}
+    assert set(observation) == FEATURES | SCAN | {"ghosts", "action_mask", "grid"}
     assert (observation["scan"].shape, observation["scan"].dtype) == ((3, 24), np.float32)
     assert (observation["grid"].shape, observation["grid"].dtype) == ((3, 20, 20, CHANNELS), np.uint8)
     assert observation["ghosts"].shape == (3, 3, 6)
+    assert (observation["pellet_bearings"].shape, observation["ghost_bearings"].shape) == ((3, 4, 7), (3, 3, 5))
     assert observation["action_mask"].dtype == np.int8
 
 
@@ -65,6 +68,7 @@ def test_the_scan_is_taken_from_the_true_pose_and_the_picture_from_the_believed_
     lost = observed(KINDS, steps=0, **far)
     sure = observed(KINDS, steps=0, **{**far, "localization.sigma_xy_m": 0.0, "localization.sigma_yaw_rad": 0.0})
     np.testing.assert_array_equal(lost["scan"], sure["scan"])
+    assert (lost["ghost_bearings"] != sure["ghost_bearings"]).any()
     assert (lost["grid"] != sure["grid"]).any()
     assert (lost["robot"] != sure["robot"]).any()
 
