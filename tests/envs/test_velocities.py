@@ -49,9 +49,8 @@ def test_the_unit_range_is_the_range_of_the_base() -> None:
     assert make(**UNIT).action_space == spaces.Box(-1.0, 1.0, (2,), np.float32)
     assert PacManBotParallelEnv(**UNIT).action_space("pacman") == spaces.Box(-1.0, 1.0, (2,), np.float32)
     unit = np.array([[-1, 0], [1, 0], [0, 0], [0.5, 0.25], [-1, -1], [-1, 1], [-3, 0], [3, 0], [-1, 5]], np.float32)
-    physical = np.stack(
-        [(unit[:, 0].astype(np.float64) + 1) / 2 * config.wheel_speed_mps, unit[:, 1] * config.omega_radps], axis=1
-    )
+    v, omega = unit.astype(np.float64).T
+    physical = np.stack([(v + 1) / 2 * config.wheel_speed_mps, omega * config.omega_radps], axis=1)
     one = make_vector(len(unit), **UNIT)
     other = make_vector(len(unit), action="velocity")
     assert same(one.reset(seed=1), other.reset(seed=1))
