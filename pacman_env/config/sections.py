@@ -219,12 +219,13 @@ class RandomizeConfig(Checked, group="randomize"):
 class ObservationConfig(Checked, group="observation"):
     """What an observation holds; any combination of the kinds."""
 
-    #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar, bearings of pellets and
-    #: ghosts), grid (picture around the robot), planner (what the learned planner reads); in any order.
+    #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings (where pellets
+    #: and ghosts lie; with a scan and, but for a grid alone, with velocities in any case), grid (picture around the
+    #: robot), planner (what the learned planner reads); in any order.
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
     #: Those of the map by their numbers, or the nearest, in the order of the robot's way to them: as many on any map.
     candidates: Literal["all", "nearest"] = "all"
-    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest: so many are listed; and beside a scan
+    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest, and in bearings: so many are listed
     nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 2  # of nearest: so many are listed
     normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/scales.py)
     flat: bool = False  # one array of all

@@ -57,17 +57,18 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
     | `ghosts` | (G, 6) | with several ghosts, of each: forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), his speed in this round (m/s) |
     | `action_mask` | (C,) | 1: may be chosen; not with velocities |
     | `scan` | (R,) | with `observation="scan"`: the lidar's ranges (m), ray 0 ahead, the others counter-clockwise |
-    | `pellet_bearings` | (K, 7) | with a scan, of each of the nearest pellets by path length: is pellet, cos and sin of the bearing, straight distance (m), path length from the robot (m), cos and sin of the way |
-    | `ghost_bearings` | (G, 5) | with a scan, of each ghost: cos and sin of the bearing, straight distance (m), velocity forward, left (m/s, robot frame) |
+    | `pellet_bearings` | (K, 7) | with a scan and with velocities, of each of the nearest pellets by path length: is pellet, cos and sin of the bearing, straight distance (m), path length from the robot (m), cos and sin of the way |
+    | `ghost_bearings` | (G, 5) | with a scan and with velocities, of each ghost: cos and sin of the bearing, straight distance (m), velocity forward, left (m/s, robot frame) |
     | `grid` | (S, S, 4) | with `observation="grid"`: 0 or 255 in the channels walls, pellets, ghosts, robot |
 
     Lengths are capped at 100 m; rows of forbidden candidates are zero but for their kind. With several ghosts `clyde`
     is the nearest of them, and the path length from Clyde is the shortest of all their ways.
 
     The scan is taken where the robot truly is: `R = 360` rays of 0.15 to 12.0 m with 1 % noise. Ghosts are virtual,
-    no ray ends at them, and none shows a pellet, so `K = 4` pellets (`observation.nearest_pellets`) and all ghosts come
-    with it, seen from the believed pose: in which direction they lie and, of a pellet, in which direction the place is
-    that lies 0.5 m on along the shortest way to it. Rows without a pellet are zero. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
+    no ray ends at them, and none shows a pellet. So the bearings come with it, and with features and planner features
+    where actions are velocities: these say how long the ways are, not where to steer. Seen from the believed pose, they
+    are the directions of `K = 4` pellets (`observation.nearest_pellets`), and of the places 0.5 m on along the shortest
+    ways to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
     its heading up.
 
     ## Rewards
@@ -108,7 +109,7 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
     - `execution`: `robust`, or `as_built` as the original executor was.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
-    - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
+    - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
     - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2 nearest refuges

@@ -1,4 +1,4 @@
-"""Where pellets and ghosts lie as seen from the robot, beside a lidar scan, which shows neither.
+"""In which directions pellets, the ways to them, and ghosts lie as seen from the robot: what one steers by.
 
 Built from a situation and its maps, alike in the simulator and on a robot. Directions are in the frame of the believed
 pose, as cosine and sine: 1 and 0 are ahead, 0 and 1 to the left.

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import ConfigError
+from ...config import Config, ConfigError
 from ...plugins import PluginError, Registry
 from ...world.navigation.lidar import scan_all
 from ..core.batch import GameBatch
@@ -115,22 +115,39 @@ class Planner:
         return {"planner_candidates": candidates, "planner_globals": whole}
 
 
-class Scan:
-    """The lidar, and what it cannot show: in which directions pellets and ghosts lie."""
+class Bearings:
+    """In which directions pellets, the ways to them, and ghosts lie: what somebody who steers has to know."""
 
-    name = "scan"
+    name = "bearings"
 
     def parts(self, batch: GameBatch) -> dict[str, Part]:
-        """The ranges, m, the nearest pellets, every ghost."""
-        config, ghosts = batch.config.observation, len(batch.config.clyde.ghosts)
+        """The nearest pellets, every ghost."""
+        pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
         return {
-            "scan": Part(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32),
-            "pellet_bearings": _rows(config.nearest_pellets, PELLET_BEARING_COLUMNS),
+            "pellet_bearings": _rows(pellets, PELLET_BEARING_COLUMNS),
             "ghost_bearings": _rows(ghosts, GHOST_BEARING_COLUMNS),
         }
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """Ranges from where the robots truly are, bearings from where they believe to be."""
+        """From the situation and its maps."""
+        return {
+            "pellet_bearings": pellet_bearings(situation, batch.config.observation.nearest_pellets),
+            "ghost_bearings": ghost_bearings(situation),
+        }
+
+
+class Scan:
+    """The lidar."""
+
+    name = "scan"
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """The ranges, m."""
+        config = batch.config.observation
+        return {"scan": Part(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32)}
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """From where the robots truly are."""
         config, games, arrays = batch.config.observation, batch.games, batch.levels.arrays
         ranges = np.empty((batch.n, config.scan_rays), dtype=np.float32)
         scan_all(
@@ -147,11 +164,7 @@ class Scan:
             config.scan_maximum_m,
             ranges,
         )
-        return {
-            "scan": ranges,
-            "pellet_bearings": pellet_bearings(situation, config.nearest_pellets),
-            "ghost_bearings": ghost_bearings(situation),
-        }
+        return {"scan": ranges}
 
 
 class Grid:
@@ -184,10 +197,23 @@ class Grid:
         return {"grid": images}
 
 
+_OWN = (Features, Scan, Bearings, Grid, Planner)
 #: Kinds as classes, made without arguments; other packages add theirs as entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
-    "observation kind", "pacman_env.observations", {kind.name: kind for kind in (Features, Scan, Grid, Planner)}
+    "observation kind",
+    "pacman_env.observations",
+    {kind.name: kind for kind in _OWN},
 )
+
+
+def kinds_shown(config: Config) -> list[str]:
+    """The kinds asked for, and bearings where those show too little to play by.
+
+    A scan shows neither pellets nor ghosts; features and planner features say how long a way is, not where to steer.
+    """
+    kinds = set(config.observation.kinds)
+    steers = config.action == "velocity" and bool(kinds & {Features.name, Planner.name})
+    return sorted(kinds | ({Bearings.name} if steers or Scan.name in kinds else set()))
 
 
 class Observer:
@@ -209,7 +235,7 @@ class Observer:
         if self.nearest and batch.config.action != "goal":
             raise ConfigError("observation.candidates = 'nearest': velocities choose no candidate")
         try:
-            self._kinds = [KINDS.find(name)() for name in config.kinds]
+            self._kinds = [KINDS.find(name)() for name in kinds_shown(batch.config)]
         except PluginError as error:
             raise ConfigError(f"observation.kinds = {config.kinds!r}: {error}") from None
         found: dict[str, Part] = {MASK: mask_part(batch)} if self._masked else {}

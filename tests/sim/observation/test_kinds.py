@@ -18,7 +18,7 @@ from pacman_env.sim.observation.raster import CHANNELS
 KINDS = ("features", "scan", "grid")
 SUBSETS = [kinds for count in (1, 2, 3) for kinds in itertools.combinations(KINDS, count)]
 FEATURES = {"robot", "clyde", "candidates", "round"}
-SCAN = {"scan", "pellet_bearings", "ghost_bearings"}
+BEARINGS = {"pellet_bearings", "ghost_bearings"}
 
 
 def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: Any) -> dict[str, np.ndarray]:
@@ -40,8 +40,9 @@ def test_the_parts_are_those_asked_for_and_do_not_depend_on_one_another(kinds: t
     some, everything = observed(kinds, action=action), observed(KINDS, action=action)
     expected = {"action_mask"} if action == "goal" else set()
     for kind in kinds:
-        expected |= {"features": FEATURES, "scan": SCAN}.get(kind, {kind})
-    assert set(some) == expected
+        expected |= FEATURES if kind == "features" else {kind}
+    shown = "scan" in kinds or ("features" in kinds and action == "velocity")
+    assert set(some) == expected | (BEARINGS if shown else set())
     for key, array in some.items():
         assert array.dtype == everything[key].dtype
         np.testing.assert_array_equal(array, everything[key])
@@ -49,7 +50,7 @@ def test_the_parts_are_those_asked_for_and_do_not_depend_on_one_another(kinds: t
 
 def test_shapes_and_types_are_those_declared() -> None:
     observation = observed(KINDS, **{"clyde.ghosts": ("wander", "chase", "arcade")})
-    assert set(observation) == FEATURES | SCAN | {"ghosts", "action_mask", "grid"}
+    assert set(observation) == FEATURES | BEARINGS | {"ghosts", "action_mask", "scan", "grid"}
     assert (observation["scan"].shape, observation["scan"].dtype) == ((3, 24), np.float32)
     assert (observation["grid"].shape, observation["grid"].dtype) == ((3, 20, 20, CHANNELS), np.uint8)
     assert observation["ghosts"].shape == (3, 3, 6)
@@ -82,3 +83,11 @@ def test_observations_are_new_arrays_at_each_call() -> None:
     for key in first:
         np.testing.assert_array_equal(first[key], second[key])
         assert not np.shares_memory(first[key], second[key])
+
+
+def test_whoever_steers_is_told_where_to_and_bearings_can_be_asked_for() -> None:
+    planner = {"planner_candidates", "planner_globals"}
+    assert set(observed(("planner",), action="velocity", steps=1)) == planner | BEARINGS
+    assert set(observed(("planner",), steps=1)) == planner | {"action_mask"}
+    assert set(observed(("bearings", "grid"), steps=1)) == BEARINGS | {"grid", "action_mask"}
+    assert set(observed(("grid",), action="velocity", steps=1)) == {"grid"}
