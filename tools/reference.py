@@ -33,7 +33,7 @@ from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.files import replaced
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.kinds import KINDS, MASK, Features, Part, mask_part
+from pacman_env.sim.observation.kinds import KINDS, MASK, Bearings, Features, Part, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,7 +42,7 @@ _UNITS = (
     ("_mps2", "m/s²"), ("_mps", "m/s"), ("_radps", "rad/s"), ("_rad", "rad"), ("_kg", "kg"), ("_m", "m"), ("_s", "s")
 )  # fmt: skip
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
-OWN_KINDS = ("features", "planner", "scan", "grid")  # of observation
+OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # of observation
 #: What rewards are given for: their names alone are all that the source says.
 EVENTS = {
     "pellet": "each pellet collected",
@@ -177,6 +177,7 @@ def keys() -> str:
     entries = [(MASK, mask_part(batch), '`action="goal"`')]
     for kind in OWN_KINDS:
         when = "features, the default" if kind == Features.name else f'`observation="{kind}"`'
+        when += ', a scan, `action="velocity"`' if kind == Bearings.name else ""
         entries += [(key, part, when if key != "ghosts" else "several ghosts") for key, part in _parts(kind).items()]
     rows = []
     for key, part, when in entries:
@@ -186,9 +187,9 @@ def keys() -> str:
 
 
 def columns() -> str:
-    """Columns of the features on the map ``house``."""
+    """Columns of the features and of the bearings on the map ``house``."""
     text = ""
-    for key, part in _parts(Features.name).items():
+    for key, part in {**_parts(Features.name), **_parts(Bearings.name)}.items():
         low, high = (np.asarray(bound).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
         rows = [
             [str(k), f"`{name}`", _number(low[k]), _number(high[k]), meaning]
@@ -199,14 +200,16 @@ def columns() -> str:
 
 
 def actions() -> str:
-    """Both action spaces on the map ``house``."""
+    """The action spaces on the map ``house``."""
     rows = []
-    for action in ("goal", "velocity"):
-        space = PacManBotEnv("house", action=action).action_space
+    for action, unit in (("goal", False), ("velocity", False), ("velocity", True)):
+        space = PacManBotEnv("house", action=action, action_range="unit" if unit else None).action_space
         if isinstance(space, spaces.Box):
-            limits = zip(space.low.tolist(), space.high.tolist(), ("v, m/s", "omega, rad/s"), strict=True)
+            names = ("v", "omega") if unit else ("v, m/s", "omega, rad/s")
+            limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
             words = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
-            rows.append([f'`action="{action}"`', f"`Box`, shape {space.shape}, {space.dtype}", words])
+            given = f'action="{action}"' + (', action_range="unit"' if unit else "")
+            rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", words])
         else:
             rows.append([f'`action="{action}"`', f"`Discrete({space.n})`", "number of a candidate, the last is hold"])
     return table(("Argument", "Space", "Values"), rows)

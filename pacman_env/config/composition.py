@@ -44,6 +44,9 @@ class Config(Checked):
     randomize: sections.RandomizeConfig = field(default_factory=sections.RandomizeConfig)
     observation: sections.ObservationConfig = field(default_factory=sections.ObservationConfig)
     action: Literal["goal", "velocity"] = "goal"  # a candidate goal, or v and omega of the base
+    #: Of velocities: m/s and rad/s, or -1 to 1 for both: v from 0 to robot.wheel_speed_mps, omega from
+    #: -robot.omega_radps to robot.omega_radps.
+    action_range: Literal["physical", "unit"] = "physical"
     endless: bool = False  # round follows round, Clyde faster each time, until the robot is caught
     physics_step_s: Positive = 0.05  # Nav2's controller rate, 20 Hz
     time_limit_s: Positive = 600.0  # of a round: truncation
@@ -77,6 +80,12 @@ class Config(Checked):
             "decisions.when",
             self.decisions.when,
             "must be tick where actions are velocities: they hold for a tick",
+        )
+        require(
+            self.action_range == "physical" or self.action == "velocity",
+            "action_range",
+            self.action_range,
+            "must be physical where actions are goals: it is the range of velocities",
         )
         fastest = self.fastest_mps
         require(

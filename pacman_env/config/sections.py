@@ -143,7 +143,8 @@ class DecisionConfig(Checked, group="decisions"):
     longest_s: Positive = 4.0  # of event: it is asked after so much time in any case
     threat_distance_m: NotNegative = 2.0  # of event: a ghost that comes nearer, straight, is a reason to ask ...
     threat_longest_s: Positive = 1.0  # ... and as long as one is, it is asked after so much time
-    discount_per_s: Annotated[float, Meta(gt=0, le=1)] = 1.0  # of event: of the rewards between two decisions
+    #: Of event: of the rewards between two decisions; and of reward.progress, whatever `when` is.
+    discount_per_s: Annotated[float, Meta(gt=0, le=1)] = 1.0
 
 
 @dataclass(frozen=True)
@@ -167,6 +168,9 @@ class RewardConfig(Checked, group="reward"):
     completion: Number = 5.0
     tick: Number = -0.002
     timeout: Number = -5.0
+    #: Per metre that the way to the nearest pellet left has become shorter: potential-based (Ng, Harada, Russell 1999),
+    #: so that it changes no best policy; 0: none.
+    progress: Number = 0.0
 
 
 @dataclass(frozen=True)
@@ -215,13 +219,14 @@ class RandomizeConfig(Checked, group="randomize"):
 class ObservationConfig(Checked, group="observation"):
     """What an observation holds; any combination of the kinds."""
 
-    #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), grid (picture around the
+    #: Which kinds: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings (where pellets
+    #: and ghosts lie; with a scan and, but for a grid alone, with velocities in any case), grid (picture around the
     #: robot), planner (what the learned planner reads); in any order.
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
     #: Those of the map by their numbers, or the nearest, in the order of the robot's way to them: as many on any map.
     candidates: Literal["all", "nearest"] = "all"
-    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest: so many are listed
-    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 2  # likewise
+    nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest, and in bearings: so many are listed
+    nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 2  # of nearest: so many are listed
     normalize: bool = False  # all numbers in [-1, 1], by constants (sim/observation/scales.py)
     flat: bool = False  # one array of all
     #: Where the action mask is: among the arrays, in the info, only a method (which there is always), or beside the

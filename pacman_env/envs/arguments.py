@@ -43,6 +43,7 @@ class EnvArguments:
     numeric_info: bool = False
     timeout: str = "truncation"
     action: str | None = None
+    action_range: str | None = None
     endless: bool | None = None
     start_level: int | None = None
     num_levels: int | None = None
@@ -67,6 +68,7 @@ class EnvArguments:
         given = {"clyde.ghosts": behaviours, "action": self.action, "endless": self.endless}
         given |= {"decisions.when": self.decide, "observation.candidates": self.candidates}
         given |= {"observation.normalize": self.normalize, "observation.mask": self.mask}
+        given |= {"action_range": self.action_range}
         changes |= {name: value for name, value in given.items() if value is not None}
         if config is not None:
             if settings or changes or (self.preset, self.execution) != ("robot", "robust"):

@@ -20,7 +20,7 @@ from ..sim.observation.nearest import NOBODY
 from ..sim.observation.situation import Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
-from .spaces import OBSERVATION, action_space, observation_space
+from .spaces import OBSERVATION, action_space, observation_space, velocities
 
 
 class EnvCore:
@@ -58,11 +58,14 @@ class EnvCore:
         self._timeout_terminates = arguments.timeout_ends()
         self._mask_in_info = self.config.observation.mask == "info"
         self._mask_beside = self.config.observation.mask == "beside"
-        if self._mask_beside and self.config.action != "goal":
-            raise ConfigError("observation.mask = 'beside': velocities have no mask")
+        if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
+            raise ConfigError(f"observation.mask = {self.config.observation.mask!r}: velocities have no mask")
         self._situation: Situation | None = None
         self._listed: NDArray[np.int64] | None = None  # candidates by the number that an action has; None: their own
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
+        self._way_counts = bool(self.config.reward.progress or self.config.ghost_reward.progress)
+        self._way = np.zeros(n)  # m, left to the nearest pellet; 0 where it does not count
+        self._nearer = np.zeros(n)  # m, in the last step
         self._draws = bool(self.config.randomize.ranges())  # asked at every step otherwise
 
     @property
@@ -116,6 +119,8 @@ class EnvCore:
     def _look(self) -> None:
         self._situation = self.batch.situation()
         self._listed = self._observer.listed(self._situation)
+        if self._way_counts:
+            self._way = outcome.way_left(self.batch.alive, self._situation)
 
     def masks(self) -> NDArray[np.bool_]:
         """(N, C) which actions are allowed now."""
@@ -145,23 +150,36 @@ class EnvCore:
             ResetNeeded: before the first reset.
         """
         self.require_reset()
-        batch = self.batch
+        batch, way = self.batch, self._way
         was_over = batch.games["end"] != RUNNING
         if self.config.decisions.when == "event":
-            return self._step_until_due(*self._chosen(actions), was_over)
-        if self._listed is not None:
-            actions, _ = self._chosen(actions)
-        batch.step(actions, self._ghost_choices(ghost_choices or {}))
-        self._look()
-        return self._ended(*outcome.reward_and_end(batch.games, was_over, self.config.reward))
-
-    def _ended(
-        self, reward: NDArray[np.float64], terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """With a time-out as the environment calls it."""
+            reward, terminated, truncated = self._step_until_due(*self._chosen(actions), was_over)
+        else:
+            if self.config.action == "velocity":
+                actions = velocities(actions, self.config)
+            elif self._listed is not None:
+                actions, _ = self._chosen(actions)
+            batch.step(actions, self._ghost_choices(ghost_choices or {}))
+            self._look()
+            reward, terminated, truncated = outcome.reward_and_end(batch.games, was_over, self.config.reward)
         if self._timeout_terminates:
-            return reward, terminated | truncated, np.zeros_like(truncated)
+            terminated, truncated = terminated | truncated, np.zeros_like(truncated)
+        if self._way_counts:
+            self._nearer = self._progress(way, was_over, terminated)
+            reward += self.config.reward.progress * self._nearer
         return reward, terminated, truncated
+
+    def _progress(
+        self, way: NDArray[np.float64], was_over: NDArray[np.bool_], terminated: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """(N,) gamma phi(s') - phi(s), m, with minus the way to the nearest pellet as phi; phi of an end is 0.
+
+        Over an episode it telescopes: with gamma = 1, to the way at its beginning, whatever was done.
+        """
+        config = self.config
+        passed_s = self.elapsed_s if config.decisions.when == "event" else config.execution.tick_s
+        left = np.where(terminated, 0.0, self._way)
+        return np.where(was_over, 0.0, way - config.decisions.discount_per_s**passed_s * left)
 
     def _step_until_due(
         self, actions: NDArray[Any], forbidden: NDArray[np.bool_], over: NDArray[np.bool_]
@@ -188,12 +206,13 @@ class EnvCore:
                 break
         self._look()
         _, terminated, truncated = outcome.reward_and_end(games, over, config.reward)
-        return self._ended(reward, terminated, truncated)
+        return reward, terminated, truncated
 
     def ghost_reward(self) -> NDArray[np.float64]:
         """Of the tick that has just ended, for a ghost that plays for himself, (N,)."""
         never = np.zeros(self.batch.n, dtype=np.bool_)
-        return outcome.reward_and_end(self.batch.games, never, self.config.ghost_reward)[0]
+        reward = outcome.reward_and_end(self.batch.games, never, self.config.ghost_reward)[0]
+        return reward + self.config.ghost_reward.progress * self._nearer if self._way_counts else reward
 
     def observe(self) -> Any:
         """The robot's agent sees this now: one array (N, ...) per key, or one array where observations are flat."""

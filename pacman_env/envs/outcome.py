@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..config import RewardConfig
 from ..game.execution import COMPLETE, DEAD, TIMEOUT
 from ..sim.core.kernels import summarize
+from ..sim.observation.situation import Situation
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)
@@ -30,6 +31,15 @@ def reward_and_end(
     reward, terminated, truncated = np.empty(n), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
     summarize(games, config.tick, config.pellet, by_end, terminated, truncated, over_before, reward)
     return reward, terminated, truncated
+
+
+def way_left(alive: NDArray[np.bool_], situation: Situation) -> NDArray[np.float64]:
+    """(N,) length of the believed way to the nearest pellet left, m; 0 where there is none, or no way to one.
+
+    ``alive`` (N, P) are the pellets left.
+    """
+    ways = np.where(alive, situation.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
+    return np.where(np.isfinite(ways), ways, 0.0)
 
 
 def infos(games: NDArray[Any], numeric: bool = False) -> dict[str, NDArray[Any]]:

@@ -43,6 +43,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     With `action="velocity"` it is `Box(2,)` of float32 instead: v from 0 to 0.306 m/s (`robot.wheel_speed_mps`) and
     omega from -1.9 to 1.9 rad/s, counter-clockwise, held until the next decision; Nav2 has no part in it. Velocities
     beyond the limits are cut to them, and v to what the wheels have left: turning keeps its share. There is no mask.
+    With `action_range="unit"` both are -1 to 1, as most learners expect: v is 0 at -1 and 0.306 m/s at 1, omega is
+    -1.9 rad/s at -1 and 1.9 rad/s at 1, both linear in between.
 
     ## Observation Space
     `Dict` of float32 arrays (the mask is int8, the grid uint8). Poses are those the robot believes, not the true ones.
@@ -56,18 +58,25 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     | `ghosts` | (G, 6) | with several ghosts, of each: forward, left (m, robot frame), velocity forward, left (m/s), straight distance (m), his speed in this round (m/s) |
     | `action_mask` | (C,) | 1: may be chosen; not with velocities |
     | `scan` | (R,) | with `observation="scan"`: the lidar's ranges (m), ray 0 ahead, the others counter-clockwise |
+    | `pellet_bearings` | (K, 7) | with a scan and with velocities, of each of the nearest pellets by path length: is pellet, cos and sin of the bearing, straight distance (m), path length from the robot (m), cos and sin of the way |
+    | `ghost_bearings` | (G, 5) | with a scan and with velocities, of each ghost: cos and sin of the bearing, straight distance (m), velocity forward, left (m/s, robot frame) |
     | `grid` | (S, S, 4) | with `observation="grid"`: 0 or 255 in the channels walls, pellets, ghosts, robot |
 
     Lengths are capped at 100 m; rows of forbidden candidates are zero but for their kind. With several ghosts `clyde`
     is the nearest of them, and the path length from Clyde is the shortest of all their ways.
 
     The scan is taken where the robot truly is: `R = 360` rays of 0.15 to 12.0 m with 1 % noise. Ghosts are virtual,
-    no ray ends at them. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
+    no ray ends at them, and none shows a pellet. So the bearings come with it, and with features and planner features
+    where actions are velocities: these say how long the ways are, not where to steer. Seen from the believed pose, they
+    are the directions of `K = 4` pellets (`observation.nearest_pellets`), and of the places 0.5 m on along the shortest
+    ways to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
     its heading up.
 
     ## Rewards
     Per decision, all configurable (`config.reward`): +1 for each pellet collected, -0.002 for the time, -10 when
-    Clyde catches the robot, +5 when the round is complete, -5 at the time limit.
+    Clyde catches the robot, +5 when the round is complete, -5 at the time limit. With `reward.progress` (0: none) each
+    metre that the way to the nearest pellet left has become shorter is rewarded, as a potential: the sum over an
+    episode does not depend on what was done, so the best policy stays the best.
 
     ## Starting State
     The robot stands at the home pose; Clyde stands on a cell drawn uniformly from his cells, at least 1.5 m away
@@ -101,7 +110,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     - `execution`: `robust`, or `as_built` as the original executor was.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
-    - `observation`: one or several of `"features"` (the default), `"scan"`, `"grid"`, `"planner"`
+    - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
     - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2 nearest refuges
@@ -117,6 +126,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     - `timeout`: the time limit is a `"truncation"` (the default), or a `"termination"`: its reward of -5 is an end, and
       no learner adds the value of what would have followed.
     - `action`: `"goal"` (the default) or `"velocity"`.
+    - `action_range`: of velocities, `"physical"` (m/s and rad/s, the default) or `"unit"` (both -1 to 1).
     - `endless`: round follows round.
     - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to
       999,999 to train, 1,000,000 to 1,000,999 to test.

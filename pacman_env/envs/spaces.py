@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
+from ..config import Config
 from ..game.ghosts import GHOST_NAMES
 from ..sim.core.batch import GameBatch
 from ..sim.observation.kinds import FLAT, MASK, Part, bounds
@@ -38,9 +40,11 @@ def _space(key: str, part: Part) -> spaces.Space[Any]:
 
 
 def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Discrete | spaces.Box:
-    """Of one game: the candidate to drive to, of so many (None: all of the batch's), or v in m/s and omega in rad/s."""
+    """Of one game: the candidate to drive to, of so many (None: all of the batch's), or v and omega."""
     if batch.config.action == "goal":
         return spaces.Discrete(batch.candidates if candidates is None else candidates)
+    if batch.config.action_range == "unit":
+        return spaces.Box(-1.0, 1.0, (2,), np.float32)
     robot = batch.config.robot
     high = np.array([robot.wheel_speed_mps, robot.omega_radps], dtype=np.float32)
     return spaces.Box(high * np.array([0, -1], dtype=np.float32), high, dtype=np.float32)
@@ -60,6 +64,18 @@ def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
     return limits | {"goal": place, "time": known["time"], "round": (1.0, _MANY), "score": (0.0, _MANY)}
 
 
+def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float64]:
+    """(N, 2) v in m/s and omega in rad/s from actions in the range that the configuration says.
+
+    Of the unit range, -1 and 1 are standing and the wheels' speed, and turning right and left. What is beyond them
+    stays beyond the limits of the base: the game cuts it.
+    """
+    if config.action_range == "physical":
+        return actions
+    v, omega = actions.T
+    return np.stack([(v + 1.0) / 2.0 * config.robot.wheel_speed_mps, omega * config.robot.omega_radps], axis=1)
+
+
 def checked_action(space: spaces.Space[Any], action: Any, who: str = "") -> Any:
     """An action as the game takes it: an int64, or two float64 (v, omega).
 
@@ -69,7 +85,7 @@ def checked_action(space: spaces.Space[Any], action: Any, who: str = "") -> Any:
     if isinstance(space, spaces.Box):
         velocities = np.asarray(action)
         if velocities.shape != (2,) or velocities.dtype.kind not in "fiu" or not np.isfinite(velocities).all():
-            raise ValueError(f"action {action!r}{who}: must be two finite numbers, v in m/s and omega in rad/s")
+            raise ValueError(f"action {action!r}{who}: must be two finite numbers, v and omega")
         return velocities.astype(np.float64)
     if not space.contains(action) and not (
         isinstance(action, np.ndarray) and action.shape == () and space.contains(action[()])

@@ -34,8 +34,8 @@ ALLOWED = {
     # Velocities are m/s and rad/s, as the robot's cmd_vel takes them, and it drives forwards only.
     ".*For Box action spaces, we recommend using a symmetric and normalized space",
     "We recommend you to use a symmetric and normalized Box action space",
-    # A row per candidate or ghost: a network looks at each with the same weights.
-    "Your observation (candidates|ghosts) has an unconventional shape",
+    # A row per candidate, pellet or ghost: a network looks at each with the same weights.
+    "Your observation (candidates|ghosts|pellet_bearings|ghost_bearings) has an unconventional shape",
 }
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{message}:UserWarning") for message in sorted(ALLOWED)]
 

@@ -13,7 +13,7 @@ from pacman_env.config import Config, ObservationConfig, RewardConfig, make_conf
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS
-from pacman_env.sim.observation import raster
+from pacman_env.sim.observation import bearings, raster
 from pacman_env.sim.observation import robot_features as columns
 from tests.envs.helpers import make
 
@@ -36,16 +36,16 @@ def test_the_docstring_names_the_columns_in_their_order() -> None:
     env = make(**EVERYTHING)
     assert set(rows) == set(env.observation_space)
     assert set(make().observation_space) == {"robot", "clyde", "candidates", "round", "action_mask"}
-    letters = {"C": int(env.action_space.n), "G": 3, "R": 360, "S": 64}
-    elliptic = {"cos_heading": "cos", "velocity_left": "left"}
+    letters = {"C": int(env.action_space.n), "G": 3, "K": 4, "R": 360, "S": 64}
+    elliptic = {"cos_heading": "cos", "cos_bearing": "cos", "cos_way": "cos", "velocity_left": "left"}
     for key, (shape, text) in rows.items():
         for letter, number in letters.items():
             shape = shape.replace(letter, str(number))
         assert shape == str(env.observation_space[key].shape), key
         if key in ("action_mask", "scan", "grid"):
             continue
-        named = getattr(columns, f"{key.upper().removesuffix('S')}_COLUMNS")
-        text = text.removeprefix("with several ghosts, of each: ")
+        named = getattr(bearings if "bearings" in key else columns, f"{key.upper().removesuffix('S')}_COLUMNS")
+        text = re.sub("^with .*: ", "", text)
         pieces = re.split(r", | and ", re.sub(r" \([^)]*\)", "", text))
         assert len(pieces) == len(named) == env.observation_space[key].shape[-1]
         for piece, (name, *_) in zip(pieces, named, strict=True):
@@ -84,6 +84,9 @@ def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
         f"`R = {o.scan_rays}` rays of {o.scan_minimum_m} to {o.scan_maximum_m} m with {o.scan_noise:.0%} noise".replace(
             "%", " %"
         ),
+        f"`K = {o.nearest_pellets}` pellets",
+        f"v is 0 at -1 and {c.robot.wheel_speed_mps} m/s at 1",
+        f"omega is -{c.robot.omega_radps} rad/s at -1 and {c.robot.omega_radps} rad/s at 1",
         f"`S = {o.grid_pixels}` pixels of {o.grid_pixel_m} m",
         f"Clyde {c.clyde.speed_step_mps} m/s faster",
         f"to his corner within {c.clyde.arcade_distance_m} m",

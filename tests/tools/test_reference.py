@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config
+from pacman_env.sim.observation.bearings import GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
 from pacman_env.sim.observation.robot_features import COLUMNS
 from tests.envs.helpers import make
 from tools.reference import ROOT, TABLES, configuration, fields_of, fill, main
@@ -46,8 +47,9 @@ def test_every_field_says_what_it_means_or_where_it_is_from() -> None:
 
 def test_the_columns_on_the_page_are_those_of_the_space() -> None:
     page = (ROOT / "docs" / "environments" / "pacmanbot.md").read_text()
-    space = make(ghosts=2).observation_space
-    for key, columns in COLUMNS.items():
+    space = make(ghosts=2, observation=("features", "scan")).observation_space
+    bearings = {"pellet_bearings": PELLET_BEARING_COLUMNS, "ghost_bearings": GHOST_BEARING_COLUMNS}
+    for key, columns in {**COLUMNS, **bearings}.items():
         section = page.split(f"### `{key}`\n")[1].split("\n###")[0]
         rows = re.findall(r"^\| (\d+) \| `(\w+)` \| ([-\d.]+) \| ([-\d.]+) \|", section, re.MULTILINE)
         assert [(int(k), name) for k, name, _, _ in rows] == [(k, c[0]) for k, c in enumerate(columns)]

@@ -1,8 +1,8 @@
 """The kinds of observation: one object per kind, found by name, and the observations that several kinds make up.
 
 A kind says which arrays it adds, as plain data (the environments make Gymnasium's spaces of it), and fills them for all
-games of a batch. Features and planner features are built from a situation alone, on a robot as here; scan and picture
-need the map as well.
+games of a batch. Features, planner features and bearings are built from a situation alone, on a robot as here; scan and
+picture need the map as well.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ...config import ConfigError, ObservationConfig
 from ...plugins import PluginError, Registry
 from ...world.navigation.lidar import scan_all
 from ..core.batch import GameBatch
+from .bearings import GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS, ghost_bearings, pellet_bearings
 from .nearest import Nearest, in_order, nearest_candidates
 from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from .raster import CHANNELS, raster_all
@@ -118,6 +119,27 @@ class Planner:
         return {"planner_candidates": candidates, "planner_globals": whole}
 
 
+class Bearings:
+    """In which directions pellets, the ways to them, and ghosts lie: what somebody who steers has to know."""
+
+    name = "bearings"
+
+    def parts(self, batch: GameBatch) -> dict[str, Part]:
+        """The nearest pellets, every ghost."""
+        pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
+        return {
+            "pellet_bearings": _rows(pellets, PELLET_BEARING_COLUMNS),
+            "ghost_bearings": _rows(ghosts, GHOST_BEARING_COLUMNS),
+        }
+
+    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+        """From the situation and its maps."""
+        return {
+            "pellet_bearings": pellet_bearings(situation, batch.config.observation.nearest_pellets),
+            "ghost_bearings": ghost_bearings(situation),
+        }
+
+
 class Scan:
     """The lidar."""
 
@@ -179,10 +201,23 @@ class Grid:
         return {"grid": images}
 
 
+_OWN = (Features, Scan, Bearings, Grid, Planner)
 #: Kinds as classes, made without arguments; other packages add theirs as entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
-    "observation kind", "pacman_env.observations", {kind.name: kind for kind in (Features, Scan, Grid, Planner)}
+    "observation kind",
+    "pacman_env.observations",
+    {kind.name: kind for kind in _OWN},
 )
+
+
+def kinds_shown(config: ObservationConfig, action: str) -> list[str]:
+    """The kinds asked for, and bearings where those show too little to choose such an action by.
+
+    A scan shows neither pellets nor ghosts; features and planner features say how long a way is, not where to steer.
+    """
+    kinds = set(config.kinds)
+    steers = action == "velocity" and bool(kinds & {Features.name, Planner.name})
+    return sorted(kinds | ({Bearings.name} if steers or Scan.name in kinds else set()))
 
 
 class Observer:
@@ -203,11 +238,12 @@ class Observer:
         self.nearest = (
             Nearest(config.nearest_pellets, config.nearest_refuges) if config.candidates == "nearest" else None
         )
-        self._masked = (ghost or batch.config.action == "goal") and config.mask == "observation"
-        if self.nearest and batch.config.action != "goal":
+        action = "goal" if ghost else batch.config.action
+        self._masked = action == "goal" and config.mask == "observation"
+        if self.nearest and action != "goal":
             raise ConfigError("observation.candidates = 'nearest': velocities choose no candidate")
         try:
-            self._kinds = [KINDS.find(name)() for name in config.kinds]
+            self._kinds = [KINDS.find(name)() for name in kinds_shown(config, action)]
         except PluginError as error:
             raise ConfigError(f"observation.kinds = {config.kinds!r}: {error}") from None
         found: dict[str, Part] = {MASK: mask_part(batch)} if self._masked else {}
@@ -267,6 +303,13 @@ class Observer:
         ]
         low, high = (np.concatenate(side).astype(np.float32) for side in zip(*ends, strict=True))
         return Part(low, high, low.shape, np.float32)
+
+
+def _rows(count: int, columns: Columns) -> Part:
+    """So many rows of these columns."""
+    low, high = np.array([limits for _, *limits, _ in columns], dtype=np.float32).T
+    shape = count, len(columns)
+    return Part(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
 
 
 def _listed(part: Part, count: int) -> Part:

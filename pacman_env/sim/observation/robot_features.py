@@ -96,7 +96,8 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
+def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
+    """A vector of the map frame as forward and left of a robot whose heading has that cosine and sine, cut."""
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
@@ -117,8 +118,8 @@ def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-
         cx, cy = clyde_xy[i, 0], clyde_xy[i, 1]
         dx, dy = cx - x, cy - y
         vx, vy = clyde_velocity[i, 0], clyde_velocity[i, 1]
-        clyde[i, 0], clyde[i, 1] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
-        clyde[i, 2], clyde[i, 3] = _in_robot_frame(vx, vy, ch, sh, FAST_MPS)
+        clyde[i, 0], clyde[i, 1] = in_robot_frame(dx, dy, ch, sh, FAR_M)
+        clyde[i, 2], clyde[i, 3] = in_robot_frame(vx, vy, ch, sh, FAST_MPS)
         clyde[i, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
         clyde[i, 5] = _cap(closing[i], FAST_MPS)
         clyde[i, 6] = min(clyde_speed[i], FAST_MPS)
@@ -135,7 +136,7 @@ def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-
             candidates[i, c, 3] = c == current[i]
             px, py = position[i, c, 0], position[i, c, 1]
             dx, dy = px - x, py - y
-            candidates[i, c, 4], candidates[i, c, 5] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
+            candidates[i, c, 4], candidates[i, c, 5] = in_robot_frame(dx, dy, ch, sh, FAR_M)
             candidates[i, c, 6] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             candidates[i, c, 7] = min(path_robot[i, c], FAR_M)
             dx, dy = px - cx, py - cy
@@ -146,7 +147,7 @@ def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-
         for k in range(everyone.shape[1]):
             dx, dy = everyone[i, k, 0] - x, everyone[i, k, 1] - y
             vx, vy = everyone[i, k, 2], everyone[i, k, 3]
-            ghosts[i, k, 0], ghosts[i, k, 1] = _in_robot_frame(dx, dy, ch, sh, FAR_M)
-            ghosts[i, k, 2], ghosts[i, k, 3] = _in_robot_frame(vx, vy, ch, sh, FAST_MPS)
+            ghosts[i, k, 0], ghosts[i, k, 1] = in_robot_frame(dx, dy, ch, sh, FAR_M)
+            ghosts[i, k, 2], ghosts[i, k, 3] = in_robot_frame(vx, vy, ch, sh, FAST_MPS)
             ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
             ghosts[i, k, 5] = min(everyone[i, k, 4], FAST_MPS)

@@ -17,7 +17,7 @@ COUNT = 10.0
 #: By unit: c of x / (|x| + c).
 _SOFT = {"m": LENGTH_M, "s": AGE_S, "on the map": COUNT}
 #: By unit: x is divided by it.
-_LINEAR = {"": 1.0, "m/s": 1.0, "rad/s": 2.0, "the goal pursued now": 1.0}
+_LINEAR = {"": 1.0, "1": 1.0, "m/s": 1.0, "rad/s": 2.0, "the goal pursued now": 1.0}
 _PLACE_M = 50.0  # of the map's frame, whose origin is anywhere
 TIME = "time"  # of the round: its share of the time limit
 

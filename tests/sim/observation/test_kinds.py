@@ -18,6 +18,7 @@ from pacman_env.sim.observation.raster import CHANNELS
 KINDS = ("features", "scan", "grid")
 SUBSETS = [kinds for count in (1, 2, 3) for kinds in itertools.combinations(KINDS, count)]
 FEATURES = {"robot", "clyde", "candidates", "round"}
+BEARINGS = {"pellet_bearings", "ghost_bearings"}
 
 
 def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: Any) -> dict[str, np.ndarray]:
@@ -38,8 +39,10 @@ def observed(kinds: tuple[str, ...], n: int = 3, steps: int = 12, **settings: An
 def test_the_parts_are_those_asked_for_and_do_not_depend_on_one_another(kinds: tuple[str, ...], action: str) -> None:
     some, everything = observed(kinds, action=action), observed(KINDS, action=action)
     expected = {"action_mask"} if action == "goal" else set()
-    expected |= FEATURES if "features" in kinds else set()
-    assert set(some) == expected | (set(kinds) - {"features"})
+    for kind in kinds:
+        expected |= FEATURES if kind == "features" else {kind}
+    shown = "scan" in kinds or ("features" in kinds and action == "velocity")
+    assert set(some) == expected | (BEARINGS if shown else set())
     for key, array in some.items():
         assert array.dtype == everything[key].dtype
         np.testing.assert_array_equal(array, everything[key])
@@ -47,10 +50,11 @@ def test_the_parts_are_those_asked_for_and_do_not_depend_on_one_another(kinds: t
 
 def test_shapes_and_types_are_those_declared() -> None:
     observation = observed(KINDS, **{"clyde.ghosts": ("wander", "chase", "arcade")})
-    assert set(observation) == FEATURES | {"ghosts", "action_mask", "scan", "grid"}
+    assert set(observation) == FEATURES | BEARINGS | {"ghosts", "action_mask", "scan", "grid"}
     assert (observation["scan"].shape, observation["scan"].dtype) == ((3, 24), np.float32)
     assert (observation["grid"].shape, observation["grid"].dtype) == ((3, 20, 20, CHANNELS), np.uint8)
     assert observation["ghosts"].shape == (3, 3, 6)
+    assert (observation["pellet_bearings"].shape, observation["ghost_bearings"].shape) == ((3, 4, 7), (3, 3, 5))
     assert observation["action_mask"].dtype == np.int8
 
 
@@ -65,6 +69,7 @@ def test_the_scan_is_taken_from_the_true_pose_and_the_picture_from_the_believed_
     lost = observed(KINDS, steps=0, **far)
     sure = observed(KINDS, steps=0, **{**far, "localization.sigma_xy_m": 0.0, "localization.sigma_yaw_rad": 0.0})
     np.testing.assert_array_equal(lost["scan"], sure["scan"])
+    assert (lost["ghost_bearings"] != sure["ghost_bearings"]).any()
     assert (lost["grid"] != sure["grid"]).any()
     assert (lost["robot"] != sure["robot"]).any()
 
@@ -78,3 +83,11 @@ def test_observations_are_new_arrays_at_each_call() -> None:
     for key in first:
         np.testing.assert_array_equal(first[key], second[key])
         assert not np.shares_memory(first[key], second[key])
+
+
+def test_whoever_steers_is_told_where_to_and_bearings_can_be_asked_for() -> None:
+    planner = {"planner_candidates", "planner_globals"}
+    assert set(observed(("planner",), action="velocity", steps=1)) == planner | BEARINGS
+    assert set(observed(("planner",), steps=1)) == planner | {"action_mask"}
+    assert set(observed(("bearings", "grid"), steps=1)) == BEARINGS | {"grid", "action_mask"}
+    assert set(observed(("grid",), action="velocity", steps=1)) == {"grid"}

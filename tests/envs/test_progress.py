@@ -1,0 +1,145 @@
+"""The reward for coming nearer to a pellet is potential-based: over an episode it telescopes, whatever was done."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from tests.envs.helpers import QUICK, make, make_vector, same
+
+PROGRESS = 0.7
+GAMES: dict[str, dict[str, Any]] = {
+    "velocities": {"action": "velocity", "action_range": "unit"},
+    "goals": {},
+    "goals_between_events": {"decide": "event", "candidates": "nearest"},
+    "goals_that_are_aborted": {"settings": {"nav2.abort_rate": 0.3}},
+    "endless": {"endless": True, "settings": {"execution.pickup_radius_m": 3.0}},
+}
+
+
+def twins(discount_per_s: float = 1.0, seed: int = 3, **chosen: Any) -> tuple[PacManBotEnv, PacManBotEnv]:
+    """The same game with the reward and without."""
+    settings = {**QUICK, "decisions.discount_per_s": discount_per_s, **chosen.pop("settings", {})}
+    envs = make(settings=settings | {"reward.progress": PROGRESS}, **chosen), make(settings=settings, **chosen)
+    for env in envs:
+        env.reset(seed=seed)
+    return envs
+
+
+def way(env: PacManBotEnv) -> float:
+    """To the nearest pellet left, m, from the situation; 0 if there is none."""
+    ways = env.situation.path_robot[0, : env.batch.pellet_slots][env.batch.alive[0]]
+    return float(ways.min(initial=np.inf)) if len(ways) else 0.0
+
+
+def differences(envs: tuple[PacManBotEnv, PacManBotEnv], seed: int) -> tuple[list[tuple[float, float]], bool]:
+    """The difference of the rewards and the duration of each step until the end; whether that was terminated."""
+    rng, found = np.random.default_rng(seed), []
+    while True:
+        if envs[0].config.action == "velocity":
+            action: Any = rng.uniform(-1, 1, size=2).astype(np.float32)
+        else:
+            action = int(rng.choice(np.flatnonzero(envs[0].action_masks())))
+        one, other = (env.step(action) for env in envs)
+        assert one[2:] == other[2:]
+        passed_s = one[4].get("elapsed_s", envs[0].config.execution.tick_s)
+        found.append((one[1] - other[1], passed_s))
+        if one[2] or one[3]:
+            return found, one[2]
+
+
+@pytest.mark.parametrize("timeout", ["truncation", "termination"])
+@pytest.mark.parametrize("discount_per_s", [1.0, 0.9])
+@pytest.mark.parametrize("name", GAMES)
+def test_the_sum_over_an_episode_is_what_was_before_and_what_is_left(
+    name: str, discount_per_s: float, timeout: str
+) -> None:
+    seen = set()
+    for seed in range(3):
+        envs = twins(discount_per_s, seed, timeout=timeout, **GAMES[name])
+        before = way(envs[0])
+        found, terminated = differences(envs, seed)
+        total, factor = 0.0, 1.0
+        for difference, passed_s in found:
+            total += factor * difference
+            factor *= discount_per_s**passed_s
+        left = 0.0 if terminated else factor * way(envs[0])
+        assert total == pytest.approx(PROGRESS * (before - left), abs=1e-9)
+        assert len(found) > 1
+        seen.add(terminated)
+    assert True in seen or timeout == "truncation"
+
+
+def test_a_step_is_worth_the_metres_that_the_way_became_shorter() -> None:
+    one, other = twins(settings={"pellets.spacing_m": 2.0, "execution.pickup_radius_m": 0.25})
+    target = int(np.where(one.action_masks(), one.situation.path_robot[0], np.inf)[: one.batch.pellet_slots].argmin())
+    before, collected, approached = way(one), 0, 0.0
+    for _ in range(12):
+        (_, reward, *_), (_, plain, *_, info) = one.step(target), other.step(target)
+        assert reward - plain == pytest.approx(PROGRESS * (before - way(one)), abs=1e-9)
+        if info["collected"] == collected:
+            approached += reward - plain
+        before, collected = way(one), info["collected"]
+    assert approached > 0.2
+
+
+@pytest.mark.parametrize("name", GAMES)
+def test_games_of_a_batch_are_rewarded_as_alone(name: str) -> None:
+    chosen = dict(GAMES[name])
+    chosen["settings"] = {**QUICK, "reward.progress": PROGRESS, "time_limit_s": 8.0, **chosen.get("settings", {})}
+    games = make_vector(3, autoreset_mode="SameStep", **chosen)
+    alone = make(**chosen)
+    games.reset(seed=5)
+    alone.reset(seed=7)
+    games.action_space.seed(1)
+    ends = 0
+    for _ in range(40):
+        actions = games.action_space.sample()
+        _, rewards, terminated, truncated, _ = games.step(actions)
+        _, reward, *ended, _ = alone.step(actions[2])
+        assert (reward, *ended) == (rewards[2], terminated[2], truncated[2])
+        if any(ended):
+            alone.reset()
+            ends += 1
+    assert ends > 0
+
+
+def test_it_goes_on_in_a_copy() -> None:
+    import copy
+
+    env, _ = twins(**GAMES["velocities"])
+    action = np.array([1.0, 0.2], dtype=np.float32)
+    for _ in range(5):
+        env.step(action)
+    twin = copy.deepcopy(env)
+    assert same(twin.step(action), env.step(action))
+
+
+def test_without_it_nothing_is_computed() -> None:
+    games = PacManBotVectorEnv(2)
+    games.reset(seed=0)
+    games.step(np.zeros(2, dtype=np.int64))
+    assert not games._core._way.any()
+    assert games.config.reward.progress == 0.0
+
+
+def test_a_ghost_has_one_of_his_own() -> None:
+    settings = {"ghost_reward.progress": -PROGRESS, "time_limit_s": 20.0}
+    one, other = (PacManBotParallelEnv(rewards="separate", settings=chosen) for chosen in (settings, {}))
+    for env in (one, other):
+        env.reset(seed=0)
+    situation = one.situation
+    target = int(np.where(situation.mask[0], situation.path_robot[0], np.inf)[: one.batch.pellet_slots].argmin())
+    for _ in range(6):
+        actions = {"pacman": target, "clyde": one.batch.hold}
+        before = one.situation.path_robot[0, one.batch.alive.nonzero()[1]].min()
+        rewards, plain = one.step(actions)[1], other.step(actions)[1]
+        after = one.situation.path_robot[0, one.batch.alive.nonzero()[1]].min()
+        assert rewards["pacman"] == plain["pacman"]
+        assert rewards["clyde"] - plain["clyde"] == pytest.approx(-PROGRESS * (before - after), abs=1e-9)
+    assert rewards["clyde"] != plain["clyde"]

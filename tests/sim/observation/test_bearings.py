@@ -1,0 +1,147 @@
+"""In which directions pellets and ghosts lie."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pacman_env.config import make_config
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.bearings import (
+    GHOST_BEARING_COLUMNS,
+    PELLET_BEARING_COLUMNS,
+    ghost_bearings,
+    pellet_bearings,
+)
+from pacman_env.sim.observation.robot_features import FAR_M, FAST_MPS
+from pacman_env.sim.observation.scales import Scale
+from pacman_env.sim.observation.situation import PELLET, Situation
+from pacman_env.world.maps.occupancy import OccupancyMap
+
+CANNOT_REACH = {"pellets.reachable_only": False}
+
+
+def games(source: str | OccupancyMap = "house", n: int = 12, steps: int = 30, **settings: object) -> GameBatch:
+    """That have gone on for a while, each in another way."""
+    config = make_config(**{"clyde.ghosts": ("wander", "chase"), "execution.death_radius_m": 1e-6, **settings})
+    batch = GameBatch(map_assets(source, config), config, n)
+    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
+    rng = np.random.default_rng(0)
+    for _ in range(steps):
+        batch.step(rng.integers(batch.candidates, size=n))
+    return batch
+
+
+def directions(situation: Situation, targets: np.ndarray) -> np.ndarray:
+    """(N, K, 2) cosine and sine of the bearings of places (N, K, 2)."""
+    dx, dy = (targets - situation.robot[:, None, :2]).transpose(2, 0, 1)
+    bearing = np.arctan2(dy, dx) - situation.robot[:, None, 2]
+    return np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
+
+
+def test_the_nearest_pellets_are_listed_by_their_ways_and_lie_where_they_are_said_to() -> None:
+    situation = games().situation()
+    seen = pellet_bearings(situation, 5)
+    assert (seen.shape, seen.dtype) == ((12, 5, len(PELLET_BEARING_COLUMNS)), np.float32)
+    can = (situation.kind == PELLET) & situation.mask
+    way = np.where(can, situation.path_robot, np.inf)
+    order = np.argsort(way, axis=1, kind="stable")[:, :5]
+    there = np.take_along_axis(can, order, axis=1)
+    pursued = (order == situation.current[:, None]).any(axis=1) | (situation.current < 0)
+    there &= pursued[:, None]  # one that is pursued from afar is listed last
+    assert there.sum() > 20
+    place = np.take_along_axis(situation.position, order[..., None], axis=1)
+    off = np.linalg.norm(place - situation.robot[:, None, :2], axis=-1)
+    assert (seen[there, 0] == 1).all()
+    np.testing.assert_allclose(seen[there, 1:3], directions(situation, place)[there], atol=1e-5)
+    np.testing.assert_allclose(seen[there, 3], off[there], atol=1e-5)
+    np.testing.assert_allclose(seen[there, 4], np.take_along_axis(way, order, axis=1)[there], atol=1e-5)
+
+
+def test_rows_without_a_pellet_are_zero() -> None:
+    batch = games(steps=0)
+    left = min(3, batch.pellet_slots)
+    batch.alive[:, left:] = False
+    seen = pellet_bearings(batch.situation(), 6)
+    assert (seen[:, :left, 0] == 1).all()
+    assert (seen[:, left:] == 0).all()
+
+
+@pytest.mark.parametrize("name", ["house", "maze"])
+def test_whoever_goes_in_the_direction_of_the_way_comes_to_the_pellet(name: str) -> None:
+    batch = games(name, steps=0)
+    situation = batch.situation()
+    cells = batch.assets.cell_xy
+    situation.robot[:, :2] = cells[np.random.default_rng(1).integers(len(cells), size=batch.n)]
+    left = np.ones(batch.n, dtype=bool)
+    path = situation.path_robot.copy()
+    path[:, 1:] = np.inf  # the first pellet is listed first
+    situation = replace(situation, path_robot=path, mask=situation.mask & (np.arange(path.shape[1]) < 1))
+    for _ in range(2000):
+        seen = pellet_bearings(situation, 1)[:, 0]
+        left = seen[:, 3] > 0.1
+        if not left.any():
+            break
+        c, s = np.cos(situation.robot[:, 2]), np.sin(situation.robot[:, 2])
+        way = np.stack([c * seen[:, 5] - s * seen[:, 6], s * seen[:, 5] + c * seen[:, 6]], axis=1)
+        situation.robot[left, :2] += 0.05 * way[left]
+        situation.robot[:, 2] += 0.3  # whatever the heading
+    assert not left.any()
+
+
+def test_a_pellet_that_cannot_be_reached_has_no_direction_of_a_way() -> None:
+    pixels = np.zeros((130, 230), dtype=np.uint8)
+    pixels[5:-5, 5:140] = pixels[5:-5, 145:-5] = 254  # two rooms without a door
+    rooms = OccupancyMap.from_pixels("rooms", pixels, 0.05, (-2.0, -2.0, 0.0))
+    batch = games(rooms, steps=0, **CANNOT_REACH)
+    situation = batch.situation()
+    seen = pellet_bearings(situation, batch.pellet_slots)
+    order = np.argsort(situation.path_robot[:, : batch.pellet_slots], axis=1, kind="stable")
+    no_way = ~np.isfinite(np.take_along_axis(situation.path_robot, order, axis=1))
+    assert no_way.any()
+    assert (seen[no_way, 4] == FAR_M).all()
+    assert (seen[no_way, 5:] == 0).all()
+    np.testing.assert_allclose(np.linalg.norm(seen[~no_way, 5:], axis=-1), 1.0, atol=1e-5)
+
+
+def test_every_ghost_lies_and_moves_as_seen_from_the_robot() -> None:
+    situation = games().situation()
+    seen = ghost_bearings(situation)
+    assert (seen.shape, seen.dtype) == ((12, 2, len(GHOST_BEARING_COLUMNS)), np.float32)
+    np.testing.assert_allclose(seen[..., :2], directions(situation, situation.ghosts[..., :2]), atol=1e-5)
+    off = np.linalg.norm(situation.ghosts[..., :2] - situation.robot[:, None, :2], axis=-1)
+    np.testing.assert_allclose(seen[..., 2], off, atol=1e-5)
+    turned = situation.ghosts[..., 2] + 1j * situation.ghosts[..., 3]
+    turned *= np.exp(-1j * situation.robot[:, 2])[:, None]
+    np.testing.assert_allclose(seen[..., 3] + 1j * seen[..., 4], turned, atol=1e-5)
+    assert (np.abs(turned) > 0.1).any()
+
+
+def test_values_are_cut_at_their_bounds_and_what_is_here_is_ahead() -> None:
+    situation = games(steps=0).situation()
+    situation.ghosts[0] = [1e6, 0.0, -1e6, 1e6, 0.25]
+    situation.ghosts[1, 0, :2] = situation.robot[1, :2]
+    seen = ghost_bearings(situation)
+    low, high = np.array([limits for _, *limits, _ in GHOST_BEARING_COLUMNS]).T
+    assert ((low <= seen) & (seen <= high)).all()
+    assert seen[0, 0, 2] == FAR_M
+    assert np.abs(seen[0, 0, 3:]).max() == FAST_MPS
+    assert seen[1, 0, :3].tolist() == [1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("columns", [PELLET_BEARING_COLUMNS, GHOST_BEARING_COLUMNS])
+def test_directions_are_not_scaled_and_lengths_are_within_1(columns: tuple[tuple[str, float, float, str], ...]) -> None:
+    scaled = Scale(columns, 600.0)(np.array([[high for _, _, high, _ in columns]], dtype=np.float32))[0]
+    assert (scaled <= 1.0).all()
+    for (name, *_), value in zip(columns, scaled.tolist(), strict=True):
+        assert value == 1.0 or name in ("distance", "path_robot"), name
+    assert math.isclose(scaled[[c[0] for c in columns].index("distance")], FAR_M / (FAR_M + 3.0), rel_tol=1e-5)
+
+
+def test_a_situation_without_maps_has_no_ways() -> None:
+    with pytest.raises(ValueError, match="no maps to find a way on"):
+        pellet_bearings(replace(games(n=1, steps=0).situation(), maps=None), 4)
