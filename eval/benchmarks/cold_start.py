@@ -1,8 +1,8 @@
 """How long workers that start together take until they play: ``pacman-env cold-start --workers 4``.
 
 First with an empty cache, as on a new machine, where kernels have to be compiled; then with what that left. Each worker
-is a process of its own, that makes an environment, resets it and takes a few steps. Seconds are the wall's, from the
-start of the first to the end of the last.
+is a process of its own, that makes an environment, resets it and takes a few steps. Wall seconds are from the start of
+the first to the end of the last; CPU seconds are of all of them, and say how often the same was compiled.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def play(env_id: str, map_source: str) -> None:
             env.reset()
 
 
-def seconds(workers: int, cache: Path, env_id: str, map_source: str) -> float:
-    """Until the last of the workers has played.
+def seconds(workers: int, cache: Path, env_id: str, map_source: str) -> tuple[float, float]:
+    """Wall seconds until the last of the workers has played, and CPU seconds of all of them.
 
     Args:
         workers: how many start together.
@@ -52,7 +52,7 @@ def seconds(workers: int, cache: Path, env_id: str, map_source: str) -> float:
     """
     context = multiprocessing.get_context("spawn")
     processes = [context.Process(target=play, args=(env_id, map_source)) for _ in range(workers)]
-    began = time.monotonic()
+    began, before = time.monotonic(), os.times()
     with _cache_in(cache):
         for process in processes:
             process.start()
@@ -60,7 +60,9 @@ def seconds(workers: int, cache: Path, env_id: str, map_source: str) -> float:
         process.join()
     if any(process.exitcode for process in processes):
         raise ValueError(f"{env_id} on {map_source} cannot be played")
-    return time.monotonic() - began
+    after = os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return time.monotonic() - began, cpu
 
 
 @contextmanager
@@ -80,13 +82,15 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         prepare(arguments.json)
     rows = []
-    print(f"{arguments.env} on {arguments.map}, {STEPS} steps\n{'workers':>7} {'cold s':>7} {'warm s':>7}")
+    print(f"{arguments.env} on {arguments.map}, {STEPS} steps\n{'':>7} {'cold':>15} {'warm':>15}")
+    print(f"{'workers':>7} {'wall s':>7} {'CPU s':>7} {'wall s':>7} {'CPU s':>7}")
     for workers in dict.fromkeys((1, arguments.workers)):
         with tempfile.TemporaryDirectory() as cache:
             cold, warm = (seconds(workers, Path(cache), arguments.env, arguments.map) for _ in range(2))
-        rows.append({"workers": workers, "cold_s": cold, "warm_s": warm})
-        print(f"{workers:>7} {cold:7.1f} {warm:7.1f}", flush=True)
-    print(f"together, cold: {rows[-1]['cold_s'] / rows[0]['cold_s']:.2f} of one worker's time")
+        names = ("cold_s", "cold_cpu_s", "warm_s", "warm_cpu_s")
+        rows.append({"workers": workers, **dict(zip(names, (*cold, *warm), strict=True))})
+        print(f"{workers:>7}" + "".join(f" {value:7.1f}" for value in (*cold, *warm)), flush=True)
+    print(f"{workers} beside one, cold: {rows[-1]['cold_s'] / rows[0]['cold_s']:.2f} of the wall's seconds")
     if arguments.json:
         write_json(arguments.json, {"version": __version__, "env": arguments.env, "map": arguments.map, "rows": rows})
 
