@@ -67,7 +67,7 @@ def kernel(function: F, cached: bool = True) -> F:
         )
     finally:
         numba_config.CACHE_DIR = before
-    if folder is not None:
+    if folder is not None and not numba_config.DISABLE_JIT:
         take_turns(compiled, folder)
     return compiled
 

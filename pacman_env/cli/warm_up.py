@@ -9,11 +9,17 @@ from __future__ import annotations
 import hashlib
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 _STEPS = 12
 _SHORT = {"time_limit_s": 4.0}  # so that rounds end, and others begin
+_EVENTFUL = {
+    **_SHORT,
+    "execution.pickup_radius_m": 30.0,  # a round is complete at once, and followed by the next
+    "nav2.abort_rate": 1.0,  # goals end
+    "randomize.speed_mps": (0.2, 0.3),
+}
 _GHOSTS = ("wander", "chase", "arcade")
 _KINDS = ("features", "planner", "scan", "grid")
 
@@ -53,15 +59,15 @@ def _compiler() -> str:
     return hashlib.sha256(repr(what).encode()).hexdigest()[:12]
 
 
-def _play(**arguments: Any) -> None:
+def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
     """A few decisions of one game, and of several at once."""
     import numpy as np
 
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
-    one = PacManBotEnv(settings=_SHORT, **arguments)
-    several = PacManBotVectorEnv(2, settings=_SHORT, **arguments)
+    one = PacManBotEnv(settings=settings, **arguments)
+    several = PacManBotVectorEnv(2, settings=settings, **arguments)
     games: tuple[Any, ...] = (one, several)
     for env in games:
         env.reset(seed=0)
@@ -77,14 +83,17 @@ def _play(**arguments: Any) -> None:
 def _learners_env() -> None:
     from pacman_env.envs.registration import LEARNERS_DEFAULTS
 
-    _play(**LEARNERS_DEFAULTS)
+    defaults: dict[str, Any] = LEARNERS_DEFAULTS
+    _play(**defaults)
 
 
 def _every_argument() -> None:
     _play(observation=_KINDS)
     _play(observation=_KINDS, ghosts=_GHOSTS)
     _play(action="velocity", observation="scan")
-    _play(action="velocity", observation=("scan", "flat"), decide="event", normalize=True, endless=True)
+    _play(action="velocity", observation=("scan", "flat"), normalize=True)
+    _play(execution="as_built", candidates="nearest")
+    _play(_EVENTFUL, endless=True)
 
 
 def _generated_houses() -> None:

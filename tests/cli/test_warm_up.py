@@ -30,16 +30,16 @@ from pacman_env.policies.registry import make_policy
 def compiled():
     modules = [module for name, module in sys.modules.items() if name.startswith("pacman_env.")]
     kernels = {kernel for module in modules for kernel in vars(module).values() if isinstance(kernel, Dispatcher)}
-    return {f"{kernel.__name__}{signature}" for kernel in kernels for signature in kernel.signatures}
+    return {f"{kernel.__name__} {hash(signature)}" for kernel in kernels for signature in kernel.signatures}
 
 for work in PARTS.values():
     work()
 before = compiled()
 games = [
-    dict(map="loop", preset="ideal", execution="as_built", endless=True, ghosts=4, observation=("grid", "flat")),
+    dict(map="loop", preset="ideal", execution="as_built", endless=True, ghosts=4, observation=("features", "flat")),
     dict(map="generated:test", num_levels=1, observation=("scan", "planner"), normalize=True, mask="info"),
     dict(candidates="nearest", decide="event", mask="beside", settings={"randomize.speed_mps": (0.2, 0.3)}),
-    dict(action="velocity", observation="grid", map="maze", ghosts=("chase", "arcade"), decide="event"),
+    dict(action="velocity", observation="grid", map="maze", ghosts=("chase", "arcade")),
     dict(ghosts=("wander", make_policy("lookahead")), numeric_info=True, timeout="termination"),
 ]
 for arguments in games:
