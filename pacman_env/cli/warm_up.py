@@ -92,7 +92,7 @@ def _every_argument() -> None:
     _play(observation=_KINDS, ghosts=_GHOSTS)
     _play(action="velocity", observation="scan")
     _play(action="velocity", observation=("scan", "flat"), normalize=True)
-    _play(execution="as_built", candidates="nearest")
+    _play(preset="ideal", execution="as_built", candidates="nearest")
     _play(_EVENTFUL, endless=True)
 
 
