@@ -2,6 +2,7 @@
 
 Compiled code is kept in a folder named by the hash of every kernel source of this package: Numba's own cache
 looks only at the file of the function itself and would keep a stale binary when a helper in another file changes.
+Processes on a cold cache compile each kernel once between them (``compile_turns.py``).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from llvmlite import ir
 from numba.core import cgutils
 from numba.core import types as numba_types
 from numba.extending import intrinsic
+
+from .compile_turns import take_turns
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -64,6 +67,8 @@ def kernel(function: F, cached: bool = True) -> F:
         )
     finally:
         numba_config.CACHE_DIR = before
+    if folder is not None and not numba_config.DISABLE_JIT:
+        take_turns(compiled, folder)
     return compiled
 
 

@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pacman_env"
 FLOORS = (
-    ("config", "plugins", "jit", "rng", "bucket_queue", "files", "_version"),
+    ("config", "plugins", "jit", "compile_turns", "rng", "bucket_queue", "files", "_version"),
     ("world", "game"),
     ("sim",),
     ("policies", "heuristics"),

@@ -18,6 +18,7 @@ from typing import Any
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, guarded, run_command, whole_number
 from pacman_env.cli.ros_group import add_ros_group
+from pacman_env.cli.warm_up import add_warm_up
 
 #: By command: its module in this package, and what it does.
 MODULES = {
@@ -29,6 +30,7 @@ MODULES = {
     "decision": ("eval.benchmarks.decision", "what one decision of a policy costs"),
     "feature-cost": ("eval.benchmarks.feature_cost", "what a learned planner's features cost"),
     "node-load": ("eval.benchmarks.node_load", "what the game's nodes cost a computer (ROS)"),
+    "cold-start": ("eval.benchmarks.cold_start", "how long workers take that start together on a cold cache"),
     "start-stop": ("eval.benchmarks.start_stop", "how long a game takes to start and to stop (ROS)"),
     "validation": ("eval.checks.validation", "the simulator beside the ten real trials"),
     "navigation": ("eval.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
@@ -187,7 +189,7 @@ def _play(arguments: argparse.Namespace) -> int:
     return 0
 
 
-GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, add_ros_group)
+GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, add_warm_up, add_ros_group)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,6 +6,8 @@ What is done already is marked beside them. ROS is not imported.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import subprocess
 import sys
@@ -80,7 +82,8 @@ def main() -> int:
     nodes, policy, (map_yaml, preset, execution, *settings) = json.loads(sys.argv[1])
     part = Part(tuple(nodes), policy)
     try:
-        rehearse(part, map_yaml, make_config(preset, execution, **parse_settings(settings)))
+        with contextlib.redirect_stderr(io.StringIO()):  # that it waits for another part's kernels is no error
+            rehearse(part, map_yaml, make_config(preset, execution, **parse_settings(settings)))
     except (ValueError, OSError, TypeError, ModuleNotFoundError) as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return BAD_SETUP

@@ -1,0 +1,150 @@
+"""The command ``pacman-env warm-up``: compiles beforehand what ordinary use needs, for an image or a new machine.
+
+Small games are played in every way that makes other kernels necessary; what that has compiled stays in the cache. What
+is done already is marked there, by compiler and processor: machine code for another one is not used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+_STEPS = 12
+_SHORT = {"time_limit_s": 4.0}  # so that rounds end, and others begin
+_EVENTFUL = {
+    **_SHORT,
+    "execution.pickup_radius_m": 30.0,  # a round is complete at once, and followed by the next
+    "nav2.abort_rate": 1.0,  # goals end
+    "randomize.speed_mps": (0.2, 0.3),
+}
+_GHOSTS = ("wander", "chase", "arcade")
+_KINDS = ("features", "planner", "scan", "grid")
+
+
+def add_warm_up(commands: Any) -> None:
+    """Add the command to the subparsers of ``pacman-env``."""
+    parser = commands.add_parser("warm-up", help="compile beforehand, where the first use would (images, new machines)")
+    parser.add_argument("--robot", action="store_true", help="also what the ROS nodes need; ROS is not imported")
+    parser.set_defaults(run=lambda arguments: _report(arguments.robot))
+
+
+def _report(robot: bool) -> int:
+    from pacman_env.jit import cache_dir, kernel_folder
+
+    folder = kernel_folder()
+    if folder is None:
+        raise OSError(f"{cache_dir()}: cannot be written, nothing would be kept; PACMAN_ENV_CACHE names another folder")
+    for name, work in (PARTS | ROBOT_PARTS if robot else PARTS).items():
+        mark = folder / f"warm-up-{'-'.join(name.split())}-{_compiler()}"
+        if mark.exists():
+            print(f"{name:<16} done before")
+            continue
+        began = time.monotonic()
+        work()
+        mark.touch()
+        print(f"{name:<16} {time.monotonic() - began:6.1f} s", flush=True)
+    print(f"kept in {folder}")
+    return 0
+
+
+def _compiler() -> str:
+    """A name for what Numba's cache tells apart: versions and the processor."""
+    import numba
+    from numba.core.registry import cpu_target
+
+    what = numba.__version__, sys.version_info[:2], cpu_target.target_context.codegen().magic_tuple()
+    return hashlib.sha256(repr(what).encode()).hexdigest()[:12]
+
+
+def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
+    """A few decisions of one game, and of several at once."""
+    import numpy as np
+
+    from pacman_env.envs.pacmanbot import PacManBotEnv
+    from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+
+    one = PacManBotEnv(settings=settings, **arguments)
+    several = PacManBotVectorEnv(2, settings=settings, **arguments)
+    games: tuple[Any, ...] = (one, several)
+    for env in games:
+        env.reset(seed=0)
+        env.action_space.seed(0)
+        for _ in range(_STEPS):
+            drives = arguments.get("action") == "velocity"
+            action = env.action_space.sample() if drives else env.action_masks().argmax(axis=-1)
+            _, _, ended, cut, _ = env.step(action)
+            if np.all(np.logical_or(ended, cut)):
+                env.reset()
+
+
+def _learners_env() -> None:
+    from pacman_env.envs.registration import LEARNERS_DEFAULTS
+
+    defaults: dict[str, Any] = LEARNERS_DEFAULTS
+    _play(**defaults)
+
+
+def _every_argument() -> None:
+    _play(observation=_KINDS)
+    _play(observation=_KINDS, ghosts=_GHOSTS)
+    _play(action="velocity", observation="scan")
+    _play(action="velocity", observation=("scan", "flat"), normalize=True)
+    _play(preset="ideal", execution="as_built", candidates="nearest")
+    _play(_EVENTFUL, endless=True)
+
+
+def _generated_houses() -> None:
+    _play(map="generated", num_levels=1)
+
+
+def _policies() -> None:
+    import numpy as np
+
+    from pacman_env.envs.pacmanbot import PacManBotEnv
+    from pacman_env.policies.registry import make_policy, policy_names
+
+    env = PacManBotEnv(settings=_SHORT)
+    env.reset(seed=0)
+    for name in policy_names():
+        policy = make_policy(name)
+        policy.reset(np.ones(1, np.bool_))
+        policy.select(env.situation)
+        policy.explain(env.situation)
+
+
+def _two_players() -> None:
+    from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+
+    env = PacManBotParallelEnv(settings=_SHORT)
+    observations, _ = env.reset(seed=0)
+    for _ in range(_STEPS):
+        if not env.agents:
+            observations, _ = env.reset()
+        observations, *_ = env.step({agent: int(observations[agent]["action_mask"].argmax()) for agent in env.agents})
+
+
+def _robot() -> None:
+    from pacman_env.config import make_config
+    from pacman_env.policies.registry import policy_names
+    from pacman_env.ros.supervisor.game_nodes import GameSetup
+    from pacman_env.ros.supervisor.warm_up import parts, rehearse
+
+    for policy in policy_names():
+        for part in parts(GameSetup("house", policy, sim=True)):
+            rehearse(part, "house", make_config("robot", "robust"))
+            if part.mark is not None:
+                part.mark.touch()
+
+
+#: What is done, by the name that is printed.
+PARTS: dict[str, Callable[[], None]] = {
+    "PacManBot-v1": _learners_env,
+    "all arguments": _every_argument,
+    "generated houses": _generated_houses,
+    "two players": _two_players,
+    "policies": _policies,
+}
+ROBOT_PARTS: dict[str, Callable[[], None]] = {"robot": _robot}

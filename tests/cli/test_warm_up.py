@@ -1,0 +1,134 @@
+"""``pacman-env warm-up``: afterwards ordinary use compiles nothing, and the command itself does nothing twice."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pacman_env import jit
+from pacman_env.cli import warm_up
+from pacman_env.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Prints the kernels that games need which are none of those that the command plays.
+OTHERS = """
+import copy, sys
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from pacman_env.cli.warm_up import PARTS, ROBOT_PARTS
+from pacman_env.config import make_config
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from pacman_env.policies.registry import make_policy
+
+def compiled():
+    modules = [module for name, module in sys.modules.items() if name.startswith("pacman_env.")]
+    kernels = {kernel for module in modules for kernel in vars(module).values() if isinstance(kernel, Dispatcher)}
+    return {f"{kernel.__name__} {hash(signature)}" for kernel in kernels for signature in kernel.signatures}
+
+for work in PARTS.values():
+    work()
+before = compiled()
+games = [
+    dict(map="loop", preset="ideal", execution="as_built", endless=True, ghosts=4, observation=("features", "flat")),
+    dict(map="generated:test", num_levels=1, observation=("scan", "planner"), normalize=True, mask="info"),
+    dict(candidates="nearest", decide="event", mask="beside", settings={"randomize.speed_mps": (0.2, 0.3)}),
+    dict(action="velocity", observation="grid", map="maze", ghosts=("chase", "arcade")),
+    dict(ghosts=("wander", make_policy("lookahead")), numeric_info=True, timeout="termination"),
+]
+for arguments in games:
+    for env in (PacManBotEnv(**arguments), PacManBotVectorEnv(3, **arguments)):
+        env.reset(seed=1)
+        for _ in range(30):
+            velocity = arguments.get("action") == "velocity"
+            env.step(env.action_space.sample() if velocity else env.action_masks().argmax(axis=-1))
+        copy.deepcopy(env).step(env.action_space.sample())
+envs = PacManBotVectorEnv(3)
+envs.reset(seed=1)
+for name in ("clyde_aware", "lookahead", "nearest", "ppo", "random"):
+    policy = make_policy(name)
+    policy.reset(np.ones(3, np.bool_))
+    envs.step(policy.select(envs.situation))
+two = PacManBotParallelEnv(ghosts=("policy", "policy"), rewards="separate")
+two.reset(seed=1)
+two.step({agent: 0 for agent in two.agents})
+print(*sorted(compiled() - before), sep="\\n")
+print(len(before), "kernels")
+"""
+
+
+def test_what_other_games_and_policies_need_is_compiled_afterwards() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", OTHERS], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    *missing, count = done.stdout.splitlines()
+    assert [line for line in missing if line] == []
+    assert int(count.split()[0]) > 40
+
+
+def counted(done: list[str], name: str) -> Callable[[], None]:
+    return lambda: done.append(name)
+
+
+@pytest.fixture
+def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The parts that were played; here they are quick ones."""
+    names: list[str] = []
+    monkeypatch.setattr(jit, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(warm_up, "PARTS", {name: counted(names, name) for name in ("one game", "policies")})
+    monkeypatch.setattr(warm_up, "ROBOT_PARTS", {"robot": counted(names, "robot")})
+    return names
+
+
+def test_what_was_done_is_done_once_and_the_robot_when_asked_for(
+    done: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["warm-up"]) == 0
+    assert done == ["one game", "policies"]
+    assert capsys.readouterr().out.endswith(f"kept in {tmp_path}\n")
+    assert main(["warm-up", "--robot"]) == 0
+    assert done == ["one game", "policies", "robot"]
+    out = capsys.readouterr().out
+    assert out.count("done before") == 2
+
+
+def test_another_compiler_or_processor_does_it_again(
+    done: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["warm-up"])
+    monkeypatch.setattr("numba.__version__", "0.0")
+    main(["warm-up"])
+    assert done == ["one game", "policies"] * 2
+    assert "done before" not in capsys.readouterr().out
+
+
+def test_a_part_that_fails_is_not_marked(
+    done: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> None:
+        raise ValueError("no such map")
+
+    with monkeypatch.context() as patched:
+        patched.setitem(warm_up.PARTS, "policies", fail)
+        assert main(["warm-up"]) == 2
+    assert main(["warm-up"]) == 0
+    assert done == ["one game", "policies"]
+    assert capsys.readouterr().err == "pacman-env: no such map\n"
+
+
+def test_a_cache_that_cannot_be_written_is_one_line_and_status_2(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PACMAN_ENV_CACHE", "/dev/null/cache")
+    monkeypatch.setattr(jit, "kernel_folder", jit.kernel_folder.__wrapped__)
+    assert main(["warm-up"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("pacman-env: /dev/null/cache: cannot be written")
+    assert err.count("\n") == 1
