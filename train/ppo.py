@@ -179,11 +179,16 @@ def _planner(arguments: Arguments, model: MaskablePPO) -> TorchPlanner:
     return TorchPlanner("ppo", model.policy.network, game_config(arguments).robot.speed_mps)
 
 
+def _played(arguments: Arguments) -> Config:
+    """The game that planners are judged in: the one of training, but every one is asked at each tick."""
+    return game_config(arguments).with_fields(**{"decisions.when": "tick"})
+
+
 def _validate(arguments: Arguments, model: MaskablePPO) -> float:
     """Share of rounds completed on levels that are never trained on, nor tested."""
     if arguments.evaluation == 0:
         return 0.0
-    config = game_config(arguments)
+    config = _played(arguments)
     source = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
     seeds = episode_seeds(VALIDATION_LEVEL, arguments.evaluation)
     return float(_completed(_planner(arguments, model), source, config, seeds).mean())
@@ -203,7 +208,7 @@ def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
         return lines[0]
-    config = game_config(arguments)
+    config = _played(arguments)
     seeds = episode_seeds(arguments.seed, arguments.evaluation)
     played = {}
     compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}

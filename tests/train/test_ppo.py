@@ -95,6 +95,28 @@ def test_the_report_sets_the_planner_beside_the_rules(tmp_path: Path, capsys: py
     assert f"written: {tmp_path / 'run' / 'planner.onnx'}" in told
 
 
+def test_from_random_weights_a_quick_run_decides_by_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from_scratch = ["--quick", "--imitation", "0"]
+    assert parse(from_scratch).hyper.decide == "event"
+    assert parse(["--quick"]).hyper.decide == parse(["--imitation", "0"]).hyper.decide == "tick"
+    assert game_config(parse(from_scratch)).decisions.when == "event"
+    tiny_run = ["--decisions", "512", "--segment", "512", "--games", "8", "--n-steps", "32", "--levels", "2"]
+    tiny_run += [
+        "--batch-size",
+        "64",
+        "--evaluation",
+        "4",
+        "--threads",
+        "1",
+        "--no-progress",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    assert main([*from_scratch, *tiny_run]) == 0
+    assert "rounds on test levels" in capsys.readouterr().out
+    assert "imitated" not in json.loads((tmp_path / "run" / "run.json").read_text())["segments"][0]
+
+
 def test_resuming_a_finished_run_writes_the_same_planner_again(tmp_path: Path) -> None:
     options = tiny_options(tmp_path, "--out", str(tmp_path / "run"))
     assert main(options) == 0
