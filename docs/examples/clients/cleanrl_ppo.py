@@ -24,12 +24,15 @@ MAX_GRAD_NORM = 0.5
 
 
 def layer_init(layer: nn.Linear, std: float = np.sqrt(2)) -> nn.Linear:
+    """Orthogonal weights, biases 0."""
     nn.init.orthogonal_(layer.weight, std)
     nn.init.constant_(layer.bias, 0.0)
     return layer
 
 
 class Agent(nn.Module):
+    """Two networks, of the actions and of the value."""
+
     def __init__(self, envs: gym.vector.VectorEnv) -> None:
         super().__init__()
         inputs, actions = envs.single_observation_space.shape[0], envs.single_action_space.n
@@ -43,7 +46,8 @@ class Agent(nn.Module):
         )
 
     def policy(self, obs: torch.Tensor, mask: torch.Tensor) -> Categorical:
-        return Categorical(logits=self.actor(obs).masked_fill(~mask, -1e8))  # forbidden: probability 0
+        """Of observations (N, D), float32, and masks (N, A), bool; what is forbidden has probability 0."""
+        return Categorical(logits=self.actor(obs).masked_fill(~mask, -1e8))
 
 
 options = parser(__doc__)
@@ -135,6 +139,7 @@ if args.save:
 
 @torch.no_grad()
 def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+    """The likeliest actions."""
     logits = agent.policy(torch.from_numpy(observation), torch.from_numpy(allowed)).logits
     return logits.argmax(dim=1).numpy()
 

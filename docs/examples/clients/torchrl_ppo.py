@@ -31,6 +31,7 @@ ENTROPY_COEFF = 1e-4
 
 
 def network(inputs: int, outputs: int) -> nn.Sequential:
+    """Three hidden layers."""
     cells = NUM_CELLS
     hidden = (nn.Linear(inputs, cells), nn.Tanh(), nn.Linear(cells, cells), nn.Tanh(), nn.Linear(cells, cells))
     return nn.Sequential(*hidden, nn.Tanh(), nn.Linear(cells, outputs))
@@ -100,6 +101,7 @@ if args.save:
 
 @torch.no_grad()
 def choose(observation: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+    """The likeliest actions."""
     seen = {"observation": torch.from_numpy(observation), "action_mask": torch.from_numpy(allowed)}
     with set_exploration_type(ExplorationType.MODE):
         return actor(TensorDict(seen, batch_size=len(observation)))["action"].numpy()
