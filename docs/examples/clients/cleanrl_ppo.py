@@ -50,9 +50,7 @@ class Agent(nn.Module):
         return Categorical(logits=self.actor(obs).masked_fill(~mask, -1e8))
 
 
-options = parser(__doc__)
-options.add_argument("--num-envs", type=int, default=4, help="games at once")
-args = options.parse_args()
+args = parser(__doc__, num_envs=4).parse_args()
 torch.set_num_threads(1)  # a network this small is fastest on one core
 torch.manual_seed(args.seed)
 rng = np.random.default_rng(args.seed)

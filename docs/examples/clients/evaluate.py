@@ -26,11 +26,12 @@ BATCH = 50  # games at once
 COMPLETE = list(OUTCOMES).index("complete")
 
 
-def parser(description: str | None, decisions: int = 200_000) -> argparse.ArgumentParser:
-    """The options of every script; ``decisions`` is the default of one."""
+def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParser:
+    """The options of every script; ``num_envs`` is the default of one."""
     options = argparse.ArgumentParser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     options.add_argument("--map", default="generated", help="to train on")
-    options.add_argument("--decisions", type=int, default=decisions, help="to learn from")
+    options.add_argument("--decisions", type=int, default=200_000, help="to learn from")
+    options.add_argument("--num-envs", type=int, default=num_envs, help="games at once")
     options.add_argument("--seed", type=int, default=0, help="of the learner and its games")
     options.add_argument("--save", type=Path, default=None, help="file for the model")
     options.add_argument("--test", nargs="*", default=["generated:test"], metavar="MAP", help="to be evaluated on")

@@ -7,13 +7,13 @@ from evaluate import parser, report
 from pacman_env.envs.registration import LEARNERS_DEFAULTS
 from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 
-options = parser(__doc__).parse_args()
+args = parser(__doc__).parse_args()
 torch.set_num_threads(1)  # a network this small is fastest on one core
 
-env = PacManBotVecEnv(8, map=options.map, **LEARNERS_DEFAULTS)
-model = sb3_contrib.MaskablePPO("MlpPolicy", env, seed=options.seed, verbose=1, device="cpu")
-model.learn(options.decisions)
-if options.save:
-    model.save(options.save)
+env = PacManBotVecEnv(args.num_envs, map=args.map, **LEARNERS_DEFAULTS)
+model = sb3_contrib.MaskablePPO("MlpPolicy", env, seed=args.seed, verbose=1, device="cpu")
+model.learn(args.decisions)
+if args.save:
+    model.save(args.save)
 
-report(lambda o, m: model.predict(o, action_masks=m, deterministic=True)[0], options.test, options.rounds)
+report(lambda o, m: model.predict(o, action_masks=m, deterministic=True)[0], args.test, args.rounds)

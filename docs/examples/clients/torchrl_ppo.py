@@ -37,9 +37,7 @@ def network(inputs: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(*hidden, nn.Tanh(), nn.Linear(cells, outputs))
 
 
-options = parser(__doc__)
-options.add_argument("--num-envs", type=int, default=8, help="games at once")
-args = options.parse_args()
+args = parser(__doc__).parse_args()
 torch.set_num_threads(1)  # a network this small is fastest on one core
 torch.manual_seed(args.seed)
 
