@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..config import Config, ConfigError
+from ..config import Config, ConfigError, ObservationConfig
 from ..game.execution import RUNNING
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
@@ -19,24 +20,38 @@ from ..sim.observation.nearest import NOBODY
 from ..sim.observation.situation import Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
-from .spaces import OBSERVATION, observation_space
+from .spaces import OBSERVATION, action_space, observation_space
 
 
 class EnvCore:
     """N games of one environment, from its arguments."""
 
-    def __init__(self, n: int, arguments: EnvArguments, *, ghost_agents: bool = False) -> None:
+    def __init__(
+        self,
+        n: int,
+        arguments: EnvArguments,
+        *,
+        ghost_agents: bool = False,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
         """Raises ConfigError or MapError for arguments that cannot be played.
 
-        ``ghost_agents``: whoever steps the games chooses for ghosts whose behaviour is ``policy``.
+        Args:
+            n: games.
+            arguments: of the environment.
+            ghost_agents: whoever steps the games chooses for ghosts whose behaviour is ``policy``.
+            settings: fields of the configuration that are other than the arguments say.
         """
         self.config, self._policies = arguments.make_config()
+        self.settings = dict(settings or {})
+        self.config = self.config.with_fields(**self.settings)
         behaviours = enumerate(self.config.clyde.ghosts)
         self.ghost_agents = [k for k, name in behaviours if name == "policy" and k not in self._policies]
         if self.ghost_agents and not ghost_agents:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
         self.batch = GameBatch(arguments.make_source(self.config), self.config, n)
         self._observer = Observer(self.batch)
+        self._ghost_observer = Observer(self.batch, _of_ghosts(self.config.observation), ghost=True)
         self.parts = self._observer.parts
         self.candidates = self.batch.candidates if self._observer.nearest is None else self._observer.nearest.count
         self._numeric = arguments.numeric_info
@@ -60,6 +75,12 @@ class EnvCore:
         if self._situation is None:
             raise gym.error.ResetNeeded("call reset() first")
 
+    def require_running(self) -> None:
+        """Raise ResetNeeded before the first reset, and where every episode is over."""
+        self.require_reset()
+        if (self.batch.games["end"] != RUNNING).all():
+            raise gym.error.ResetNeeded("the episode is over: call reset()")
+
     @property
     def situation(self) -> Situation:
         """The robot's policy sees this now; there is none before the first reset."""
@@ -71,10 +92,20 @@ class EnvCore:
         """Of one game."""
         return observation_space(self.parts, self.candidates if self._mask_beside else None)
 
-    def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
+    def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
+        """Of a ghost's agent."""
+        return observation_space(self._ghost_observer.parts, self.batch.candidates if self._mask_beside else None)
+
+    def action_space(self) -> spaces.Discrete | spaces.Box:
+        """Of one game."""
+        return action_space(self.batch, self.candidates)
+
+    def reset(
+        self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
+    ) -> None:
         """New episodes in the games ``index``."""
         self.elapsed_s[index] = 0.0
-        self.batch.reset(index, seeds)
+        self.batch.reset(index, seeds, levels)
         if self._policies:
             mask = np.zeros(self.batch.n, dtype=np.bool_)
             mask[index] = True
@@ -166,9 +197,20 @@ class EnvCore:
 
     def observe(self) -> Any:
         """The robot's agent sees this now: one array (N, ...) per key, or one array where observations are flat."""
-        observed = self._observer.observe(self.situation, self._listed)
-        seen: Any = observed[FLAT] if self.config.observation.flat else observed
-        return {OBSERVATION: seen, MASK: self.masks().astype(np.int8)} if self._mask_beside else seen
+        seen = self._observer.observe(self.situation, self._listed)
+        return self._laid_out(seen, self.masks() if self._mask_beside else None)
+
+    def observe_ghost(self, number: int) -> Any:
+        """The agent of a ghost sees this now: the features, laid out as the robot's observation."""
+        situation = self.batch.situation(number)
+        seen = self._ghost_observer.observe(situation)
+        return self._laid_out(seen, situation.mask if self._mask_beside else None)
+
+    @staticmethod
+    def _laid_out(seen: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_] | None) -> Any:
+        """An observation as its space has it; a mask goes beside it."""
+        observation = seen.get(FLAT, seen)
+        return observation if mask is None else {OBSERVATION: observation, MASK: mask.astype(np.int8)}
 
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, numbers as Python's."""
@@ -212,18 +254,54 @@ class EnvCore:
         return choices
 
 
+def _of_ghosts(config: ObservationConfig) -> ObservationConfig:
+    return replace(config, kinds=("features",), candidates="all")
+
+
 class CoreEnv:
     """An environment over an :class:`EnvCore`, whatever its interface."""
 
     metadata: dict[str, Any]
     render_mode: str | None
+    _core: EnvCore
 
     def _make_core(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         check_render_mode(arguments.render_mode, self.metadata["render_modes"])
+        self._made_from = n, arguments, more
         self._core = EnvCore(n, arguments, **more)
-        self.batch: GameBatch = self._core.batch
-        self.config: Config = self._core.config
         self.render_mode = arguments.render_mode
+
+    @property
+    def batch(self) -> GameBatch:
+        """The games."""
+        return self._core.batch
+
+    @property
+    def config(self) -> Config:
+        """What is played by."""
+        return self._core.config
+
+    @property
+    def started(self) -> bool:
+        """Whether a first round has begun."""
+        return self._core.started
+
+    def _play_by(self, settings: Mapping[str, Any]) -> None:
+        """Play by these from now on, beside the arguments.
+
+        Raises:
+            ConfigError: they cannot be played by, or the spaces would be others; nothing has changed then.
+            MapError: the map cannot be played on with them.
+        """
+        if settings == self._core.settings:
+            return
+        n, arguments, more = self._made_from
+        core = EnvCore(n, arguments, **more, settings=settings)
+        same = core.observation_space() == self._core.observation_space()
+        if not same or core.action_space() != self._core.action_space():
+            names = ", ".join(sorted(settings))
+            raise ConfigError(f"options['settings']: {names} would change the spaces; make an environment with them")
+        self._core = core
 
     @property
     def situation(self) -> Situation:

@@ -13,12 +13,13 @@ from ..render.display import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .spaces import action_space, checked_action
+from .reset_options import SEEDS, ResetOptions
+from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
+class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     """
     ## Description
     A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, a virtual ghost, Clyde,
@@ -125,6 +126,11 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
       place of the largest part.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window.
 
+    ## Reset
+    `reset(seed=..., options=...)`: `options` may hold, for the episode that begins, `round_seed` (as in
+    `info["round_seed"]`: the same episode once more), `level` (of generated maps) and `settings` (fields of the
+    configuration that leave the spaces as they are: `{"clyde.speed_mps": 0.4}`). All else in it is an error.
+
     ## Copies
     `copy.deepcopy` and `pickle` give an environment that goes on exactly as this one: the round is played again from
     its seed and its decisions, which takes up to some tens of ms.
@@ -144,15 +150,29 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_core(1, arguments)
         self.observation_space = self._core.observation_space()
-        self.action_space = action_space(self.batch, self._core.candidates)
+        self.action_space = self._core.action_space()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start a new episode; its own seed is drawn from the environment's generator."""
+        """Start a new episode; its own seed is drawn from the environment's generator.
+
+        Args:
+            seed: of the generator; None: it goes on.
+            options: for this episode: ``round_seed``, in place of one that is drawn; ``level``, of generated maps;
+                ``settings``, fields of the configuration by dotted name that leave the spaces as they are.
+
+        Raises:
+            ValueError: options that there are not, or that cannot be played.
+        """
+        wanted = ResetOptions.of(options, 1)
+        levels = wanted.levels(self.batch.source, _ONE)
+        self._play_by(wanted.settings)
         super().reset(seed=seed)
-        round_seed = self.np_random.integers(2**63, dtype=np.uint64)
-        self._core.reset(_ONE, np.array([round_seed], dtype=np.uint64))
+        seeds = wanted.round_seed
+        if seeds is None:
+            seeds = np.array([self.np_random.integers(SEEDS, dtype=np.uint64)], dtype=np.uint64)
+        self._core.reset(_ONE, seeds, levels)
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info()
@@ -162,8 +182,9 @@ class PacManBotEnv(Display, CoreEnv, gym.Env[Any, Any]):
 
         Raises:
             ValueError: the action is no element of the action space (a velocity beyond the limits is cut to them).
-            ResetNeeded: before the first reset.
+            ResetNeeded: before the first reset, or after the end of an episode.
         """
+        self._core.require_running()
         reward, terminated, truncated = self._core.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()

@@ -18,7 +18,7 @@ from ..render.display import RENDER_FPS
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .spaces import action_space
+from .reset_options import SEEDS, ResetOptions
 
 
 class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
@@ -32,7 +32,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
 
     Spaces, rewards and arguments are those of the single environment; game i with seed s equals a single environment
     with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with ``DISABLED`` pass
-    ``options={"reset_mask": mask}`` to ``reset``.
+    ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps`` decisions.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -49,21 +49,28 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         *,
         arguments: EnvArguments,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
     ) -> None:
         """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
         if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
             raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
         num_envs = int(num_envs)
+        steps = max_episode_steps
+        if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
+            raise ValueError(f"max_episode_steps = {steps!r}: must be a whole number of at least 1, or None")
+        self._most_steps = steps
         self._make_core(num_envs, arguments)
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = self._core.observation_space()
-        self.single_action_space = action_space(self.batch, self._core.candidates)
+        self.single_action_space = self._core.action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._all = np.arange(num_envs)
+        self._steps = np.zeros(num_envs, dtype=np.int64)  # of each episode
+        self._cut = np.zeros(num_envs, dtype=np.bool_)  # by max_episode_steps, and not reset since
 
     def reset(
         self,
@@ -75,21 +82,31 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
 
         Args:
             seed: one seed s (game i gets s + i), one per game, or None: the generators go on.
-            options: may hold ``reset_mask``, bool (N,).
+            options: may hold ``reset_mask``, bool (N,), and what the single environment's may: ``round_seed`` and
+                ``level``, one for all games or one for each, for the episodes that begin now; ``settings``, for all
+                games and until the next reset of all.
 
         Raises:
-            ValueError: the seeds or the mask do not fit the games.
+            ValueError: the seeds, the mask or other options do not fit the games.
             ResetNeeded: the first reset is not of all games.
         """
+        wanted = ResetOptions.of(options, self.num_envs, "reset_mask")
         index = self._reset_index(options)
+        levels = wanted.levels(self.batch.source, index)
         if seed is None or isinstance(seed, (int, np.integer)):
             seed = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        if not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):
+            raise ValueError(f"seed = {seed!r}: must be a whole number, one for each game, or None")
         if len(seed) != self.num_envs:
             raise ValueError(f"{len(seed)} seeds for {self.num_envs} games")
+        if len(index) == self.num_envs:
+            self._play_by(wanted.settings)
+        elif wanted.settings:
+            raise ValueError("options['settings'] are for all games, which are not all reset")
         for i in index.tolist():
             if seed[i] is not None or self._generators[i] is None:
                 self._generators[i], _ = gym.utils.seeding.np_random(seed[i])
-        self._new_rounds(index)
+        self._new_rounds(index, None if wanted.round_seed is None else wanted.round_seed[index], levels)
         return self._core.observe(), self._infos(index)
 
     def step(
@@ -102,18 +119,28 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             ResetNeeded: before the first reset.
         """
         core = self._core
-        over = self.batch.games["end"] != RUNNING
+        over = (self.batch.games["end"] != RUNNING) | self._cut
         reward, terminated, truncated = core.step(self._checked(actions))
+        self._cut_long_episodes(terminated, truncated)
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
             self._new_rounds(np.flatnonzero(over))
             terminated[over] = truncated[over] = False
+            reward[over] = 0.0
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             ended = np.flatnonzero(terminated | truncated)
             if len(ended):
                 final = self._final(ended)
                 self._new_rounds(ended)
         return core.observe(), reward, terminated, truncated, {**final, **self._infos(self._all)}
+
+    def _cut_long_episodes(self, terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]) -> None:
+        """What Gymnasium's ``TimeLimit`` does for one environment."""
+        self._steps += 1
+        if self._most_steps is not None:
+            long = self._steps >= self._most_steps
+            self._cut = long & ~terminated & ~truncated
+            truncated |= long
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per game."""
@@ -146,9 +173,18 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             raise gym.error.ResetNeeded("the first reset() must be of all games")
         return np.flatnonzero(mask)
 
-    def _new_rounds(self, index: NDArray[np.int64]) -> None:
-        seeds = [self._generators[i].integers(2**63, dtype=np.uint64) for i in index.tolist()]
-        self._core.reset(index, np.array(seeds, dtype=np.uint64))
+    def _new_rounds(
+        self,
+        index: NDArray[np.int64],
+        seeds: NDArray[np.uint64] | None = None,
+        levels: NDArray[np.int64] | None = None,
+    ) -> None:
+        if seeds is None:
+            drawn = [self._generators[i].integers(SEEDS, dtype=np.uint64) for i in index.tolist()]
+            seeds = np.array(drawn, dtype=np.uint64)
+        self._core.reset(index, seeds, levels)
+        self._steps[index] = 0
+        self._cut[index] = False
 
     def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Gymnasium's layout: an array per key and a mask of the games that have it."""

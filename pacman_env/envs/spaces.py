@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from ..game.ghosts import GHOST_NAMES
 from ..sim.core.batch import GameBatch
-from ..sim.observation.kinds import FLAT, MASK, Features, Part, bounds, mask_part
+from ..sim.observation.kinds import FLAT, MASK, Part, bounds
 from ..sim.observation.robot_features import FAST_MPS
 
 OBSERVATION = "observation"  # where the mask is beside it
@@ -44,12 +44,6 @@ def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Disc
     robot = batch.config.robot
     high = np.array([robot.wheel_speed_mps, robot.omega_radps], dtype=np.float32)
     return spaces.Box(high * np.array([0, -1], dtype=np.float32), high, dtype=np.float32)
-
-
-def ghost_observation_space(batch: GameBatch) -> spaces.Dict:
-    """Of one ghost: the features, and his mask."""
-    parts = {**Features().parts(batch), MASK: mask_part(batch)}
-    return spaces.Dict({key: _space(key, part) for key, part in parts.items()})
 
 
 def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:

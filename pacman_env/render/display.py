@@ -16,15 +16,26 @@ RENDER_FPS = 2  # one frame per decision, in real time
 class Display:
     """``render``, ``close`` and copies of an environment with ``batch`` and ``render_mode``."""
 
-    batch: GameBatch
     render_mode: str | None
     _window: Any = None
+
+    @property
+    def batch(self) -> GameBatch:
+        """The games."""
+        raise NotImplementedError
+
+    @property
+    def started(self) -> bool:
+        """Whether a first round has begun."""
+        raise NotImplementedError
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
         if self.render_mode is None:
             gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")
             return None
+        if not self.started:
+            raise gym.error.ResetNeeded("call reset() before render()")
         from .frames import render_frame
 
         frame = render_frame(self.batch, 0)

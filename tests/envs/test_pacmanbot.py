@@ -15,6 +15,7 @@ import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps import assets
 from pacman_env.world.maps.occupancy import MapError, load_map, shipped_maps
@@ -217,7 +218,9 @@ def test_action_masks_are_those_of_the_observation() -> None:
         forbidden += (~masks).sum()
         masks[:] = False  # a copy: the environment does not notice
         assert env.action_masks().any()
-        observation, *_ = env.step(k % 4)
+        observation, _, terminated, *_ = env.step(k % 4)
+        if terminated:
+            observation, _ = env.reset()
     assert forbidden > 0
 
 
@@ -304,22 +307,24 @@ def test_rewards_and_ends_are_as_documented(execution: str, more: dict[str, floa
     assert ("cleared" in ends) == (execution == "as_built")
 
 
-def test_a_game_that_is_over_stands_still() -> None:
+def test_an_episode_that_is_over_has_to_be_reset() -> None:
     env, seen = make(settings={**QUICK, "time_limit_s": 17.0}), set()
     for seed in range(30):
-        observation, _, terminated, truncated, info = play_round(env, "nearest", seed)[-1]
+        *_, info = play_round(env, "nearest", seed)[-1]
         seen.add(info["outcome"])
-        for action in range(30):
-            assert same(env.step(action % 4), (observation, 0.0, terminated, truncated, info))
+        for _ in range(2):
+            with pytest.raises(gym.error.ResetNeeded, match="the episode is over: call reset"):
+                env.step(0)
     assert seen == {"caught", "complete", "timeout"}
 
 
 def test_a_pellet_reached_after_the_time_limit_does_not_count() -> None:
-    env = make(preset="ideal", settings={"time_limit_s": 5.0, "clyde.speed_mps": 0.0})
+    settings = {"time_limit_s": 5.0, "clyde.speed_mps": 0.0}
+    env = PacManBotVectorEnv(1, preset="ideal", settings=settings, autoreset_mode="Disabled")  # may be stepped on
     env.reset(seed=0)
     distance = env.situation.path_robot[0, : env.batch.pellet_slots]
     goal = int(np.where(distance > 2.0, distance, np.inf).argmin())
-    infos = [env.step(goal)[4] for _ in range(50)]
+    infos = [env.step(np.array([goal]))[4] for _ in range(50)]
     assert infos[9]["outcome"] == "timeout"
     assert infos[49] == infos[9]
 

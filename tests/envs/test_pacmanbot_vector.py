@@ -250,3 +250,37 @@ def test_episode_statistics_are_those_of_the_singles() -> None:
             for key in ("r", "l"):
                 np.testing.assert_array_equal(ours["episode"][key], theirs["episode"][key])
     assert episodes >= 3
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_long_episodes_are_cut_as_by_gymnasiums_time_limit(mode: str) -> None:
+    arguments: dict[str, Any] = {"map": "loop", "ghosts": "chase", "settings": {"clyde.speed_mps": 0.8}}
+    env = gym.make_vec(
+        ID, 3, vectorization_mode="vector_entry_point", vector_kwargs=None, max_episode_steps=7,
+        autoreset_mode=mode, **arguments,
+    )  # fmt: skip
+    single = gym.make_vec(
+        ID, 3, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, max_episode_steps=7, **arguments
+    )
+    for one in (env, single):
+        one.reset(seed=0)
+    cut = ended = 0
+    for k in range(60):
+        actions = np.array([k % 3, 1, (k + 1) % 3])
+        (_, *result, infos), (_, *expected, _) = env.step(actions), single.step(actions)
+        for one, other in zip(result, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert ("final_obs" in infos) == (mode == "SameStep" and bool((result[1] | result[2]).any()))
+        cut += int(result[2].sum())
+        ended += int(result[1].sum())
+        if mode == "Disabled" and (result[1] | result[2]).any():
+            for one in (env, single):
+                one.reset(options={"reset_mask": result[1] | result[2]})
+    assert cut > 5
+    assert ended > 0
+
+
+@pytest.mark.parametrize("steps", [0, -1, 1.5, True, "5"])
+def test_a_number_of_steps_that_is_none_is_named(steps: Any) -> None:
+    with pytest.raises(ValueError, match=r"max_episode_steps = .*: must be a whole number of at least 1, or None"):
+        PacManBotVectorEnv(2, map="loop", max_episode_steps=steps)

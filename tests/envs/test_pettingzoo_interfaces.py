@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pettingzoo
 import pytest
+from gymnasium import spaces
 
 import pacman_env
 from pacman_env.envs.pettingzoo_env import PACMAN
+from pacman_env.envs.registration import LEARNERS_ID
 from tests.envs.helpers import QUICK, make, same
 from tests.envs.test_pettingzoo_env import FAST_GHOSTS, MIXED, actions_of
 
@@ -66,3 +69,78 @@ def test_agent_by_agent_it_is_the_same_game() -> None:
                 observations, rewards, terminated, truncated, infos = parallel.step(actions)
                 asked, actions = [], actions_of(parallel, rng)
         assert sorted(asked) == sorted(parallel.possible_agents)  # each was told of the end
+
+
+SHAPES: tuple[dict[str, Any], ...] = (
+    {"observation": "flat", "normalize": True, "mask": "beside", "numeric_info": True},
+    {"observation": "flat", "normalize": True, "mask": "info", "numeric_info": True},
+    {"observation": ("features", "planner"), "mask": "beside"},
+    {"observation": "flat", "mask": "method", "ghosts": ("policy", "policy", "wander")},
+)
+
+
+@pytest.mark.parametrize("arguments", SHAPES)
+def test_in_the_shapes_of_learners_the_game_is_the_same(arguments: dict[str, Any]) -> None:
+    ghosts = arguments.get("ghosts", ("policy",))
+    plain = pacman_env.parallel_env(map="loop", ghosts=ghosts)
+    env = pacman_env.parallel_env(map="loop", **arguments)
+    observations, infos = env.reset(seed=4)
+    seen, _ = plain.reset(seed=4)
+    rng = np.random.default_rng(4)
+    while env.agents:
+        for agent in env.agents:
+            mask = seen[agent]["action_mask"]
+            if arguments["mask"] == "beside":
+                np.testing.assert_array_equal(observations[agent]["action_mask"], mask)
+                assert mask.dtype == observations[agent]["action_mask"].dtype == np.int8
+            if arguments["mask"] == "info":
+                np.testing.assert_array_equal(infos[agent]["action_mask"], mask)
+            assert observations[agent] in env.observation_spaces[agent]
+        actions = actions_of(plain, rng)
+        observations, rewards, *_, infos = env.step(actions)
+        seen, expected, *_ = plain.step(actions)
+        assert rewards == expected
+    assert not plain.agents
+
+
+def test_flat_agents_have_one_shape_with_the_mask_beside_or_in_the_info() -> None:
+    beside = pacman_env.parallel_env(map="loop", **SHAPES[0])
+    space = beside.observation_space(PACMAN)
+    assert space == beside.observation_space("clyde")
+    assert isinstance(space, spaces.Dict)
+    assert set(space.keys()) == {"observation", "action_mask"}
+    flat = pacman_env.parallel_env(map="loop", **SHAPES[1])
+    assert flat.observation_space(PACMAN) == flat.observation_space("clyde") == space["observation"]
+    turns = pacman_env.env(map="loop", **SHAPES[0])
+    for agent in turns.possible_agents:
+        assert turns.observation_space(agent) == beside.observation_spaces[agent]
+        assert turns.action_space(agent) == beside.action_spaces[agent]
+
+
+def test_a_ghosts_numbers_are_within_1_where_all_are() -> None:
+    env = pacman_env.parallel_env(map="house", ghosts=("policy", "wander"), **SHAPES[0])
+    observations, _ = env.reset(seed=0)
+    rng, most = np.random.default_rng(0), 0.0
+    while env.agents:
+        assert all(np.abs(seen["observation"]).max() <= 1.0 for seen in observations.values())
+        most = max(most, float(np.abs(observations["clyde"]["observation"]).max()))
+        actions = {a: rng.choice(np.flatnonzero(observations[a]["action_mask"])) for a in env.agents}
+        observations, *_ = env.step(actions)
+    assert most > 0.5
+
+
+def test_numeric_infos_hold_nothing_but_numbers() -> None:
+    env = pacman_env.parallel_env(map="loop", **SHAPES[1])
+    _, infos = env.reset(seed=0)
+    for info in infos.values():
+        assert all(isinstance(value, (int, float, np.ndarray)) for value in info.values())
+
+
+@pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry")
+@pytest.mark.parametrize("kind", ["parallel", "aec"])
+def test_both_are_in_pettingzoos_registry(kind: Any) -> None:
+    env = pettingzoo.make(kind, "pacman_env/PacManBot-v0", map="loop")
+    env.reset(seed=0)
+    assert env.metadata["name"] == "pacmanbot_v0"
+    learners = pettingzoo.make(kind, LEARNERS_ID, map="loop")
+    assert set(learners.observation_space(PACMAN).keys()) == {"observation", "action_mask"}

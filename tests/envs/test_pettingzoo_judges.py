@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import pacman_env
+from tests.envs.test_pettingzoo_interfaces import SHAPES
 
 with warnings.catch_warnings():
     # PettingZoo's tests import its own environments in its old way.
@@ -109,3 +110,13 @@ def test_the_benchmark_runs_through_many_episodes(
     random.seed(0)
     performance_benchmark(pacman_env.env(settings=SHORT))
     assert "Finished performance benchmark" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("ignore:Observation is not a NumPy array:UserWarning")
+@pytest.mark.filterwarnings("ignore:Observation space for each agent probably should be:UserWarning")
+@pytest.mark.filterwarnings("ignore:We recommend agents to be named in the format:UserWarning")
+@pytest.mark.filterwarnings("ignore:Agents have different observation space sizes:UserWarning")
+@pytest.mark.parametrize("shape", SHAPES)
+def test_in_the_shapes_of_learners_there_is_no_fault(shape: dict[str, Any]) -> None:
+    parallel_api_test(pacman_env.parallel_env(map="loop", **shape), num_cycles=60)
+    api_test(pacman_env.env(map="loop", **shape), num_cycles=60)

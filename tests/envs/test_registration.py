@@ -9,6 +9,7 @@ import gymnasium as gym
 import pytest
 
 import pacman_env
+from pacman_env.envs.registration import LEARNERS_ID
 from tests.envs.helpers import ID
 
 
@@ -52,3 +53,14 @@ def test_gymnasium_finds_the_id_by_module() -> None:
     code = f"import gymnasium; print(gymnasium.make('pacman_env:{ID}').spec.id)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == ID
+
+
+@pytest.mark.parametrize("first", ["pacman_env", "pettingzoo"])
+def test_pettingzoo_knows_both_names_whichever_is_imported_first(first: str) -> None:
+    second = {"pacman_env": "pettingzoo", "pettingzoo": "pacman_env"}[first]
+    code = (
+        f"import {first}, {second}; known = getattr(pettingzoo, 'parallel_registry', None);"
+        f"print(known is None or sorted(n for n in known if n.startswith('pacman_env')) == {[ID, LEARNERS_ID]})"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "True"

@@ -77,10 +77,14 @@ def test_seeds_and_options_hold_for_one_reset() -> None:
         for env in (native, singles):
             if seed is not None:
                 env.seed(seed)
-        native.set_options({"unknown": 1})
+                env.set_options({"settings": {"clyde.speed_mps": 0.4}})
         assert same(native.reset(), dict(singles.reset()))
+        assert native.env.config.clyde.speed_mps == (0.25 if seed is None else 0.4)
     assert native._options == [{}, {}]
-    native.set_options([{"unknown": 1}, {"unknown": 2}])
+    native.set_options({"unknown": 1})
+    with pytest.raises(ValueError, match="unknown"):
+        native.reset()
+    native.set_options([{"round_seed": 1}, {"round_seed": 2}])
     with pytest.raises(ValueError, match="same for all games"):
         native.reset()
     native.set_options({"reset_mask": True})

@@ -169,10 +169,13 @@ class GameBatch:
         self._seen = tuple(a[k] for k in seen)
         self._detour_search = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)
 
-    def reset(self, index: NDArray[np.int64], seeds: NDArray[np.uint64]) -> None:
+    def reset(
+        self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
+    ) -> None:
         """Start a new episode with its own seed in each of the games ``index`` (M,).
 
-        The seed decides everything that is drawn: the map where there are many, the episode's parameters, the ghosts.
+        The seed decides everything that is drawn: the map where there are many and ``levels`` (M,) does not name it,
+        the episode's parameters, the ghosts.
 
         Raises:
             MapError: a map cannot be played on; nothing has been changed then.
@@ -181,7 +184,7 @@ class GameBatch:
         seeds = np.asarray(seeds, dtype=np.uint64)
         fresh = draw_episodes(seeds, self.config)
         if len(self.levels) > 1:
-            self._change_maps(index, self.source.levels_of(seeds))
+            self._change_maps(index, self.source.levels_of(seeds) if levels is None else levels)
         self._start(index, seeds, fresh)
 
     def _change_maps(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:

@@ -29,6 +29,7 @@ from .ghost_targets import GhostTargets, find_ghost_targets
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
+MAX_PELLETS = 1000  # the way from each to each is kept
 _KEEP = 16  # maps kept in the process
 
 
@@ -139,6 +140,11 @@ def _build(
     """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
+    if len(pellets) > MAX_PELLETS:
+        raise MapError(
+            f"{occupancy.name}: {len(pellets):,} pellets at pellets.spacing_m = {config.pellets.spacing_m}:"
+            f" must be {MAX_PELLETS:,} at most"
+        )
     cells, near = grid.pellet_cells(pellets.position, config.nav2, config.execution)
     keep = near if config.pellets.reachable_only else np.ones(len(pellets), dtype=np.bool_)
     if not near.any():

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import ConfigError
+from ...config import ConfigError, ObservationConfig
 from ...plugins import PluginError, Registry
 from ...world.navigation.lidar import scan_all
 from ..core.batch import GameBatch
@@ -189,14 +189,17 @@ class Observer:
         nearest: how many candidates are listed, where the nearest are; else None.
     """
 
-    def __init__(self, batch: GameBatch) -> None:
-        """Raises ConfigError for a kind that there is not, or two that add arrays of one key, or what does not fit."""
+    def __init__(self, batch: GameBatch, config: ObservationConfig | None = None, *, ghost: bool = False) -> None:
+        """Raises ConfigError for a kind that there is not, or two that add arrays of one key, or what does not fit.
+
+        ``config`` replaces the batch's own; a ``ghost`` chooses candidates whatever the robot's actions are.
+        """
         self._batch = batch
-        self._config = config = batch.config.observation
+        self._config = config = batch.config.observation if config is None else config
         self.nearest = (
             Nearest(config.nearest_pellets, config.nearest_refuges) if config.candidates == "nearest" else None
         )
-        self._masked = batch.config.action == "goal" and config.mask == "observation"
+        self._masked = (ghost or batch.config.action == "goal") and config.mask == "observation"
         if self.nearest and batch.config.action != "goal":
             raise ConfigError("observation.candidates = 'nearest': velocities choose no candidate")
         try:
@@ -225,7 +228,8 @@ class Observer:
     def observe(self, situation: Situation, listed: NDArray[np.int64] | None = None) -> Observation:
         """Observations of all games, one array (N, ...) per key; new arrays at each call.
 
-        ``situation`` is the batch's own, as it is now; ``listed`` what :meth:`listed` says of it, if that is known.
+        ``situation`` is the batch's own, as it is now, of the robot or of a ghost; ``listed`` what :meth:`listed` says
+        of it, if that is known.
         """
         observation: Observation = {MASK: situation.mask.astype(np.int8)} if self._masked else {}
         for kind in self._kinds:

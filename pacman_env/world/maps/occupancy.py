@@ -218,6 +218,8 @@ def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
     shipped = _shipped()
     if isinstance(source, str) and source in shipped:
         return _load(shipped[source], source)
+    if not os.fspath(source):
+        raise MapError("map = '': must be a shipped map's name, a YAML file or a folder with one")
     try:
         path = Path(source).expanduser()
         if path.is_dir():

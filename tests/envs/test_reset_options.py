@@ -1,0 +1,150 @@
+"""``reset(options=...)``: a round once more, a level, settings for an episode; and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pacman_env
+from pacman_env.config import ConfigError
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.reset_options import SEEDS, ResetOptions
+from tests.envs.helpers import same
+
+BAD: list[tuple[Any, str]] = [
+    ({"levl": 1}, r"options\['levl'\]: choose among level, round_seed, settings"),
+    ([1], r"options = \[1\]: must be a dictionary or None"),
+    ({"round_seed": 1.5}, r"options\['round_seed'\] = 1.5: must be a whole number from 0"),
+    ({"round_seed": -1}, r"options\['round_seed'\] = -1"),
+    ({"round_seed": True}, r"options\['round_seed'\] = True"),
+    ({"level": "1"}, r"options\['level'\] = '1'"),
+    ({"level": 3}, r"options\['level'\]: levels are for map='generated'"),
+    ({"settings": [1]}, r"options\['settings'\] = \[1\]: must be values by the dotted names"),
+    ({"settings": {"clyde.sped": 1}}, r"clyde.sped"),
+    ({"settings": {"clyde.speed_mps": -1}}, r"clyde.speed_mps"),
+    ({"settings": {"action": "velocity"}}, r"options\['settings'\]: action would change the spaces"),
+    ({"settings": {"max_pellets": 40}}, r"options\['settings'\]: max_pellets would change the spaces"),
+]
+
+
+def episode(env: PacManBotEnv, *, seed: int | None = None, **options: Any) -> list[Any]:
+    seen: list[Any] = [env.reset(seed=seed, options=options or None)]
+    for k in range(40):
+        seen.append(env.step(k % 5))
+        if seen[-1][2]:
+            break
+    return seen
+
+
+@pytest.mark.parametrize("map", ["loop", "generated"])
+def test_a_round_seed_gives_the_same_episode_again_and_draws_nothing(map: str) -> None:
+    env = PacManBotEnv(map=map)
+    first = episode(env, seed=5)
+    second = episode(env)
+    again = episode(env, round_seed=first[0][1]["round_seed"])
+    assert same(again, first)
+    env.reset(seed=5)
+    env.reset(options={"round_seed": 1})
+    assert same([env.reset()], second[:1])
+
+
+def test_a_level_is_played_whatever_the_seed() -> None:
+    env = PacManBotEnv(map="generated:test", num_levels=50)
+    seen = []
+    for level in (1_000_003, 1_000_049, 1_000_000):
+        _, info = env.reset(seed=1, options={"level": level})
+        assert info["level"] == level
+        seen.append(env.batch.assets_of(0).occupancy.occupancy.shape)
+    assert len(set(seen)) > 1
+    with pytest.raises(ConfigError, match=r"'level'\] = 3: the environment has the levels 1000000 to 1000049"):
+        env.reset(options={"level": 3})
+
+
+def test_settings_hold_for_one_episode_and_play_as_an_environment_made_with_them() -> None:
+    env = PacManBotEnv(map="loop")
+    fast = {"clyde.speed_mps": 0.45}
+    made = PacManBotEnv(map="loop", settings=fast)
+    before = episode(env, seed=2)
+    assert same(episode(env, seed=2, settings=fast), episode(made, seed=2))
+    assert env.config.clyde.speed_mps == 0.45
+    assert same(episode(env, seed=2), before)
+    assert env.config.clyde.speed_mps == 0.25
+
+
+@pytest.mark.parametrize(("options", "message"), BAD)
+def test_what_cannot_be_played_is_named_and_the_episode_goes_on(options: Any, message: str) -> None:
+    env, untouched = (PacManBotEnv(map="loop") for _ in range(2))
+    for one in (env, untouched):
+        one.reset(seed=3)
+    with pytest.raises(ValueError, match=message):
+        env.reset(options=options)
+    assert same(env.step(1), untouched.step(1))
+    assert same(env.reset(), untouched.reset())
+
+
+def test_games_of_a_batch_take_one_value_or_one_each() -> None:
+    env = PacManBotVectorEnv(3, map="generated", autoreset_mode="SameStep")
+    observations, infos = env.reset(seed=0, options={"round_seed": [7, 8, 9], "level": np.array([3, 4, 3])})
+    assert infos["round_seed"].tolist() == [7, 8, 9]
+    assert infos["level"].tolist() == [3, 4, 3]
+    single = PacManBotEnv(map="generated")
+    for k, level in enumerate((3, 4, 3)):
+        observation, _ = single.reset(options={"round_seed": 7 + k, "level": level})
+        assert same({key: array[k] for key, array in observations.items()}, observation)
+    with pytest.raises(ValueError, match=r"options\['level'\]: 2 numbers for 3 games"):
+        env.reset(options={"level": [1, 2]})
+
+
+def test_settings_of_a_batch_are_for_all_its_games_until_all_are_reset() -> None:
+    env = PacManBotVectorEnv(2, map="loop", autoreset_mode="Disabled")
+    env.reset(seed=0, options={"settings": {"clyde.speed_mps": 0.4}})
+    mask = np.array([True, False])
+    env.reset(options={"reset_mask": mask})
+    assert env.config.clyde.speed_mps == 0.4
+    with pytest.raises(ValueError, match=r"settings.* are for all games, which are not all reset"):
+        env.reset(options={"reset_mask": mask, "settings": {"clyde.speed_mps": 0.3}})
+    env.reset()
+    assert env.config.clyde.speed_mps == 0.25
+
+
+def test_several_agents_take_the_same_options() -> None:
+    env = pacman_env.parallel_env(map="loop")
+    _, infos = env.reset(options={"round_seed": 11, "settings": {"clyde.speed_mps": 0.4}})
+    assert infos["pacman"]["round_seed"] == 11
+    assert env.config.clyde.speed_mps == 0.4
+    with pytest.raises(ValueError, match="levl"):
+        env.reset(options={"levl": 1})
+    turns = pacman_env.env(map="loop")
+    turns.reset(options={"round_seed": 11})
+    assert turns.infos["pacman"]["round_seed"] == 11
+
+
+def test_a_seed_that_is_none_is_named() -> None:
+    env = PacManBotVectorEnv(2, map="loop")
+    for seed in (1.5, "ab"):
+        with pytest.raises(ValueError, match=f"seed = {seed!r}: must be a whole number"):
+            env.reset(seed=seed)  # type: ignore[arg-type]
+    with pytest.raises(gym.error.Error, match="integer"):
+        PacManBotEnv(map="loop").reset(seed=1.5)  # type: ignore[arg-type]
+
+
+@given(st.one_of(st.integers(), st.floats(), st.text(), st.none(), st.booleans(), st.lists(st.integers(), max_size=4)))
+def test_a_number_is_taken_or_refused_by_name(given_: Any) -> None:
+    try:
+        taken = ResetOptions.of({"round_seed": given_}, 3).round_seed
+    except ValueError as error:
+        assert "options['round_seed']" in str(error)  # noqa: PT017
+        return
+    if given_ is None:
+        assert taken is None
+        return
+    assert taken is not None
+    each = given_ if isinstance(given_, list) else [given_] * 3
+    assert taken.tolist() == each
+    assert all(0 <= one < SEEDS for one in each)
