@@ -1,8 +1,8 @@
 """Libraries that learn on the environments, each tried by its script: ``python -m tools.clients [NAME ...]``.
 
 The scripts lie in ``docs/examples/clients``. Libraries that are not in this project's extras, or whose pins clash with
-its own, get virtual environments in ``.clients``; the others run in the one that this is run in. The table that is printed
-can be written into ``docs/use_with/README.md``.
+its own, get virtual environments in ``.clients``; the others run in the one that this is run in. The table that is
+printed can be written into ``docs/use_with/README.md``.
 """
 
 from __future__ import annotations
@@ -75,19 +75,19 @@ VENVS = {
     "tianshou": Venv(("tianshou==2.0.1", "torch==2.13.0"), ("filelock",)),  # below 4 for its virtualenv
     "torchrl": Venv(("torchrl==0.14.1", "torch==2.13.0")),
 }
-_FEW = ("--decisions", "2000", "--rounds", "20")
+_FEW = ("--map", "house", "--decisions", "2000", "--test", "house", "--rounds", "20")
 CLIENTS = (
-    Client("gymnasium_wrappers", "gymnasium", "farama", "unmodified, but for the few of its page"),
+    Client("gymnasium_wrappers", "gymnasium", "farama", "unmodified, but for the few on [its page](gymnasium.md)"),
     Client("sb3_ppo", "stable_baselines3", HERE, "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
     Client("sb3_maskable_ppo", "sb3_contrib", HERE, "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
-    Client("cleanrl_ppo", "torch", HERE, "`logits.masked_fill(~mask, -1e8)`", _FEW),
+    Client("cleanrl_ppo", "torch", HERE, "CleanRL's file; masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
     Client("torchrl_ppo", "torchrl", "torchrl", '`mask="beside"`, `DTypeCastTransform` of the mask', _FEW),
     Client(
-        "tianshou_ppo", "tianshou", "tianshou", 'unmodified; masked with `mask="beside"`, `masked_fill` in the actor'
+        "tianshou_ppo", "tianshou", "tianshou", '[unmodified](tianshou.md); masked with `mask="beside"` and an actor'
     ),
-    Client("rllib_ppo", "ray", "rllib", "`pacman_env:` before the id; masked with a wrapper that renames"),
-    Client("supersuit_vec", "supersuit", "farama", '`observation=("features", "flat"), mask="info"`'),
-    Client("minari_dataset", "minari", "farama", "unmodified; `grid` with `jpeg_encoding=False`"),
+    Client("rllib_ppo", "ray", "rllib", "[`pacman_env:`](rllib.md) before the id; masked with a wrapper that renames"),
+    Client("supersuit_vec", "supersuit", "farama", '[`mask="info"`](supersuit.md)'),
+    Client("minari_dataset", "minari", "farama", "[unmodified](minari.md); `grid` with `jpeg_encoding=False`"),
 )
 
 
@@ -118,7 +118,16 @@ def python_of(name: str) -> Path:
     constraints = folder / "constraints.txt"
     constraints.write_text(venv.constraints())
     project = f"{ROOT}[{venv.extra}]" if venv.extra else str(ROOT)
-    pip = [python, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--constraint", constraints]
+    pip = [
+        str(python),
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "--quiet",
+        "install",
+        "--constraint",
+        str(constraints),
+    ]
     subprocess.run([*pip, *venv.requirements, "--editable", project], check=True)
     stamp.write_text(hashed)
     return python

@@ -1,7 +1,7 @@
 """Tianshou: PPO on PacManBot-v1, without and with the mask, and its wrapper of the two-player game.
 
 Without the mask nothing is needed. With it an actor reads the two parts that ``mask="beside"`` gives. Tianshou's
-``PettingZooEnv`` expects the same two parts of every agent, in spaces that are equal.
+``PettingZooEnv`` expects the same two parts of every agent, which the two-player PacManBot-v1 has.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pettingzoo
 import torch
 from tianshou.algorithm import PPO
 from tianshou.algorithm.modelfree.reinforce import DiscreteActorPolicy
@@ -22,7 +23,7 @@ from tianshou.trainer import OnPolicyTrainerParams
 from tianshou.utils.net.common import Net
 from tianshou.utils.net.discrete import DiscreteActor, DiscreteCritic
 
-import pacman_env
+import pacman_env  # noqa: F401 - registers the environments
 
 GAMES = 4
 
@@ -107,16 +108,7 @@ def two_players(map: str, decisions: int, seed: int) -> None:
     """Pac-Man and Clyde, each with a PPO of his own."""
 
     def make() -> PettingZooEnv:
-        return PettingZooEnv(
-            pacman_env.env(
-                map=map,
-                observation=("features", "flat"),
-                normalize=True,
-                mask="beside",
-                numeric_info=True,
-                max_cycles=100,
-            )
-        )
+        return PettingZooEnv(pettingzoo.make("aec", "pacman_env/PacManBot-v1", map=map, max_cycles=100))
 
     env = make()
     algorithms = [ppo(env.observation_space["observation"], env.action_space, masked=True) for _ in env.agents]
@@ -131,7 +123,7 @@ def main() -> None:
     """One player without the mask and with it, and two players."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--map", default="house")
-    options.add_argument("--decisions", type=int, default=2000, help="of each of the three")
+    options.add_argument("--decisions", type=int, default=1024, help="of each of the three")
     options.add_argument("--seed", type=int, default=0)
     arguments = options.parse_args()
     torch.manual_seed(arguments.seed)
