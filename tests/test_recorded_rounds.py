@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from pacman_env.config import make_config
+from pacman_env.config import Config, make_config
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.game.decisions import HOLD
 from pacman_env.game.execution import COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.batch import GameBatch
@@ -42,27 +48,42 @@ class Recorded:
 
     def _note(self, name: str, i: int, before: Any, after: Any, rest: tuple[Any, ...]) -> None:
         step, pose = int(after["step"]), (float(after["x"] + after["error_x"]), float(after["y"] + after["error_y"]))
-        pursued = int(after["pursued"])
+        if self.batch.config.execution.pose_source == "amcl" and name != "apply_results":
+            pose = float(after["amcl_x"]), float(after["amcl_y"])
+        ghosts = [(float(x), float(y)) for x, y, _ in self.batch.obstacles[i]]
+        now = (ghosts, pose, int(after["pursued"]))
         if name == "decide":
-            self.events[i].append((step, "choose", int(rest[0][i]), pose, pursued))
+            self.events[i].append((step, "choose", int(rest[0][i]), *now))
         elif name == "apply_results":
             if before["nav_result"]:
                 old = bool(before["nav_next"] >= 0)
-                self.events[i].append((step, "result", (int(before["nav_result"]), old), pose, pursued))
+                self.events[i].append((step, "result", (int(before["nav_result"]), old), *now))
         else:
-            ghosts = [(float(x), float(y)) for x, y, _ in self.batch.obstacles[i]]
-            self.events[i].append((step, "look", ghosts, pose, pursued))
+            self.events[i].append((step, "look", None, *now))
 
 
-def play_again(events: list[Any], config: Any, batch: GameBatch) -> RobotSide:
-    """One recorded round on the robot's side, compared at every event."""
+Ghosts = list[tuple[float, float]]
+
+
+def play_again(
+    events: list[Any],
+    config: Config,
+    batch: GameBatch,
+    before_choice: Callable[[RobotSide, float, int, Ghosts], None] | None = None,
+) -> RobotSide:
+    """One recorded round on the robot's side, compared at every event.
+
+    ``before_choice``: called with the time in the round, s, the choice, and where the ghosts are.
+    """
     assets = batch.assets
     robot = RobotSide(config, assets.goal_xy[: assets.pellets], assets.goal_xy[assets.pellets :])
     zero = robot.now
-    for step, kind, value, at, pursued in events:
+    for step, kind, value, ghosts, at, pursued in events:
         robot.now = zero + step * STEP_S
         if kind == "choose":
             robot.executor.pose = at
+            if before_choice is not None:
+                before_choice(robot, step * STEP_S, value, ghosts)
             masked = value != batch.hold and (value in robot.executor.masked(robot.now))
             taken = value < assets.pellets and value not in robot.executor.left
             assert robot.choose(batch.hold if masked or taken else value)
@@ -74,7 +95,7 @@ def play_again(events: list[Any], config: Any, batch: GameBatch) -> RobotSide:
             if numbers:
                 robot.finish(numbers[-1], status, at)
         else:
-            robot.look(at, value)
+            robot.look(at, ghosts)
         if robot.end == RUNNING:
             assert robot.executor.pursued == pursued, (step, kind, value)
     return robot
@@ -102,3 +123,51 @@ def test_recorded_rounds_are_the_same_games_on_the_robots_side(policy: str, ghos
         assert sorted(robot.executor.left) == np.flatnonzero(batch.alive[i]).tolist()
         assert (robot.referee.score if end == TIMEOUT else robot.score) == game["score"]
     assert {DEAD, COMPLETE} <= ends
+
+
+class Asked:
+    """One robot's planner, which has to be asked at the same times as the simulator's, and whose choice is repeated."""
+
+    def __init__(self, config: Config, at_s: set[float], hold: int) -> None:
+        self.last, self.at_s, self.hold = LastDecision(config), at_s, hold
+
+    def __call__(self, robot: RobotSide, time_s: float, choice: int, ghosts: Ghosts) -> None:
+        pose = robot.executor.pose
+        assert pose is not None
+        distance = min(math.dist(pose, ghost) for ghost in ghosts)
+        moment = Moment(robot.now, robot.executor.pursued, robot.executor.left, distance)
+        due = self.last.due(moment)
+        assert due == (time_s in self.at_s), time_s
+        chosen = HOLD if choice == self.hold else choice
+        if due:
+            self.last.decide(chosen, moment)
+        assert self.last.choice == chosen
+
+
+@pytest.mark.parametrize(("policy", "execution"), [("clyde_aware", "robust"), ("random", "as_built")])
+def test_by_events_the_robots_planner_is_asked_when_the_simulators_is(policy: str, execution: str) -> None:
+    n = max(1, ROUNDS // 4)
+    changes = {**EXACT, "localization.perfect": False, "time_limit_s": 150.0, "nav2.abort_rate": 0.05}
+    with pytest.MonkeyPatch.context() as patch:
+        envs = PacManBotVectorEnv(
+            n,
+            map="house",
+            execution=execution,
+            decide="event",
+            ghosts=("arcade", "wander"),
+            settings=changes,
+            autoreset_mode=AutoresetMode.DISABLED,
+        )
+        batch, games, chooser = envs.batch, envs.batch.games, make_policy(policy)
+        recorded = Recorded(batch, patch)
+        envs.reset(seed=0)
+        chooser.reset(np.ones(n, np.bool_))
+        asked: list[set[float]] = [set() for _ in range(n)]
+        while (games["end"] == RUNNING).any():
+            for i in np.flatnonzero(games["end"] == RUNNING).tolist():
+                asked[i].add(float(games["step"][i]) * STEP_S)
+            envs.step(chooser.select(envs.situation))
+    for i, events in enumerate(recorded.events):
+        play_again(events, envs.config, batch, Asked(envs.config, asked[i], batch.hold))
+    choices = sum(kind == "choose" for events in recorded.events for _, kind, *_ in events)
+    assert 0 < sum(map(len, asked)) < 0.8 * choices

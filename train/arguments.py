@@ -51,6 +51,8 @@ class Hyperparameters(Checked):
     """m/s, drawn for each round."""
     imitation: Count
     """Decisions of the rule ``lookahead`` that are imitated before PPO begins; 0: PPO from random weights."""
+    decide: Literal["tick", "event"]
+    """When the planner is asked in training: at every tick, or when there is something to decide."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

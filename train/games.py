@@ -55,6 +55,7 @@ def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dic
         "randomize.clyde_speed_mps": (low, high),
         "randomize.speed_mps": hyper.robot_speed,
         "observation.kinds": ("planner",),
+        "decisions.when": hyper.decide,
     }
     return changes | (_DOMAIN if arguments.randomize else {})
 

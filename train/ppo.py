@@ -57,12 +57,15 @@ def parse(argv: Sequence[str]) -> Arguments:
         SystemExit: after ``--help`` and bad arguments.
     """
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--quick", action="store_true", help="a minute and a half on two cores")
+    first.add_argument("--quick", action="store_true", help="some minutes on two cores")
     first.add_argument(
         "--config", type=Path, default=FOLDER / "PacManBot-v0.yaml", help="hyperparameters (%(default)s)"
     )
-    chosen, _ = first.parse_known_args(argv)
-    section = "quick" if chosen.quick else "headline"
+    chosen, rest = first.parse_known_args(argv)
+    scratch = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    scratch.add_argument("--imitation")
+    nothing_imitated = scratch.parse_known_args(rest)[0].imitation == "0"
+    section = ("scratch" if nothing_imitated else "quick") if chosen.quick else "headline"
     default = Arguments(hyper=load_hyperparameters(chosen.config, section))
     if chosen.quick:
         default = dataclasses.replace(default, out=Path("results/ppo-quick"))

@@ -3,8 +3,8 @@
 Decisions per second of the native vector environment at 64 and 1,024 games and of the unwrapped single environment;
 in the same run, in turns with it, bare Chipmunk stepping of the same bodies among the same walls, as decisions that
 cost nothing but physics; what a second ``gymnasium.make`` of the same map costs, and what a generated house for each
-episode costs. Everything runs in one thread. Machines are noisy: the ratio is the median over rounds of figures
-measured one after the other.
+episode costs; decisions by events (``PacManBot-v1``), with the time that they simulate. Everything runs in one thread.
+Machines are noisy: the ratio is the median over rounds of figures measured one after the other.
 """
 
 from __future__ import annotations
@@ -61,14 +61,27 @@ def bare_rate(world: PhysicsWorld, env: PacManBotVectorEnv, steps: int) -> float
     return steps * world.n / (time.perf_counter() - began)
 
 
-def make_vector(n: int, map_source: str, **arguments: Any) -> PacManBotVectorEnv:
+def make_vector(n: int, map_source: str, version: int = 0, **arguments: Any) -> PacManBotVectorEnv:
     """The native vector environment, warmed up."""
     kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
-    env = gym.make_vec("pacman_env/PacManBot-v0", num_envs=n, **kind).unwrapped
+    env = gym.make_vec(f"pacman_env/PacManBot-v{version}", num_envs=n, **kind).unwrapped
     assert isinstance(env, PacManBotVectorEnv)
     env.reset(seed=0)
-    vector_rate(env, np.random.default_rng(0), 2 * HELD)
+    if version == 0:
+        vector_rate(env, np.random.default_rng(0), 2 * HELD)
+    else:
+        event_rates(env, HELD)
     return env
+
+
+def event_rates(env: PacManBotVectorEnv, steps: int) -> tuple[float, float]:
+    """Decisions and simulated seconds per second, decided by events: the nearest pellet each time."""
+    actions, simulated = np.zeros(env.num_envs, dtype=np.int64), 0.0
+    began = time.perf_counter()
+    for _ in range(steps):
+        simulated += float(env.step(actions)[4]["elapsed_s"].sum())
+    took = time.perf_counter() - began
+    return steps * env.num_envs / took, simulated / took
 
 
 def make_again_ms(map_source: str, repeats: int) -> float:
@@ -126,6 +139,10 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     many_steps = max(4, int(seconds / rounds * np.median(full) / 1024))
     many_rate = float(np.median([vector_rate(many, rng, many_steps) for _ in range(rounds)]))
 
+    by_events = make_vector(64, map_source, version=1)
+    event_steps = max(4, steps // 8)
+    decisions, simulated = np.median([event_rates(by_events, event_steps) for _ in range(rounds)], axis=0).tolist()
+
     single = gym.make("pacman_env/PacManBot-v0", map=map_source).unwrapped
     assert isinstance(single, PacManBotEnv)
     single.reset(seed=0)
@@ -134,6 +151,9 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     one_rate = float(np.median([single_rate(single, rng, single_steps) for _ in range(rounds)]))
     return {
         "decisions_per_s": {"1": one_rate, "64": float(np.median(full)), "1024": many_rate},
+        "event_decisions_per_s_64": decisions,
+        "event_simulated_s_per_s_64": simulated,
+        "tick_simulated_s_per_s_64": float(np.median(full)) * env.config.execution.tick_s,
         "bare_decisions_per_s_64": float(np.median(empty)),
         "bare_ratio_64": float(np.median(ratios)),
         "bare_ratio_64_range": [float(ratios.min()), float(ratios.max())],
@@ -171,6 +191,9 @@ def _report(arguments: argparse.Namespace) -> None:
     print(f"  bare Chipmunk, 64 bodies: {figures['bare_decisions_per_s_64']:9,.0f} decisions/s")
     print(f"  ratio to bare at 64: {figures['bare_ratio_64']:.3f} ({low:.3f} to {high:.3f})")
     print(f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}")
+    print(f"  decided by events, planner's numbers, 64: {figures['event_decisions_per_s_64']:9,.0f} decisions/s,")
+    simulated, ticks = figures["event_simulated_s_per_s_64"], figures["tick_simulated_s_per_s_64"]
+    print(f"    {simulated:,.0f} simulated s/s; at every tick {ticks:,.0f}")
     print(f"  gymnasium.make of the same map again: {figures['make_again_ms']:.1f} ms")
     print(f"  generated houses, a new one per episode: {figures['new_level_ms']:.1f} ms each at 64 games,")
     print(f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once")

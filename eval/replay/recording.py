@@ -16,7 +16,9 @@ from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
 from pacman_env.files import replaced
+from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.execution import RUNNING
+from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
 from pacman_env.sim.core.batch import GameBatch
@@ -54,6 +56,7 @@ class RecordedGame:
         self.changes: list[Change] = []
         self._batch = GameBatch(source, config, 1)
         self._policy = load_policy(spec)
+        self._last = LastDecision(config)
         self._chosen = -1  # none yet
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
@@ -71,24 +74,33 @@ class RecordedGame:
         return int(self._batch.level_numbers()[0])
 
     def step(self) -> None:
-        """One decision and what follows until the next; a game that is over stands still."""
+        """One tick, with a decision where one is due; a game that is over stands still."""
         if self.over:
             return
         batch = self._batch
+        moment = batch.moment(0)
+        if self._last.due(moment):
+            self._decide(moment)
+        batch.step(np.array([self._chosen]))
+        if batch.games["tick_rounds"][0] > 0:
+            self._before_s += moment.time_s + batch.config.execution.tick_s
+            self._policy.reset(np.ones(1, dtype=np.bool_))
+            self._last.forget()
+            self._chosen = -1
+
+    def _decide(self, moment: Moment) -> None:
+        batch = self._batch
         situation = batch.situation()
         terms = self._policy.explain(situation)[0]  # before the policy's state goes on
-        choice = int(allowed(situation, self._policy.select(situation), batch.hold)[0])
+        selected = self._policy.select(situation)
+        choice = int(allowed(situation, selected, batch.hold)[0])
         if choice != self._chosen:
             why = _reason(situation, terms, choice, self._chosen, batch.alive[0])
             goal = _goal(situation, choice, batch.pellet_slots)
             number = f"round {batch.games['round'][0]}, " if batch.config.endless else ""
             self.changes.append(Change(f"{number}{situation.time_s[0]:.1f} s", goal, why))
         self._chosen = choice
-        batch.step(np.array([choice]))
-        if batch.games["tick_rounds"][0] > 0:
-            self._before_s += float(situation.time_s[0]) + batch.config.execution.tick_s
-            self._policy.reset(np.ones(1, dtype=np.bool_))
-            self._chosen = -1
+        self._last.decide(NO_GOAL if choice == batch.hold else choice, moment, allowed=choice == selected[0])
 
     def picture(self, height: int) -> Frame:
         """The game as it is now, (height, W, 3) RGB."""
@@ -105,7 +117,7 @@ class RecordedGame:
 
 
 def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
-    """Frames (height, W, 3), RGB, one per decision, the games side by side, until the last has ended."""
+    """Frames (height, W, 3), RGB, one per tick, the games side by side, until the last has ended."""
     panels = [game.picture(height) for game in games]
     yield np.hstack(panels)
     while not all(game.over for game in games):

@@ -68,6 +68,8 @@ def _kind(hint: Any) -> dict[str, Any]:
         return {"action": argparse.BooleanOptionalAction}
     if typing.get_origin(hint) is types.UnionType:
         (hint,) = (one for one in typing.get_args(hint) if one is not type(None))
+    if typing.get_origin(hint) is typing.Literal:
+        return {"choices": typing.get_args(hint)}
     if typing.get_origin(hint) is not tuple:
         return _SCALARS[hint]
     first, second = typing.get_args(hint)

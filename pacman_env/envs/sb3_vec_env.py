@@ -23,6 +23,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from ..sim.observation.robot_features import Observation
 from .arguments import check_render_mode
 from .pacmanbot_vector import PacManBotVectorEnv
+from .registration import LEARNERS_DEFAULTS
 
 _FINAL = ("final_obs", "final_info")
 _METHODS = ("action_masks", "render")  # those that a single environment has too
@@ -33,8 +34,8 @@ class PacManBotVecEnv(VecEnv):
     """Many games at once for Stable-Baselines3 and sb3-contrib.
 
     ```python
-    env = PacManBotVecEnv(64, map="house", settings={"clyde.speed_mps": 0.35})
-    model = sb3_contrib.MaskablePPO("MultiInputPolicy", env)
+    env = PacManBotVecEnv(8, version=1, map="generated", settings={"clyde.speed_mps": 0.35})
+    model = sb3_contrib.MaskablePPO("MlpPolicy", env)
     ```
 
     Equal to ``DummyVecEnv`` of single environments in ``Monitor``, step by step. ``infos[i]`` holds the single
@@ -44,19 +45,29 @@ class PacManBotVecEnv(VecEnv):
     because episodes are reported as by ``Monitor``.
     """
 
-    def __init__(self, env: PacManBotVectorEnv | int = 64, **arguments: Any) -> None:
+    def __init__(self, env: PacManBotVectorEnv | int = 64, *, version: int = 0, **arguments: Any) -> None:
         """Take a vector environment, or make one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
+
+        Args:
+            env: the environment, or the number of games.
+            version: 1: arguments that are not given are those of ``PacManBot-v1``.
+            arguments: of ``PacManBotVectorEnv``.
 
         Raises:
             TypeError: ``env`` is neither, or arguments come with an environment that is made already.
-            ValueError: the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
+            ValueError: the autoreset mode is not ``SAME_STEP``, there is no such version, or an argument cannot be
+                played.
         """
+        if version not in (0, 1):
+            raise ValueError(f"version = {version!r}: must be 0 or 1, as in PacManBot-v0 and PacManBot-v1")
         if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
-            env = PacManBotVectorEnv(int(env), **{"autoreset_mode": AutoresetMode.SAME_STEP, **arguments})
+            defaults = {"autoreset_mode": AutoresetMode.SAME_STEP, **(LEARNERS_DEFAULTS if version else {})}
+            env = PacManBotVectorEnv(int(env), **{**defaults, **arguments})
         elif not isinstance(env, PacManBotVectorEnv):
             raise TypeError(f"env = {env!r}: must be a number of games or a PacManBotVectorEnv")
-        elif arguments:
-            raise TypeError(f"{sorted(arguments)} given with an environment that is made already")
+        elif arguments or version:
+            named = sorted(arguments | ({"version": version} if version else {}))
+            raise TypeError(f"{named} given with an environment that is made already")
         if env.autoreset_mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {env.autoreset_mode}: Stable-Baselines3 needs AutoresetMode.SAME_STEP")
         self.env = env

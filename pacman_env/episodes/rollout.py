@@ -72,6 +72,8 @@ def play(
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
+    Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with ``decide="event"``.
+
     Args:
         source: the map, or levels of which each seed draws one.
         config: the game.
@@ -102,11 +104,10 @@ def play(
         situation = batch.situation()
         playing = np.flatnonzero(episode >= 0)
         clock.look(situation, playing)
-        ghost_goal = None if ghost is None else ghost.select(batch.situation(0))[:, None]
-        batch.step(_choices(policy, situation, playing, batch.hold), ghost_goal)
-        follows = batch.games["tick_rounds"] > 0
+        round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghost)
+        follows = round_s > 0
         if follows.any():
-            before_s[follows] += situation.time_s[follows] + config.execution.tick_s
+            before_s += round_s
             for player in players:
                 player.reset(follows)
         over = (batch.games["end"] != RUNNING) | (batch.games["round"] > MOST_ROUNDS)
@@ -132,11 +133,42 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
     """(N,) the policy's choice for each game; when few still play, it is not asked about the others."""
     nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
     if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
-        return allowed(situation, policy.select(situation), hold)
+        return policy.select(situation)
     choices = np.full(len(situation), hold)
-    some = situation.rows(playing)
-    choices[playing] = allowed(some, policy.select(some), hold)
+    choices[playing] = policy.select(situation.rows(playing))
     return choices
+
+
+def _step(
+    batch: GameBatch,
+    situation: Situation,
+    chosen: NDArray[np.int64],
+    playing: NDArray[np.int64],
+    ghost: Policy | None,
+) -> NDArray[np.float64]:
+    """A decision, and the ticks until the next: one, or in each of the games ``playing`` as many as it takes.
+
+    Returns (N,) how long the round was that was completed in them, s; 0: none was.
+    """
+    choices = allowed(situation, chosen, batch.hold)
+    by_event, tick_s = batch.config.decisions.when == "event", batch.config.execution.tick_s
+    since, round_s = batch.decision_point(), np.zeros(batch.n)
+    awake = np.zeros(batch.n, dtype=np.bool_)
+    awake[playing] = True
+    while True:
+        ghost_goal = None if ghost is None else ghost.select(batch.situation(0))[:, None]
+        began_s = batch.games["tick"] * tick_s
+        if by_event:
+            batch.step_awake(choices, ghost_goal, awake)
+        else:
+            batch.step(choices, ghost_goal)
+        follows = batch.games["tick_rounds"] > 0
+        round_s[follows] = began_s[follows] + tick_s
+        if by_event:
+            awake &= choices == chosen  # after a choice that is forbidden the next is due at once
+            batch.put_to_sleep(awake, choices, since)
+        if not (by_event and awake.any()):
+            return round_s
 
 
 def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:

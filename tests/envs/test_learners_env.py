@@ -38,10 +38,12 @@ def test_the_judges_have_nothing_to_say(arguments: dict[str, Any]) -> None:
     check_env_of_sb3(env)
 
 
-def test_spaces_are_the_same_on_every_map_and_for_every_time_limit() -> None:
-    known = make(map="house")
+@pytest.mark.parametrize("normalize", [True, False])
+def test_spaces_are_the_same_on_every_map_and_for_every_time_limit(normalize: bool) -> None:
+    kinds = ("features", "planner", "scan", "flat")
+    known = make(map="house", observation=kinds, normalize=normalize)
     for name in MAPS:
-        env = make(map=name, settings={"time_limit_s": 300.0})
+        env = make(map=name, observation=kinds, normalize=normalize, settings={"time_limit_s": 300.0})
         assert env.observation_space == known.observation_space
         assert env.action_space == known.action_space
 
@@ -151,5 +153,5 @@ def test_arguments_that_do_not_fit_are_refused_by_name(arguments: dict[str, Any]
 def test_a_wrong_action_is_refused() -> None:
     games = gym.make_vec(LEARNERS_ID, num_envs=2, vectorization_mode="vector_entry_point", map="house")
     games.reset(seed=0)
-    with pytest.raises(ValueError, match="choice 99 of game 1: candidates are 0 to 12"):
+    with pytest.raises(ValueError, match="choice 99 of game 1: candidates are 0 to 6"):
         games.step(np.array([0, 99]))

@@ -41,6 +41,7 @@ TINY: dict[str, Any] = {
     "clyde_speed": [0.2, 0.6],
     "robot_speed": [0.22, 0.306],
     "imitation": 64,
+    "decide": "tick",
 }
 
 

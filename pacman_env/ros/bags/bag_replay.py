@@ -27,6 +27,7 @@ from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
+from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import load_map
 
 _READ = (
@@ -42,6 +43,7 @@ _READ = (
 )
 PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
 PLAN_LATE_S = 1.2  # a choice shows in the first plan after it, this late at most
+TICK_LATE = 0.1  # of a tick: what the goal selector chose in it is known by then
 END_OF_PLAN_M = 0.75  # Nav2 may end a plan beside its goal, half a metre in x and in y
 _LISTED = 20
 
@@ -140,6 +142,7 @@ class _Walk:
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
+        self._by_event = config.decisions.when == "event"
         self._ghosts = {topics.GHOST_POSES[k].name: k for k in range(len(config.clyde.ghosts))}
         self._has_scores = bag.has(SCORES)  # else it is another planner's game
         self._chosen_before = -1
@@ -158,10 +161,13 @@ class _Walk:
     def take(self, recorded: Recorded) -> None:
         """One message. Decisions are those of the recorded goal selector, or due every half second before it."""
         if self._has_scores:
+            while self._by_event and self._running and self._due_s + TICK_LATE * self._tick_s < recorded.at_s:
+                self._situation(self._due_s, self._chosen_before)  # a tick in which it only looked
+                self._due_s += self._tick_s
             if self._running and recorded.topic == SCORES.name:
                 chosen = chosen_of(recorded.message)
                 self._decide(recorded.at_s, self._chosen_before, chosen)
-                self._chosen_before = chosen
+                self._chosen_before, self._due_s = chosen, recorded.at_s + self._tick_s
         else:
             while self._running and self._due_s <= recorded.at_s:
                 chosen_soon = self._planned(self._due_s + PLAN_LATE_S) if self._plans else None
@@ -229,19 +235,26 @@ class _Walk:
             self._differs = None
         self._running = running
 
-    def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
-        """``pursued``: where the robot was going, ``recorded``: what was chosen; -1: nothing, None: not known."""
+    def _situation(self, at_s: float, pursued: int) -> Situation | None:
+        """What a policy sees at a tick; None: too little is known."""
         pose, left = self._motion.believed, self._left - self._gone
         if pose is None or self._view.unseen or not left or self._view.off_the_map(*pose[:2]):
-            return
-        seen = Seen(
-            time_s=at_s - self._began_s,
-            pose=pose,
-            left=left,
-            velocity=self._velocity,
-            pursued=pursued,
+            return None
+        return self._view.situation(
+            Seen(
+                time_s=at_s - self._began_s,
+                pose=pose,
+                left=left,
+                velocity=self._velocity,
+                pursued=pursued,
+            )
         )
-        situation = self._view.situation(seen)
+
+    def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
+        """``pursued``: where the robot was going, ``recorded``: what was chosen; -1: nothing, None: not known."""
+        situation = self._situation(at_s, pursued)
+        if situation is None:
+            return
         began = time.perf_counter()
         chosen = int(self._policy.select(situation)[0])
         self._elapsed_ms.append((time.perf_counter() - began) * 1e3)

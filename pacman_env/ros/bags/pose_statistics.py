@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.game.decisions import HOLD
 from pacman_env.game.execution import RUNNING
+from pacman_env.game.last_decision import LastDecision
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.poses import Pose, compose, relative
@@ -98,16 +100,18 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
     statistics = PoseStatistics()
     finer = config.with_fields(**{"execution.tick_s": _LOOK_S, "execution.check_period_s": _LOOK_S})
     decide_every = round(config.execution.tick_s / _LOOK_S)
-    batch = GameBatch(assets, finer, 1)
+    batch, last = GameBatch(assets, finer, 1), LastDecision(config)
     for seed in range(rounds):
         batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
         policy.reset(np.ones(1, dtype=np.bool_))
         statistics.forget()
+        last.forget()
         game, last_update, last_clyde = batch.games[0], -1, None
         choice: NDArray[np.int64] = np.array([batch.hold])
         for tick in range(round(MOST_S / _LOOK_S)):
-            if tick % decide_every == 0:
+            if tick % decide_every == 0 and last.due(moment := batch.moment(0)):
                 choice = policy.select(batch.situation())
+                last.decide(HOLD if choice[0] == batch.hold else int(choice[0]), moment)
             batch.step(choice)
             if game["end"] != RUNNING:
                 break

@@ -6,6 +6,7 @@ choices and events. Nothing is published here: the node does what it is told, an
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -14,10 +15,12 @@ import numpy as np
 
 from pacman_env import __version__
 from pacman_env.config import MAX_SPEED_MPS, Config
+from pacman_env.game.decisions import HOLD
 from pacman_env.game.execution import ABORTED
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
 from pacman_env.game.goals import Home
+from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
@@ -64,11 +67,12 @@ class Selection:
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else Home(*home))
         self.spec, self.policy = policy, self.load(policy)
-        self.seen: tuple[Situation, int] | None = None  # at the last choice, and the candidate chosen
+        self.seen: tuple[Situation, int] | None = None  # by the policy in the last look, and what it chose
         self._believed = BelievedPose(pose_timeout_s)
         self._belief: Belief | None = None
         self._pellets = Pellets({}, ())
         self._times = DecisionTimes()
+        self._last = LastDecision(config)
         self._ended = {"aborted": 0, "rejected": 0}
 
     def load(self, spec: str) -> Policy:
@@ -92,6 +96,7 @@ class Selection:
         if word == "reset_round" or (word == "enable" and self.executor.task != "play"):
             self.view.begin()
             self.policy.reset(_ONE)
+            self._last.forget()
         self._believe(now)
         return self.executor.command(word, now)
 
@@ -171,7 +176,11 @@ class Selection:
     # Choosing
 
     def decide(self, now: float, do: Callable[[list[ExecutorAction]], None]) -> None:
-        """Look at the rules, and choose where a choice is wanted; ``do`` is called with what is to be done."""
+        """Look at the rules, and choose where a choice is wanted; ``do`` is called with what is to be done.
+
+        The policy is asked where ``config.decisions`` says that a decision is due; until then its last choice is made
+        again at each look, as in the simulator.
+        """
         began = time.perf_counter()
         belief = self._believe(now)
         do(self.executor.look(None if belief is None else belief.pose[:2], self.view.ghosts, now))
@@ -182,21 +191,31 @@ class Selection:
         if unseen:
             self._warn(f"no {unseen[0]}", f"nothing is chosen as long as {unseen[0]}_pose has not been heard")
             return
-        situation = self.view.situation(
-            Seen(
-                time_s=self.executor.round_s(now),
-                pose=belief.pose,
-                left=self.executor.left,
-                velocity=belief.velocity,
-                pose_age_s=belief.age_s,
-                masked=self.executor.masked(now),
-                pursued=self.executor.pursued,
-            )
+        seen = Seen(
+            time_s=self.executor.round_s(now),
+            pose=belief.pose,
+            left=self.executor.left,
+            velocity=belief.velocity,
+            pose_age_s=belief.age_s,
+            masked=self.executor.masked(now),
+            pursued=self.executor.pursued,
         )
-        chosen = int(self.policy.select(situation)[0])
-        do(self.executor.choose(self.view.goal(chosen), now))
-        self._times.add(time.perf_counter() - began)
-        self.seen = situation, chosen
+        situation = self.view.situation(seen)  # of every look: it counts them, and watches how fast Clyde comes
+        moment = Moment(now, seen.pursued, seen.left, self._distance(belief))
+        due = self._last.due(moment)
+        if due:
+            chosen = int(self.policy.select(situation)[0])
+            allowed = bool(situation.mask[0, chosen])
+            self._last.decide(HOLD if chosen == self.view.hold else chosen, moment, allowed)
+        choice = self._last.choice
+        do(self.executor.choose(None if choice == HOLD else self.view.goal(choice), now))
+        if due:
+            self._times.add(time.perf_counter() - began)
+            self.seen = situation, chosen
+
+    def _distance(self, belief: Belief) -> float:
+        """From the believed pose to the nearest ghost, m."""
+        return min(math.dist(belief.pose[:2], ghost) for ghost in self.view.ghosts)
 
     def on_rejected(self, number: int, now: float) -> list[ExecutorAction]:
         """Nav2 has not taken a goal up."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
 from ...game.execution import COMPLETE, RUNNING, TIMEOUT
+from ...game.last_decision import Moment
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import PhysicsWorld
 from ...world.navigation.planner import PATH_POINTS, detour_memory
@@ -282,6 +283,11 @@ class GameBatch:
         """What :meth:`put_to_sleep` has to know of the moment of a decision."""
         games = self.games
         return DecisionPoint(games["tick"].copy(), games["distance"].copy(), games["round"].copy())
+
+    def moment(self, game: int) -> Moment:
+        """What :class:`~pacman_env.game.last_decision.LastDecision` has to know of one game now."""
+        g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
+        return Moment(time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"])), float(g["distance"]))
 
     def put_to_sleep(self, awake: NDArray[np.bool_], choices: NDArray[np.int64], since: DecisionPoint) -> None:
         """Clear ``awake`` (N,) where the next decision is due (``game/decisions.py``)."""

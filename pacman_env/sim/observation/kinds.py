@@ -26,6 +26,8 @@ from .situation import Situation
 
 _BELIEF_MARGIN_M = 2.0  # how far a believed pose may lie outside the played part of the map ...
 _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw of 53 bits is off by 8.6 at most
+#: Of every map: spaces are equal then.
+_ANY_MAP = {"x": (-1e4, 1e4), "y": (-1e4, 1e4), "time": (0.0, 1e6), "pellets_left": (0.0, 1e4)}
 FLAT = "flat"
 MASK = "action_mask"  # in every observation whose actions are candidates, whatever its kinds
 
@@ -54,7 +56,9 @@ class ObservationKind(Protocol):
 
 
 def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
-    """Bounds of the columns that depend on the map or the configuration."""
+    """Bounds of the columns that depend on the map or the configuration; with the nearest candidates, on neither."""
+    if batch.config.observation.candidates == "nearest":
+        return _ANY_MAP
     xs, ys = batch.source.extent()
     sigma = max(batch.config.localization.sigma_xy_m, (batch.config.randomize.sigma_xy_m or (0.0, 0.0))[1])
     margin = max(_BELIEF_MARGIN_M, _BELIEF_MARGIN_SIGMAS * sigma)

@@ -41,7 +41,7 @@ class Situation:
     path_clyde: NDArray[np.float64]  # (N, C) m, path length Clyde-candidate; inf: no way
     current: NDArray[np.int64]  # (N,) candidate pursued now, -1: none
     seed: NDArray[np.uint64]  # (N,) the round's seed, for policies that draw
-    tick: NDArray[np.int64]  # (N,) decisions taken in this round before this one
+    tick: NDArray[np.int64]  # (N,) ticks of this round before this one
     pellets_left: NDArray[np.int64]  # (N,) still on the map, those that may not be chosen now included
     ghosts: NDArray[np.float64]  # (N, G, 5) x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
     goal: NDArray[np.int32]  # (N, C) number of the candidate among the map's goals, -1: none

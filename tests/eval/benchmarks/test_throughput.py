@@ -38,8 +38,14 @@ def test_all_figures_are_written(report: tuple[dict[str, Any], Path]) -> None:
     figures, path = report
     assert set(figures["decisions_per_s"]) == {"1", "64", "1024"}
     numbers = [*figures["decisions_per_s"].values(), figures["bare_decisions_per_s_64"], figures["make_again_ms"]]
+    numbers += [figures[f"{kind}_simulated_s_per_s_64"] for kind in ("event", "tick")]
     assert all(math.isfinite(number) and number > 0 for number in numbers)
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_decision_by_events_lasts_a_tick_at_least(report: tuple[dict[str, Any], Path]) -> None:
+    figures, _ = report
+    assert 0.5 <= figures["event_simulated_s_per_s_64"] / figures["event_decisions_per_s_64"] <= 4.0
 
 
 def test_the_ratio_to_bare_physics_lies_in_its_range(report: tuple[dict[str, Any], Path]) -> None:

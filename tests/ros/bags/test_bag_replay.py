@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -20,6 +20,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from pacman_env.cli.main import main
 from pacman_env.config import make_config
+from pacman_env.game.last_decision import LastDecision
+from pacman_env.heuristics.simple import Nearest
+from pacman_env.policies import registry
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
@@ -29,6 +32,7 @@ from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.poses import compose, relative
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation import Situation
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_S = 2.0  # of the round, since the bag began
@@ -109,20 +113,37 @@ def markers(pellets: dict[int, tuple[float, float]], green: int | None = None) -
     return [marker(0, 3), *(marker(number, 0, *at) for number, at in pellets.items())]
 
 
-def write_round(path: Path, policy_name: str, plans: bool = True, odometry: bool = True, scores: bool = False) -> None:
-    """Half a minute of a round on the map ``house``, as a robot would say it; ``scores``: as our goal selector does."""
+def said(node: str, configuration: Any) -> str:
+    """As on ``game/configuration``."""
+    return json.dumps({"node": node, "hash": "", "map": None, "configuration": configuration})
+
+
+def write_round(
+    path: Path,
+    policy_name: str,
+    plans: bool = True,
+    odometry: bool = True,
+    scores: bool = False,
+    when: str = "tick",
+) -> list[int]:
+    """Half a minute of a round on the map ``house``, as a robot would say it; ``scores``: as our goal selector does.
+
+    Returns the ticks of its decisions; ``when``: as in ``decisions.when``.
+    """
     config = make_config(**{"execution.tick_s": 0.1, "execution.check_period_s": 0.1})
     assets = map_assets("house", config)
     batch = GameBatch(assets, config)
     batch.reset(np.array([0]), np.array([3], dtype=np.uint64))
     policy = make_policy(policy_name)
     policy.reset(np.ones(1, np.bool_))
-    game = batch.games[0]
+    played, decided = make_config(**{"decisions.when": when}), []
+    game, last = batch.games[0], LastDecision(played)
     updated = -1
     choice = np.array([batch.hold])
     covariance = np.zeros(36)
     with Bagged(path) as bag:
         bag.say(topics.GAME_STATE, 0.0, data="menu")
+        bag.say(topics.CONFIGURATION, 0.0, data=said("goal_selector", played.as_dict()))
         bag.say(topics.CLYDE_SPEED, 0.0, data=float(game["clyde_speed"]))
         for tick in range(TICKS * 5):
             at_s = START_S + float(game["step"]) * config.physics_step_s
@@ -161,8 +182,10 @@ def write_round(path: Path, policy_name: str, plans: bool = True, odometry: bool
             bag.say(topics.PELLET_MARKERS, at_s - 0.025, markers=markers(shown))
             if tick == 0:
                 bag.say(topics.GAME_STATE, at_s, data="running")
-            if tick % 5 == 0:
+            if tick % 5 == 0 and last.due(moment := batch.moment(0)):
                 choice = policy.select(batch.situation())
+                last.decide(int(choice[0]), moment)
+                decided.append(tick // 5)
                 if scores:
                     shown = {c: tuple(assets.goal_xy[c].tolist()) for c in range(assets.pellets)}
                     bag.say(SCORES, at_s, markers=markers(shown, int(choice[0])))
@@ -174,6 +197,7 @@ def write_round(path: Path, policy_name: str, plans: bool = True, odometry: bool
             batch.step(choice)
         bag.say(topics.GAME_STATUS, at_s, data="pellet_collected:3")
         bag.say(topics.GAME_STATE, at_s, data="menu")
+    return decided
 
 
 @pytest.fixture(scope="module")
@@ -199,6 +223,28 @@ def test_decisions_that_the_goal_selector_told_are_met_exactly(tmp_path: Path) -
     other = replay_bag(tmp_path / "game", "house", "random")
     assert other.decisions == TICKS
     assert other.same < TICKS
+
+
+class Watcher(Nearest):
+    """Nearest, and at which ticks it was asked."""
+
+    name = "watcher"
+    ticks: ClassVar[list[int]] = []
+
+    def select(self, situation: Situation) -> np.ndarray:
+        self.ticks.append(int(situation.tick[0]))
+        return super().select(situation)
+
+
+def test_of_a_game_decided_by_events_the_policy_is_asked_at_its_decisions_and_sees_every_tick_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decided = write_round(tmp_path / "game", "nearest", plans=False, scores=True, when="event")
+    monkeypatch.setitem(registry.POLICIES._own, "watcher", Watcher)
+    Watcher.ticks.clear()
+    report = replay_bag(tmp_path / "game", "house", "watcher")
+    assert report.same == report.decisions == len(decided) < TICKS / 2
+    assert Watcher.ticks[: len(decided)] == decided
 
 
 def test_another_policy_is_reported_where_it_differs(bag: Path) -> None:
@@ -272,9 +318,6 @@ def test_a_bag_without_a_round_says_so(tmp_path: Path) -> None:
 def test_a_game_is_replayed_under_the_configuration_of_its_goal_selector(tmp_path: Path) -> None:
     fields = {"clyde.speed_mps": 0.35, "clyde.ghosts": ("wander", "far/away.onnx"), "max_pellets": 20}
     played = make_config(**fields)
-
-    def said(node: str, configuration: Any) -> str:
-        return json.dumps({"node": node, "hash": "", "map": None, "configuration": configuration})
 
     with Bagged(tmp_path / "game") as bagged:
         bagged.say(topics.GAME_STATE, 0.0, data="menu")

@@ -1,0 +1,149 @@
+"""The goal selector under ``decisions.when = event``: when its policy is asked, and what it sees then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("rclpy")
+
+from rclpy.time import Time
+from std_msgs.msg import Header, String
+
+from pacman_env.config import make_config
+from pacman_env.game.goal_executor import ExecutorAction
+from pacman_env.policies import registry
+from pacman_env.policies.base import BasePolicy
+from pacman_env.ros import topics
+from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.selector.selection import Selection
+from pacman_env.sim.observation.situation import Situation
+from tests.ros.selector_game import FAR_AWAY, Game, house, pellet, slot_of
+
+TICK_S = 0.1
+BY_EVENT = [f"execution.tick_s={TICK_S}", f"execution.check_period_s={TICK_S}", "decisions.when=event"]
+RULES = make_config().decisions
+
+
+# Without a node
+
+
+class Stubborn(BasePolicy):
+    """Always the same candidate; and what it saw."""
+
+    name = "stubborn"
+
+    def __init__(self, candidate: int) -> None:
+        self.candidate = candidate
+        self.seen: list[Situation] = []
+
+    def scores(self, situation: Situation) -> NDArray[np.float64]:
+        return np.zeros(situation.mask.shape)
+
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        self.seen.append(situation)
+        return np.full(len(situation), self.candidate)
+
+
+Plays = Callable[[str, int, set[int]], tuple[Stubborn, list[ExecutorAction]]]
+
+
+@pytest.fixture
+def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
+    """A minute of a robot that stands at home while Clyde comes and goes; the policy, and what was done.
+
+    Called with when it is asked, what it always chooses, and which candidates are gone.
+    """
+
+    def play(when: str, candidate: int, gone: set[int]) -> tuple[Stubborn, list[ExecutorAction]]:
+        policy, done = Stubborn(candidate), []
+        monkeypatch.setitem(registry.POLICIES._own, "stubborn", lambda: policy)
+        config = make_config(**{"decisions.when": when})
+        selection = Selection(config, "house", "stubborn", None, 1e9, lambda kind, text: None)
+        policy.seen.clear()  # the rehearsal
+        stamp = Time().to_msg()
+        amcl = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
+        amcl.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose
+        selection.on_amcl(amcl, 0.0)
+        left = {int(number): pellet(k) for k, number in enumerate(house().pellet_ids) if k not in gone}
+        selection.on_pellets(markers_of(left, stamp), 0.0)
+        selection.executor.activate(0.0)
+        selection.executor.nav2(True, 0.0)
+        selection.on_state(String(data="running"), 0.0)
+        selection.on_command(String(data="enable"), 0.0)
+        for tick in range(120):
+            now = tick * config.execution.tick_s
+            selection.view.see_ghost(0, 3.0 + 2.5 * np.cos(0.1 * tick), 0.0, 1 + int(now * 1e9))
+            actions: list[ExecutorAction] = []
+            selection.decide(now, actions.extend)
+            done += actions
+            for action in actions:
+                if action.kind == "send":
+                    selection.executor.accepted(int(action.value), now)
+        return policy, done
+
+    return play
+
+
+def test_a_policy_sees_at_its_decisions_what_it_would_see_at_that_tick_if_it_were_always_asked(
+    plays: Plays,
+) -> None:
+    (ticks, done), (events, same) = plays("tick", 5, set()), plays("event", 5, set())
+    assert [action.kind for action in done] == [action.kind for action in same] == ["send"]
+    assert len(ticks.seen) == 120
+    assert 20 < len(events.seen) < 90
+    always = {int(situation.tick[0]): situation for situation in ticks.seen}
+    for situation in events.seen:
+        other = always[int(situation.tick[0])]
+        for name in ("time_s", "closing_speed", "current", "mask", "clyde"):
+            np.testing.assert_array_equal(getattr(situation, name), getattr(other, name), err_msg=name)
+    assert any(situation.closing_speed[0] > 0.1 for situation in events.seen)
+
+
+@pytest.mark.parametrize("when", ["tick", "event"])
+def test_a_choice_that_may_not_be_chosen_is_to_hold_as_in_the_simulator_and_the_policy_is_asked_again(
+    plays: Plays, when: str
+) -> None:
+    policy, done = plays(when, 5, {5})
+    assert done == []
+    assert len(policy.seen) == 120
+
+
+# As a process
+
+
+def asked(game: Game, seconds: float) -> int:
+    """How often the policy is asked in that time."""
+    assert game.clock is not None
+    begin = game.condition(lambda c: True)["decisions"]["count"]
+    game.clock.advance(seconds)
+    return int(game.condition(lambda c: True)["decisions"]["count"]) - begin
+
+
+def test_the_policy_is_asked_when_something_has_happened_and_else_seldom(game: Game) -> None:
+    game.start_at_rest(settings=BY_EVENT)
+    game.begin()
+    first = game.running_goal(1)
+    x, y, _ = game.pose
+    game.condition(lambda c: c["decisions"]["count"] > 0)
+    assert asked(game, 5 * RULES.longest_s) in (4, 5, 6)  # in the diagnostics, a tick later or earlier
+    assert len(game.nav2.goals) == 1, "the goal is repeated, not sent anew"
+
+    game.clyde(x + RULES.threat_distance_m - 0.5, y)
+    assert asked(game, 5 * RULES.threat_longest_s) in (5, 6, 7)
+    game.clyde(*FAR_AWAY)
+    game.condition(lambda c: c["clyde"] == pytest.approx(FAR_AWAY), "Clyde")
+
+    before = game.condition(lambda c: True)["decisions"]["count"]
+    game.stand(first.x, first.y)
+    game.status(f"pellet_collected:{int(house().pellet_ids[slot_of((first.x, first.y))])}")
+    second = game.running_goal(2)
+    assert slot_of((second.x, second.y)) != slot_of((first.x, first.y))
+    game.nav2.abort(second)
+    third = game.running_goal(3)
+    assert slot_of((third.x, third.y)) != slot_of((second.x, second.y))
+    after = game.condition(lambda c: True)["decisions"]["count"]
+    assert after - before <= 4, "once for each of the two, and at most twice for the time"
