@@ -39,6 +39,7 @@ MODULES = {
     "train": ("train.ppo", "train a planner"),
     "tune": ("train.tune", "search for hyperparameters"),
     "adversary": ("train.adversary", "train a planner and a Clyde against each other"),
+    "learning-curves": ("train.learning_curves", "how fast stock learners learn"),
     "export": ("train.export", "a trained planner as an ONNX file"),
 }
 

@@ -1,0 +1,96 @@
+"""What the scripts beside this file share: their options, and rounds played by a model beside those of the baselines.
+
+A model is a function ``choose(observation, masks) -> actions`` of many games at once: (N, D) float32 and (N, A) bool
+in, (N,) integers out.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.envs.registration import LEARNERS_DEFAULTS
+from pacman_env.episodes.statistics import paired_difference, wilson
+from pacman_env.policies.registry import make_policy
+
+Choose = Callable[[Any, NDArray[np.bool_]], NDArray[Any]]
+BASELINES = ("nearest", "random")
+BATCH = 50  # games at once
+COMPLETE = list(OUTCOMES).index("complete")
+
+
+def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParser:
+    """The options of every script; ``num_envs`` is the default of one."""
+    options = argparse.ArgumentParser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    options.add_argument("--map", default="generated", help="to train on")
+    options.add_argument("--decisions", type=int, default=200_000, help="to learn from")
+    options.add_argument("--num-envs", type=int, default=num_envs, help="games at once")
+    options.add_argument("--seed", type=int, default=0, help="of the learner and its games")
+    options.add_argument("--save", type=Path, default=None, help="file for the model")
+    options.add_argument("--test", nargs="*", default=["generated:test"], metavar="MAP", help="to be evaluated on")
+    options.add_argument("--rounds", type=int, default=200, help="on each map of --test")
+    return options
+
+
+def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **arguments: Any) -> NDArray[np.bool_]:
+    """(rounds,) which rounds a model completes on a map; round k is the same for every model.
+
+    ``arguments``: of the environment, other than those of ``PacManBot-v1``.
+    """
+
+    def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:
+        observation, info = env.reset(seed=first)
+        while (info["outcome"] == 0).any():  # running; with autoreset off, games that are over stay so
+            observation, *_, info = env.step(choose(observation, env.action_masks()))
+        return info["outcome"]
+
+    return _played(play, map, rounds, seed, {**LEARNERS_DEFAULTS, **arguments}) == COMPLETE
+
+
+def baseline(name: str, map: str, rounds: int = 200, seed: int = 0) -> NDArray[np.bool_]:
+    """(rounds,) which of the same rounds a policy of the package completes; it is asked every 0.5 s."""
+    policy = make_policy(name)
+
+    def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:
+        _, info = env.reset(seed=first)
+        policy.reset(np.ones(env.num_envs, dtype=np.bool_))
+        while (info["outcome"] == 0).any():
+            *_, info = env.step(policy.select(env.situation))
+        return info["outcome"]
+
+    return _played(play, map, rounds, seed, {"numeric_info": True}) == COMPLETE
+
+
+def _played(
+    play: Callable[[PacManBotVectorEnv, int], NDArray[Any]],
+    map: str,
+    rounds: int,
+    seed: int,
+    arguments: dict[str, Any],
+) -> NDArray[Any]:
+    outcomes = []
+    for first in range(0, rounds, BATCH):
+        env = PacManBotVectorEnv(min(BATCH, rounds - first), map=map, autoreset_mode="Disabled", **arguments)
+        outcomes.append(play(env, seed + first))
+        env.close()
+    return np.concatenate(outcomes)
+
+
+def report(choose: Choose, maps: Sequence[str], rounds: int, **arguments: Any) -> None:
+    """Print rounds completed on each map, in %, and the differences to the baselines, with their 95 % intervals."""
+    for map in maps:
+        ours = completed(choose, map, rounds, **arguments)
+        low, high = wilson(int(ours.sum()), rounds)
+        print(f"{map}: {100 * ours.mean():.1f} [{100 * low:.1f}, {100 * high:.1f}] % of {rounds} rounds completed")
+        for name in BASELINES:
+            theirs = baseline(name, map, rounds)
+            more, (low, high) = paired_difference(ours, theirs)
+            difference = f"{100 * more:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
+            print(f"  {name} {100 * theirs.mean():.1f} %, difference {difference}", flush=True)

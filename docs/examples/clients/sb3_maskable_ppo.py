@@ -1,0 +1,19 @@
+"""sb3-contrib's MaskablePPO with its own defaults: forbidden actions are never chosen."""
+
+import sb3_contrib
+import torch
+from evaluate import parser, report
+
+from pacman_env.envs.registration import LEARNERS_DEFAULTS
+from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+
+args = parser(__doc__).parse_args()
+torch.set_num_threads(1)  # a network this small is fastest on one core
+
+env = PacManBotVecEnv(args.num_envs, map=args.map, **LEARNERS_DEFAULTS)
+model = sb3_contrib.MaskablePPO("MlpPolicy", env, seed=args.seed, verbose=1, device="cpu")
+model.learn(args.decisions)
+if args.save:
+    model.save(args.save)
+
+report(lambda o, m: model.predict(o, action_masks=m, deterministic=True)[0], args.test, args.rounds)

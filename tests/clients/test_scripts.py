@@ -1,0 +1,99 @@
+"""The scripts of docs/examples/clients: each learns, saves, and plays beside the baselines, as its page shows it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import sb3_contrib
+import stable_baselines3
+import torch
+
+from pacman_env.envs.registration import LEARNERS_ID
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS = ROOT / "docs" / "examples" / "clients"
+
+
+def run(script: str, decisions: int, folder: Path, *options: str) -> Path:
+    """The model that a script has saved, after its report was looked at."""
+    model = folder / "model.zip"
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        str(SCRIPTS / script),
+        "--decisions",
+        str(decisions),
+        "--save",
+        str(model),
+    ]
+    given = ["--map", "loop", "--num-envs", "1", "--test", "loop", "--rounds", "4", *options]
+    done = subprocess.run(
+        [*command, *given], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^loop: \d+\.\d \[.*\] % of 4 rounds completed$", done.stdout, re.MULTILINE)
+    assert re.findall(r"^  (\w+) \d+\.\d %, difference [+-]", done.stdout, re.MULTILINE) == ["nearest", "random"]
+    return model
+
+
+@pytest.fixture(scope="module")
+def evaluate() -> Any:
+    spec = importlib.util.spec_from_file_location("evaluate", SCRIPTS / "evaluate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("script", "algorithm"), [("sb3_ppo.py", stable_baselines3.PPO), ("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO)]
+)
+def test_stable_baselines3_learns_and_its_model_is_for_every_map(script: str, algorithm: Any, tmp_path: Path) -> None:
+    model = algorithm.load(run(script, 300, tmp_path), device="cpu")
+    env = gym.make(LEARNERS_ID, map="maze")
+    observation, _ = env.reset(seed=0)
+    action, _ = model.predict(observation, deterministic=True)
+    assert action in env.action_space
+
+
+def test_cleanrl_s_ppo_learns_and_saves_its_networks(tmp_path: Path) -> None:
+    weights = torch.load(run("cleanrl_ppo.py", 512, tmp_path), weights_only=True)
+    assert not torch.equal(weights["critic.4.bias"], torch.zeros(1))  # it begins there
+
+
+def test_torchrl_s_ppo_learns_and_saves_its_actor(tmp_path: Path) -> None:
+    pytest.importorskip("torchrl")
+    weights = torch.load(run("torchrl_ppo.py", 1000, tmp_path), weights_only=True)
+    assert all(torch.isfinite(value).all() for value in weights.values())
+
+
+def test_a_round_is_the_same_for_models_and_baselines_however_many_there_are(evaluate: Any) -> None:
+    def nearest(observation: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        return masks.argmax(axis=1)
+
+    ours, theirs = evaluate.completed(nearest, "house", 60), evaluate.baseline("nearest", "house", 60)
+    assert (ours == theirs).mean() > 0.8  # one decides at events, the other every 0.5 s
+    assert (evaluate.completed(nearest, "house", 6) == ours[:6]).all()
+    assert (evaluate.completed(nearest, "house", 6, seed=50) == ours[50:56]).all()
+
+
+def test_the_ten_lines_of_the_page_learn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = re.findall(r"```py\n(.*?)```", (ROOT / "docs" / "use_with" / "sb3.md").read_text(), re.DOTALL)[0]
+    assert len(lines.splitlines()) <= 10
+    monkeypatch.chdir(tmp_path)
+    small = lines.replace('(8, map="generated"', '(1, map="loop"').replace("200_000", "300")
+    assert small.count('(1, map="loop"') == small.count("300") == 1
+    torch.set_num_threads(1)
+    exec(compile(small, "ten lines", "exec"), {})
+    assert (tmp_path / "maskable_ppo.zip").stat().st_size > 0
