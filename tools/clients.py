@@ -78,10 +78,18 @@ VENVS = {
 _FEW = ("--map", "house", "--decisions", "2000", "--test", "house", "--rounds", "20")
 CLIENTS = (
     Client("gymnasium_wrappers", "gymnasium", "farama", "unmodified, but for the few on [its page](gymnasium.md)"),
-    Client("sb3_ppo", "stable_baselines3", HERE, "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
-    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
-    Client("cleanrl_ppo", "torch", HERE, "CleanRL's file; masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
-    Client("torchrl_ppo", "torchrl", "torchrl", '`mask="beside"`, `DTypeCastTransform` of the mask', _FEW),
+    Client("sb3_ppo", "stable_baselines3", HERE, "[`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`](sb3.md)", _FEW),
+    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "[`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`](sb3.md)", _FEW),
+    Client(
+        "cleanrl_ppo",
+        "torch",
+        HERE,
+        "[CleanRL's file](cleanrl.md); masked with `logits.masked_fill(~mask, -1e8)`",
+        _FEW,
+    ),
+    Client(
+        "torchrl_ppo", "torchrl", "torchrl", '[`mask="beside"`](torchrl.md), `DTypeCastTransform` of the mask', _FEW
+    ),
     Client(
         "tianshou_ppo", "tianshou", "tianshou", '[unmodified](tianshou.md); masked with `mask="beside"` and an actor'
     ),

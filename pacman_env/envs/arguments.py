@@ -137,7 +137,7 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
         raise ConfigError(f"ghosts = {ghosts!r}: must be a number, a behaviour, a policy, or a sequence of these")
     names, policies = [], {}
     for number, one in enumerate(each):
-        if isinstance(one, str) and (one.endswith(".onnx") or one in policy_names() and one not in behaviour_names()):
+        if isinstance(one, str) and (one.endswith(".onnx") or (one in policy_names() and one not in behaviour_names())):
             one = make_policy(one)  # by name, so that Gymnasium's spec of the environment can be written to a file
         if isinstance(one, str):
             names.append(one)
