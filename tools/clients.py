@@ -13,6 +13,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,6 +57,8 @@ class Client:
         name: of the script, without ``.py``.
         library: as it is installed.
         venv: one of ``VENVS``, or ``HERE``.
+        page: of ``docs/use_with``, without ``.md``; the examples on it are run after the script, except ``HERE``, where
+            tests run them.
         line: what the environment is made with, or what is added to the library's own example.
         arguments: of the script.
     """
@@ -63,6 +66,7 @@ class Client:
     name: str
     library: str
     venv: str
+    page: str
     line: str
     arguments: tuple[str, ...] = ()
 
@@ -77,25 +81,15 @@ VENVS = {
 }
 _FEW = ("--map", "house", "--decisions", "2000", "--test", "house", "--rounds", "20")
 CLIENTS = (
-    Client("gymnasium_wrappers", "gymnasium", "farama", "unmodified, but for the few on [its page](gymnasium.md)"),
-    Client("sb3_ppo", "stable_baselines3", HERE, "[`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`](sb3.md)", _FEW),
-    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "[`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`](sb3.md)", _FEW),
-    Client(
-        "cleanrl_ppo",
-        "torch",
-        HERE,
-        "[CleanRL's file](cleanrl.md); masked with `logits.masked_fill(~mask, -1e8)`",
-        _FEW,
-    ),
-    Client(
-        "torchrl_ppo", "torchrl", "torchrl", '[`mask="beside"`](torchrl.md), `DTypeCastTransform` of the mask', _FEW
-    ),
-    Client(
-        "tianshou_ppo", "tianshou", "tianshou", '[unmodified](tianshou.md); masked with `mask="beside"` and an actor'
-    ),
-    Client("rllib_ppo", "ray", "rllib", "[`pacman_env:`](rllib.md) before the id; masked with a wrapper that renames"),
-    Client("supersuit_vec", "supersuit", "farama", '[`mask="info"`](supersuit.md)'),
-    Client("minari_dataset", "minari", "farama", "[unmodified](minari.md); `grid` with `jpeg_encoding=False`"),
+    Client("gymnasium_wrappers", "gymnasium", "farama", "gymnasium", "unmodified, but for the few on its page"),
+    Client("sb3_ppo", "stable_baselines3", HERE, "sb3", "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
+    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "sb3", "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
+    Client("cleanrl_ppo", "torch", HERE, "cleanrl", "masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
+    Client("torchrl_ppo", "torchrl", "torchrl", "torchrl", '`mask="beside"`, `DTypeCastTransform` of the mask', _FEW),
+    Client("tianshou_ppo", "tianshou", "tianshou", "tianshou", 'unmodified; masked with `mask="beside"` and an actor'),
+    Client("rllib_ppo", "ray", "rllib", "rllib", "`pacman_env:` before the id; masked with a wrapper that renames"),
+    Client("supersuit_vec", "supersuit", "farama", "supersuit", '`mask="info"`'),
+    Client("minari_dataset", "minari", "farama", "minari", "unmodified; `grid` with `jpeg_encoding=False`"),
 )
 
 
@@ -141,8 +135,13 @@ def python_of(name: str) -> Path:
     return python
 
 
+def examples(page: Path) -> list[str]:
+    """The Python on a page."""
+    return [textwrap.dedent(found) for found in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)]
+
+
 def run(client: Client) -> Result:
-    """Run its script; what it says is in ``.clients/NAME.log``, and at a failure its end is printed.
+    """Run its script and its page's examples; what they say is in ``.clients/NAME.log``, at a failure its end is printed.
 
     Raises:
         subprocess.CalledProcessError: its library cannot be installed.
@@ -153,15 +152,21 @@ def run(client: Client) -> Result:
     CACHE.mkdir(exist_ok=True)
     log = CACHE / f"{client.name}.log"
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    command = [str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    commands = [[str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments]]
+    if client.venv != HERE:
+        commands += [[str(python), "-c", example] for example in examples(PAGE.with_name(f"{client.page}.md"))]
     print(f"{client.name} ...", file=sys.stderr, flush=True)
     start = time.monotonic()
+    status = 0
     with log.open("w") as out:
-        try:
-            status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=LIMIT_S).returncode
-        except subprocess.TimeoutExpired:
-            status = TIMED_OUT
+        for command in commands:
+            try:
+                status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=LIMIT_S).returncode
+            except subprocess.TimeoutExpired:
+                status = TIMED_OUT
+            if status:
+                break
     if status:
         print(f"{client.name} ended with {status}:", *log.read_text().splitlines()[-25:], sep="\n  ", file=sys.stderr)
     return Result(client, version, status, time.monotonic() - start)
@@ -174,7 +179,9 @@ def table(results: Sequence[Result]) -> str:
         client = result.client
         works = client.line if result.status == 0 else f"**fails** (status {result.status})"
         script = f"[{client.name}.py](../examples/clients/{client.name}.py)"
-        rows.append(f"| {client.library} | {result.version} | {works} | {script} | {result.seconds:.0f} |")
+        rows.append(
+            f"| [{client.library}]({client.page}.md) | {result.version} | {works} | {script} | {result.seconds:.0f} |"
+        )
     return "\n".join(rows) + "\n"
 
 

@@ -50,7 +50,10 @@ def own_scripts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A script that is well, and one that fails, in place of the project's."""
     (tmp_path / "well.py").write_text("import sys; print('well with', *sys.argv[1:])")
     (tmp_path / "bad.py").write_text("raise SystemExit('no such space')")
-    own = (Client("well", "numpy", HERE, "unmodified", ("--seed", "3")), Client("bad", "numpy", HERE, "unmodified"))
+    own = (
+        Client("well", "numpy", HERE, "gymnasium", "unmodified", ("--seed", "3")),
+        Client("bad", "numpy", HERE, "gymnasium", "unmodified"),
+    )
     monkeypatch.setattr(clients, "SCRIPTS", tmp_path)
     monkeypatch.setattr(clients, "CACHE", tmp_path / "cache")
     monkeypatch.setattr(clients, "CLIENTS", own)
@@ -94,7 +97,7 @@ def test_the_table_is_written_between_its_marks(tmp_path: Path, monkeypatch: pyt
 
 
 def test_seconds_are_whole() -> None:
-    assert "| numpy | 2.0 | unmodified |" in (
-        text := table([Result(Client("a", "numpy", HERE, "unmodified"), "2.0", 0, 3.4)])
+    assert "| [numpy](a.md) | 2.0 | unmodified |" in (
+        text := table([Result(Client("a", "numpy", HERE, "a", "unmodified"), "2.0", 0, 3.4)])
     )
     assert text.endswith("| 3 |\n")
