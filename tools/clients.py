@@ -141,7 +141,7 @@ def examples(page: Path) -> list[str]:
 
 
 def run(client: Client) -> Result:
-    """Run its script and its page's examples; what they say is in ``.clients/NAME.log``, at a failure its end is printed.
+    """Run its script and its page's examples; what they say is in ``.clients/NAME.log``, at a failure its end printed.
 
     Raises:
         subprocess.CalledProcessError: its library cannot be installed.
