@@ -76,7 +76,8 @@ VENVS = {
         ("supersuit==3.11.0", "minari[all]==0.5.4", "torch==2.13.0", "array-api-compat==1.16.0"), (), "render"
     ),
     "rllib": Venv(("ray[rllib]==2.60.0", "torch==2.13.0"), ("gymnasium",)),  # which it pins to 1.2.2
-    "tianshou": Venv(("tianshou==2.0.1", "torch==2.13.0"), ("filelock",)),  # below 4 for its virtualenv
+    # Its virtualenv wants filelock below 4; named here, as pip takes minutes to find that out.
+    "tianshou": Venv(("tianshou==2.0.1", "torch==2.13.0", "virtualenv==20.39.1", "filelock==3.32.7"), ("filelock",)),
     "torchrl": Venv(("torchrl==0.14.1", "torch==2.13.0")),
 }
 _FEW = ("--map", "house", "--decisions", "2000", "--test", "house", "--rounds", "20")
