@@ -15,7 +15,7 @@ from ..config import Config, ConfigError, make_config
 from ..game.ghosts import GHOST_NAMES, POLICY, behaviour_names
 from ..plugins import PluginError
 from ..policies.base import Policy
-from ..policies.registry import make_policy
+from ..policies.registry import make_policy, policy_names
 from ..sim.maps.assets import MapSource, map_assets
 from ..sim.maps.generated import GeneratedMaps
 from ..sim.maps.level_source import FixedMap, LevelSource
@@ -139,8 +139,8 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
         raise ConfigError(f"ghosts = {ghosts!r}: must be a number, a behaviour, a policy, or a sequence of these")
     names, policies = [], {}
     for number, one in enumerate(each):
-        if isinstance(one, str) and one.endswith(".onnx"):
-            one = make_policy(one)
+        if isinstance(one, str) and (one.endswith(".onnx") or (one in policy_names() and one not in behaviour_names())):
+            one = make_policy(one)  # by name, so that Gymnasium's spec of the environment can be written to a file
         if isinstance(one, str):
             names.append(one)
         elif hasattr(one, "select") and hasattr(one, "reset") and not isinstance(one, type):

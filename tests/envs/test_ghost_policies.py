@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -11,8 +12,9 @@ import pacman_env
 from pacman_env.config import ConfigError
 from pacman_env.envs.pettingzoo_env import PACMAN
 from pacman_env.policies.base import BasePolicy
+from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
-from tests.envs.helpers import QUICK, make, make_vector, same
+from tests.envs.helpers import ID, QUICK, make, make_vector, same
 
 FAST_GHOSTS = {**QUICK, "clyde.speed_mps": 0.8}
 
@@ -128,3 +130,14 @@ def test_what_is_no_choice_for_each_game_is_refused_with_the_ghosts_number(value
 def test_what_is_no_policy_object_is_refused(ghost: Any) -> None:
     with pytest.raises(ConfigError, match=r"ghosts\[0\] = .*an object with reset and select"):
         make(ghosts=(ghost,))
+
+
+def test_a_policy_by_its_name_plays_as_the_object_and_can_be_written_into_a_spec() -> None:
+    named, given = (make(ghosts=("wander", one), settings=QUICK) for one in ("nearest", make_policy("nearest")))
+    assert same(named.reset(seed=0), given.reset(seed=0))
+    for _ in range(20):
+        assert same(named.step(0), given.step(0))
+    spec = gym.make(ID, ghosts=("wander", "nearest")).spec
+    assert spec is not None
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(spec.to_json()))
+    assert again.unwrapped.config.clyde.ghosts == ("wander", "policy")

@@ -1,0 +1,103 @@
+"""The command that tries client libraries: every script is in it, and one that fails is seen."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools import clients
+from tools.clients import CLIENTS, HERE, PAGE, SCRIPTS, VENVS, Client, Result, Venv, main, table
+
+SHARED = {"evaluate"}  # by several scripts
+
+
+def test_every_script_is_run_and_every_environment_is_used() -> None:
+    assert {client.name for client in CLIENTS} == {path.stem for path in SCRIPTS.glob("*.py")} - SHARED
+    assert {client.venv for client in CLIENTS} == {HERE, *VENVS}
+
+
+def test_the_page_shows_each_library_at_its_pinned_version_and_none_that_fails() -> None:
+    page = PAGE.read_text()
+    pins = dict(pin.split("==") for venv in VENVS.values() for pin in venv.requirements)
+    for client in CLIENTS:
+        (row,) = [line for line in page.splitlines() if f"examples/clients/{client.name}.py" in line]
+        assert client.line in row
+        version = next((pin for name, pin in pins.items() if name.partition("[")[0] == client.library), "")
+        assert client.venv == HERE or client.library == "gymnasium" or f"| {version} |" in row
+    assert "fails" not in page.partition("<!-- table: clients -->")[2].partition("<!-- end -->")[0]
+
+
+def test_an_environment_is_constrained_but_for_what_it_unpins() -> None:
+    every, some = Venv(()).constraints().splitlines(), Venv((), ("gymnasium", "filelock")).constraints().splitlines()
+    assert sorted(line.partition("==")[0] for line in {*every} - {*some}) == ["filelock", "gymnasium"]
+    assert {*some} <= {*every}
+
+
+def test_the_scripts_of_the_development_environment_run(tmp_path: Path) -> None:
+    command = [sys.executable, str(SCRIPTS / "gymnasium_wrappers.py"), "--map", "house", "--decisions", "100"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    for said in ("single TimeAwareObservation: v0 v1", "vector RecordEpisodeStatistics: v0 v1", "RecordVideo:"):
+        assert said in done.stdout
+    assert done.stdout.count("sync, async, vector_entry_point are equal") == 2
+
+
+@pytest.fixture
+def own_scripts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A script that is well, and one that fails, in place of the project's."""
+    (tmp_path / "well.py").write_text("import sys; print('well with', *sys.argv[1:])")
+    (tmp_path / "bad.py").write_text("raise SystemExit('no such space')")
+    own = (
+        Client("well", "numpy", HERE, "gymnasium", "unmodified", ("--seed", "3")),
+        Client("bad", "numpy", HERE, "gymnasium", "unmodified"),
+    )
+    monkeypatch.setattr(clients, "SCRIPTS", tmp_path)
+    monkeypatch.setattr(clients, "CACHE", tmp_path / "cache")
+    monkeypatch.setattr(clients, "CLIENTS", own)
+
+
+@pytest.mark.usefixtures("own_scripts")
+def test_a_script_that_fails_is_in_the_table_and_the_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 1
+    said = capsys.readouterr()
+    well, bad = said.out.splitlines()[2:]
+    assert "| unmodified | [well.py]" in well
+    assert "| **fails** (status 1) | [bad.py]" in bad
+    assert "no such space" in said.err
+    assert (tmp_path / "cache" / "well.log").read_text() == "well with --seed 3\n"
+
+
+@pytest.mark.usefixtures("own_scripts")
+def test_scripts_can_be_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["well"]) == 0
+    assert "bad" not in capsys.readouterr().out
+    for arguments, message in (
+        (["good"], "no script 'good'"),
+        (["well", "--write"], "--write is for the table of all"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            main(arguments)
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("own_scripts")
+def test_the_table_is_written_between_its_marks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "README.md"
+    page.write_text("before\n<!-- table: clients -->\nold\n<!-- end -->\nafter\n")
+    monkeypatch.setattr(clients, "ROOT", tmp_path)
+    monkeypatch.setattr(clients, "PAGE", page)
+    main(["--write"])
+    text = page.read_text()
+    assert text.startswith("before\n<!-- table: clients -->\n\n| Library")
+    assert text.endswith("|\n\n<!-- end -->\nafter\n")
+    assert "old" not in text
+
+
+def test_seconds_are_whole() -> None:
+    assert "| [numpy](a.md) | 2.0 | unmodified |" in (
+        text := table([Result(Client("a", "numpy", HERE, "a", "unmodified"), "2.0", 0, 3.4)])
+    )
+    assert text.endswith("| 3 |\n")

@@ -1,0 +1,210 @@
+"""Libraries that learn on the environments, each tried by its script: ``python -m tools.clients [NAME ...]``.
+
+The scripts lie in ``docs/examples/clients``. Libraries that are not in this project's extras, or whose pins clash with
+its own, get virtual environments in ``.clients``; the others run in the one that this is run in. The table that is
+printed can be written into ``docs/use_with/README.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPTS = ROOT / "docs" / "examples" / "clients"
+PAGE = ROOT / "docs" / "use_with" / "README.md"
+CACHE = ROOT / ".clients"
+HERE = ""  # the environment that this is run in
+LIMIT_S = 900.0  # for a script that hangs; each takes about a minute
+TIMED_OUT = 124  # as timeout(1) says it
+_BLOCK = re.compile(r"(<!-- table: clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Venv:
+    """What a virtual environment has beside this project.
+
+    Attributes:
+        requirements: as for pip, pinned.
+        unpinned: packages of ``constraints.txt`` that they want in another version.
+        extra: of this project.
+    """
+
+    requirements: tuple[str, ...]
+    unpinned: tuple[str, ...] = ()
+    extra: str = ""
+
+    def constraints(self) -> str:
+        """Those of the project, without what is not pinned here."""
+        lines = (ROOT / "constraints.txt").read_text().splitlines()
+        return "\n".join(line for line in lines if line.partition("==")[0].lower() not in self.unpinned) + "\n"
+
+
+@dataclass(frozen=True)
+class Client:
+    """A library and its script.
+
+    Attributes:
+        name: of the script, without ``.py``.
+        library: as it is installed.
+        venv: one of ``VENVS``, or ``HERE``.
+        page: of ``docs/use_with``, without ``.md``; the examples on it are run after the script, except ``HERE``, where
+            tests run them.
+        line: what the environment is made with, or what is added to the library's own example.
+        arguments: of the script.
+    """
+
+    name: str
+    library: str
+    venv: str
+    page: str
+    line: str
+    arguments: tuple[str, ...] = ()
+
+
+VENVS = {
+    "farama": Venv(
+        ("supersuit==3.11.0", "minari[all]==0.5.4", "torch==2.13.0", "array-api-compat==1.16.0"), (), "render"
+    ),
+    "rllib": Venv(("ray[rllib]==2.60.0", "torch==2.13.0"), ("gymnasium",)),  # which it pins to 1.2.2
+    # Its virtualenv wants filelock below 4; named here, as pip takes minutes to find that out.
+    "tianshou": Venv(("tianshou==2.0.1", "torch==2.13.0", "virtualenv==20.39.1", "filelock==3.32.7"), ("filelock",)),
+    "torchrl": Venv(("torchrl==0.14.1", "torch==2.13.0")),
+}
+_FEW = ("--map", "house", "--decisions", "2000", "--test", "house", "--rounds", "20")
+CLIENTS = (
+    Client("gymnasium_wrappers", "gymnasium", "farama", "gymnasium", "unmodified, but for the few on its page"),
+    Client("sb3_ppo", "stable_baselines3", HERE, "sb3", "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
+    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "sb3", "`PacManBotVecEnv(8, **LEARNERS_DEFAULTS)`", _FEW),
+    Client("cleanrl_ppo", "torch", HERE, "cleanrl", "masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
+    Client("torchrl_ppo", "torchrl", "torchrl", "torchrl", '`mask="beside"`, `DTypeCastTransform` of the mask', _FEW),
+    Client("tianshou_ppo", "tianshou", "tianshou", "tianshou", 'unmodified; masked with `mask="beside"` and an actor'),
+    Client("rllib_ppo", "ray", "rllib", "rllib", "`pacman_env:` before the id; masked with a wrapper that renames"),
+    Client("supersuit_vec", "supersuit", "farama", "supersuit", '`mask="info"`'),
+    Client("minari_dataset", "minari", "farama", "minari", "unmodified; `grid` with `jpeg_encoding=False`"),
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a script went: its library's version, its status (0: well) and how long it took."""
+
+    client: Client
+    version: str
+    status: int
+    seconds: float
+
+
+def python_of(name: str) -> Path:
+    """The interpreter of one of ``VENVS``, which is made if it is not there or is not as described.
+
+    Raises:
+        subprocess.CalledProcessError: it cannot be installed.
+    """
+    venv, folder = VENVS[name], CACHE / name
+    python, stamp = folder / "bin" / "python", folder / "installed"
+    wanted = repr(venv) + (ROOT / "pyproject.toml").read_text() + venv.constraints()
+    hashed = hashlib.sha256(wanted.encode()).hexdigest()
+    if stamp.exists() and stamp.read_text() == hashed:
+        return python
+    print(f"installing {', '.join(venv.requirements)} into {folder.relative_to(ROOT)} ...", file=sys.stderr, flush=True)
+    subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
+    constraints = folder / "constraints.txt"
+    constraints.write_text(venv.constraints())
+    project = f"{ROOT}[{venv.extra}]" if venv.extra else str(ROOT)
+    pip = [
+        str(python),
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "--quiet",
+        "install",
+        "--constraint",
+        str(constraints),
+    ]
+    subprocess.run([*pip, *venv.requirements, "--editable", project], check=True)
+    stamp.write_text(hashed)
+    return python
+
+
+def examples(page: Path) -> list[str]:
+    """The Python on a page."""
+    return [textwrap.dedent(found) for found in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)]
+
+
+def run(client: Client) -> Result:
+    """Run its script and its page's examples; what they say is in ``.clients/NAME.log``, at a failure its end printed.
+
+    Raises:
+        subprocess.CalledProcessError: its library cannot be installed.
+    """
+    python = python_of(client.venv) if client.venv != HERE else Path(sys.executable)
+    code = f"from importlib.metadata import version; print(version({client.library!r}))"
+    version = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    CACHE.mkdir(exist_ok=True)
+    log = CACHE / f"{client.name}.log"
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    commands = [[str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments]]
+    if client.venv != HERE:
+        commands += [[str(python), "-c", example] for example in examples(PAGE.with_name(f"{client.page}.md"))]
+    print(f"{client.name} ...", file=sys.stderr, flush=True)
+    start = time.monotonic()
+    status = 0
+    with log.open("w") as out:
+        for command in commands:
+            try:
+                status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=LIMIT_S).returncode
+            except subprocess.TimeoutExpired:
+                status = TIMED_OUT
+            if status:
+                break
+    if status:
+        print(f"{client.name} ended with {status}:", *log.read_text().splitlines()[-25:], sep="\n  ", file=sys.stderr)
+    return Result(client, version, status, time.monotonic() - start)
+
+
+def table(results: Sequence[Result]) -> str:
+    """In Markdown."""
+    rows = ["| Library | Version | Works | Script | Seconds |", "| --- | --- | --- | --- | --- |"]
+    for result in results:
+        client = result.client
+        works = client.line if result.status == 0 else f"**fails** (status {result.status})"
+        script = f"[{client.name}.py](../examples/clients/{client.name}.py)"
+        rows.append(
+            f"| [{client.library}]({client.page}.md) | {result.version} | {works} | {script} | {result.seconds:.0f} |"
+        )
+    return "\n".join(rows) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the scripts that are named, or all; 1 if one of them failed."""
+    names = [client.name for client in CLIENTS]
+    parser = argparse.ArgumentParser(prog="scripts/clients", description=__doc__.split("\n")[0] if __doc__ else None)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or several of {', '.join(names)}; all of them")
+    parser.add_argument("--write", action="store_true", help=f"write the table into {PAGE.relative_to(ROOT)}")
+    given = parser.parse_args(arguments)
+    unknown = [name for name in given.names if name not in names]
+    if unknown:
+        parser.error(f"no script {unknown[0]!r}: choose from {', '.join(names)}")
+    if given.write and given.names:
+        parser.error("--write is for the table of all scripts")
+    results = [run(client) for client in CLIENTS if not given.names or client.name in given.names]
+    written = table(results)
+    print(written, end="")
+    if given.write:
+        PAGE.write_text(_BLOCK.sub(lambda match: f"{match[1]}\n{written}\n", PAGE.read_text()))
+    return int(any(result.status for result in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
