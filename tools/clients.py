@@ -26,7 +26,7 @@ CACHE = ROOT / ".clients"
 HERE = ""  # the environment that this is run in
 LIMIT_S = 900.0  # for a script that hangs; each takes about a minute
 TIMED_OUT = 124  # as timeout(1) says it
-_BLOCK = re.compile(r"(<!-- table: clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
+_BLOCK = re.compile(r"(<!-- clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
 @dataclass(frozen=True)

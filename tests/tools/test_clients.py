@@ -27,7 +27,7 @@ def test_the_page_shows_each_library_at_its_pinned_version_and_none_that_fails()
         assert client.line in row
         version = next((pin for name, pin in pins.items() if name.partition("[")[0] == client.library), "")
         assert client.venv == HERE or client.library == "gymnasium" or f"| {version} |" in row
-    assert "fails" not in page.partition("<!-- table: clients -->")[2].partition("<!-- end -->")[0]
+    assert "fails" not in page.partition("<!-- clients -->")[2].partition("<!-- end -->")[0]
 
 
 def test_an_environment_is_constrained_but_for_what_it_unpins() -> None:
@@ -86,12 +86,12 @@ def test_scripts_can_be_named(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.usefixtures("own_scripts")
 def test_the_table_is_written_between_its_marks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "README.md"
-    page.write_text("before\n<!-- table: clients -->\nold\n<!-- end -->\nafter\n")
+    page.write_text("before\n<!-- clients -->\nold\n<!-- end -->\nafter\n")
     monkeypatch.setattr(clients, "ROOT", tmp_path)
     monkeypatch.setattr(clients, "PAGE", page)
     main(["--write"])
     text = page.read_text()
-    assert text.startswith("before\n<!-- table: clients -->\n\n| Library")
+    assert text.startswith("before\n<!-- clients -->\n\n| Library")
     assert text.endswith("|\n\n<!-- end -->\nafter\n")
     assert "old" not in text
 
