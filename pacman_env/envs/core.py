@@ -126,6 +126,14 @@ class EnvCore:
         """(N, C) which actions are allowed now."""
         return self.situation.mask.copy() if self._listed is None else self._listed != NOBODY
 
+    def actions_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) the actions that stand for candidates (N,)."""
+        self.require_reset()
+        if self._listed is None:
+            return candidates
+        there = self._listed == candidates[:, None]
+        return np.where(there.any(axis=1), there.argmax(axis=1), self.candidates - 1)
+
     def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """The candidates that the actions stand for, hold where they are forbidden, and where that is."""
         if self._listed is None:
@@ -343,6 +351,19 @@ class CoreEnv:
         if self.config.action != "goal":
             raise AttributeError("velocity actions have no masks")
         return self._masks
+
+    def action_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) the actions that stand now for candidates (N,), as a policy of this package chooses them.
+
+        Of the nearest candidates those that are not listed are the last action, hold.
+
+        Raises:
+            AttributeError: velocities choose no candidate.
+            ResetNeeded: before the first reset.
+        """
+        if self.config.action != "goal":
+            raise AttributeError("velocity actions choose no candidate")
+        return self._core.actions_of(np.asarray(candidates))
 
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()

@@ -109,7 +109,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
       one of your own.
     - `execution`: `robust`, or `as_built` as the original executor was.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
-      (chases from afar, turns to his corner within 2.0 m), or a policy object, asked at every decision.
+      (chases from afar, turns to his corner within 2.0 m), or a policy, its name or the object, asked at every tick.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.

@@ -18,6 +18,7 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import LEARNERS_DEFAULTS, LEARNERS_ID
 from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.policies.registry import make_policy
+from pacman_env.sim.observation.situation import PELLET
 
 MAPS = ("house", "maze", "loop", "open_plan", "generated", "generated:test", "generated:wide")
 
@@ -155,3 +156,24 @@ def test_a_wrong_action_is_refused() -> None:
     games.reset(seed=0)
     with pytest.raises(ValueError, match="choice 99 of game 1: candidates are 0 to 6"):
         games.step(np.array([0, 99]))
+
+
+@pytest.mark.parametrize("candidates", ["nearest", "all"])
+def test_a_policy_of_the_package_plays_by_the_actions_that_stand_for_its_choices(candidates: str) -> None:
+    env = make(map="house", candidates=candidates)
+    policy = make_policy("nearest")
+    policy.reset(np.ones(1, dtype=bool))
+    env.reset(seed=3)
+    info: dict[str, Any] = {"outcome": 0}
+    while info["outcome"] == 0:
+        chosen = policy.select(env.situation)
+        (action,) = env.action_of(chosen).tolist()
+        if candidates == "all":
+            assert action == chosen[0]
+        elif env.situation.kind[0, chosen[0]] == PELLET:
+            assert action == 0
+        *_, info = env.step(action)
+    assert info["collected"] > 3
+    assert env.action_of(np.array([env.batch.hold])).tolist() == [env.action_space.n - 1]
+    with pytest.raises(AttributeError, match="velocity actions choose no candidate"):
+        make(map="loop", action="velocity", candidates="all", decide="tick", observation="scan").action_of(chosen)
