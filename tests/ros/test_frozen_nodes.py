@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tests.ros.system import Process
 
 LEASE_S = 2.0  # short_lease.xml
+AGAIN_S = 5.0  # of wall time: a busy machine answers within it
 
 
 class Frozen(Game):
@@ -45,11 +46,11 @@ class Frozen(Game):
         self.ask_for_start()
 
     def ask_for_start(self) -> None:
-        """Until the show has begun: the robot may have to drive home first."""
-        self.ask(topics.START_GAME, lambda: self.state == "starting", "the start", but_not_in="returning_home")
+        """Until the game runs: the robot may have to drive home first, and a reset asked for twice may come late."""
+        self.ask(topics.START_GAME, lambda: self.state == "running", "the start", only_in="menu")
 
-    def ask(self, service: topics.Service, done: Callable[[], bool], what: str, but_not_in: str = "") -> None:
-        """Call until it is done: an answer may be lost."""
+    def ask(self, service: topics.Service, done: Callable[[], bool], what: str, only_in: str = "") -> None:
+        """Call until it is done: an answer may be lost, a call before it be obeyed late."""
         client = service.client(self.probe.node)
         self.wait(client.service_is_ready, service.name)
         asked_s = -math.inf
@@ -58,7 +59,7 @@ class Frozen(Game):
             nonlocal asked_s
             if done():
                 return True
-            if time.monotonic() - asked_s > 1.0 and self.state != but_not_in:
+            if time.monotonic() - asked_s > AGAIN_S and self.state in (only_in or self.state, "None"):
                 client.call_async(service.type.Request())
                 asked_s = time.monotonic()
             return False
