@@ -7,19 +7,17 @@ import re
 import shlex
 import subprocess
 import sys
-import textwrap
 from pathlib import Path
 
 import pytest
 
 from pacman_env.cli.main import MODULES, main
+from tools.clients import examples
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EXAMPLES = [
-    pytest.param(example, id=f"{page.stem}-{number}")
-    for page in PAGES
-    for number, example in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
+    pytest.param(example, id=f"{page.stem}-{number}") for page in PAGES for number, example in enumerate(examples(page))
 ]
 #: Libraries of docs/use_with that are in no extra of this project: `scripts/clients` has environments with them.
 CLIENTS = ("minari", "ray", "supersuit", "tianshou", "torchrl")
@@ -35,7 +33,7 @@ def test_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for client in CLIENTS:
         if f"import {client}" in example or f"from {client}" in example:
             pytest.importorskip(client)
-    exec(compile(textwrap.dedent(example), "example", "exec"), {})
+    exec(compile(example, "example", "exec"), {})
 
 
 def anchors(page: Path) -> set[str]:

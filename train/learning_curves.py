@@ -28,7 +28,6 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.envs.registration import LEARNERS_DEFAULTS
 from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.episodes.rollout import play
 from pacman_env.episodes.statistics import wilson
@@ -60,8 +59,7 @@ def environment(combination: str, map_name: str) -> PacManBotVecEnv:
     if kind not in OBSERVATIONS or decide not in DECIDE:
         known = " ".join(f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE)
         raise ValueError(f"combination {combination!r}: choose among {known}")
-    arguments = {**LEARNERS_DEFAULTS, **OBSERVATIONS[kind][0], "decide": decide}
-    return PacManBotVecEnv(GAMES, map=map_name, **arguments)
+    return PacManBotVecEnv(GAMES, version=1, map=map_name, decide=decide, **OBSERVATIONS[kind][0])
 
 
 def rounds_played(model: Any, learner: str, test: PacManBotVecEnv, rounds: int) -> dict[int, bool]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..config import Config, ConfigError, ObservationConfig
+from ..config import Config, ConfigError
 from ..game.execution import RUNNING
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
@@ -51,7 +52,6 @@ class EnvCore:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
         self.batch = GameBatch(arguments.make_source(self.config), self.config, n)
         self._observer = Observer(self.batch)
-        self._ghost_observer = Observer(self.batch, _of_ghosts(self.config.observation), ghost=True)
         self.parts = self._observer.parts
         self.candidates = self.batch.candidates if self._observer.nearest is None else self._observer.nearest.count
         self._numeric = arguments.numeric_info
@@ -115,6 +115,12 @@ class EnvCore:
             for policy in self._policies.values():
                 policy.reset(mask)
         self._look()
+
+    @functools.cached_property
+    def _ghost_observer(self) -> Observer:
+        """Of ghosts that are agents: the features, laid out as the robot's observation."""
+        config = replace(self.config.observation, kinds=("features",), candidates="all")
+        return Observer(self.batch, config, ghost=True)
 
     def _look(self) -> None:
         self._situation = self.batch.situation()
@@ -227,9 +233,8 @@ class EnvCore:
         seen = self._observer.observe(self.situation, self._listed)
         return self._laid_out(seen, self.masks() if self._mask_beside else None)
 
-    def observe_ghost(self, number: int) -> Any:
-        """The agent of a ghost sees this now: the features, laid out as the robot's observation."""
-        situation = self.batch.situation(number)
+    def observe_ghost(self, situation: Situation) -> Any:
+        """The agent of a ghost sees this in his situation: the features, laid out as the robot's observation."""
         seen = self._ghost_observer.observe(situation)
         return self._laid_out(seen, situation.mask if self._mask_beside else None)
 
@@ -279,10 +284,6 @@ class EnvCore:
         for number, choice in given.items():
             choices[:, number] = choice
         return choices
-
-
-def _of_ghosts(config: ObservationConfig) -> ObservationConfig:
-    return replace(config, kinds=("features",), candidates="all")
 
 
 class CoreEnv:

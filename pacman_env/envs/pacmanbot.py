@@ -13,7 +13,7 @@ from ..render.display import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .reset_options import SEEDS, ResetOptions
+from .reset_options import ResetOptions
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
@@ -179,10 +179,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
         levels = wanted.levels(self.batch.source, _ONE)
         self._play_by(wanted.settings)
         super().reset(seed=seed)
-        seeds = wanted.round_seed
-        if seeds is None:
-            seeds = np.array([self.np_random.integers(SEEDS, dtype=np.uint64)], dtype=np.uint64)
-        self._core.reset(_ONE, seeds, levels)
+        self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info()

@@ -18,7 +18,9 @@ from ..render.display import RENDER_FPS
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .reset_options import SEEDS, ResetOptions
+from .reset_options import ResetOptions
+
+_NOTHING_WANTED = ResetOptions()
 
 
 class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
@@ -106,7 +108,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         for i in index.tolist():
             if seed[i] is not None or self._generators[i] is None:
                 self._generators[i], _ = gym.utils.seeding.np_random(seed[i])
-        self._new_rounds(index, None if wanted.round_seed is None else wanted.round_seed[index], levels)
+        self._new_rounds(index, wanted, levels)
         return self._core.observe(), self._infos(index)
 
     def step(
@@ -176,13 +178,10 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
     def _new_rounds(
         self,
         index: NDArray[np.int64],
-        seeds: NDArray[np.uint64] | None = None,
+        wanted: ResetOptions = _NOTHING_WANTED,
         levels: NDArray[np.int64] | None = None,
     ) -> None:
-        if seeds is None:
-            drawn = [self._generators[i].integers(SEEDS, dtype=np.uint64) for i in index.tolist()]
-            seeds = np.array(drawn, dtype=np.uint64)
-        self._core.reset(index, seeds, levels)
+        self._core.reset(index, wanted.seeds(index, self._generators), levels)
         self._steps[index] = 0
         self._cut[index] = False
 

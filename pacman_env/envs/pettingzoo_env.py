@@ -22,7 +22,7 @@ from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .reset_options import SEEDS, ResetOptions
+from .reset_options import ResetOptions
 from .spaces import (
     checked_action,
     ghost_action_space,
@@ -140,15 +140,12 @@ class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], An
         self._play_by(wanted.settings)
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        seeds = wanted.round_seed
-        if seeds is None:
-            seeds = np.array([self._generator.integers(SEEDS, dtype=np.uint64)], dtype=np.uint64)
-        self._core.reset(_ONE, seeds, levels)
+        self._core.reset(_ONE, wanted.seeds(_ONE, [self._generator]), levels)
         self.agents = list(self.possible_agents)
         self._cycles = 0
         if self.render_mode == "human":
             self.render()
-        return self._observations(), self._infos()
+        return self._seen()
 
     def step(
         self, actions: dict[str, Any]
@@ -177,12 +174,13 @@ class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], An
             self.agents = []
         if self.render_mode == "human":
             self.render()
+        observations, infos = self._seen()
         return (
-            self._observations(),
+            observations,
             rewards,
             dict.fromkeys(agents, bool(terminated[0])),
             dict.fromkeys(agents, bool(truncated[0])),
-            self._infos(),
+            infos,
         )
 
     def checked(self, agent: str, action: Any) -> Any:
@@ -216,18 +214,17 @@ class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], An
         """The names of the numbers of ``state()``."""
         return list(state_limits(self.batch))
 
-    def _observations(self) -> Observations:
+    def _seen(self) -> tuple[Observations, dict[str, dict[str, Any]]]:
+        """Observations and infos of all agents."""
         core = self._core
-        seen = {PACMAN: core.observe()} | {name: core.observe_ghost(number) for name, number in self._ghosts.items()}
-        return {agent: core.of_game(observation, 0) for agent, observation in seen.items()}
-
-    def _infos(self) -> dict[str, dict[str, Any]]:
-        info = self._core.info_of_game()
-        result = {agent: dict(info) for agent in self.possible_agents}
+        situations = {name: self.batch.situation(number) for name, number in self._ghosts.items()}
+        seen = {PACMAN: core.observe()} | {name: core.observe_ghost(one) for name, one in situations.items()}
+        info = core.info_of_game()
+        infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
-            for name, number in self._ghosts.items():
-                result[name][MASK] = self.batch.situation(number).mask[0].astype(np.int8)
-        return result
+            for name, situation in situations.items():
+                infos[name][MASK] = situation.mask[0].astype(np.int8)
+        return {agent: core.of_game(observation, 0) for agent, observation in seen.items()}, infos
 
     def _ghost_rewards(self, pacman: float) -> list[float]:
         count = len(self._ghosts)

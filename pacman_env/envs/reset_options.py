@@ -55,6 +55,13 @@ class ResetOptions:
             dict(settings),
         )
 
+    def seeds(self, index: NDArray[np.int64], generators: Sequence[np.random.Generator | None]) -> NDArray[np.uint64]:
+        """(M,) those asked for, of the games ``index`` (M,), or one from the generator of each, which was seeded."""
+        if self.round_seed is not None:
+            return self.round_seed[index]
+        drawn = [generators[i].integers(SEEDS, dtype=np.uint64) for i in index.tolist()]
+        return np.array(drawn, dtype=np.uint64)
+
     def levels(self, source: LevelSource, index: NDArray[np.int64]) -> NDArray[np.int64] | None:
         """Those asked for, of the games ``index``.
 

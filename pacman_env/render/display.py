@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -13,23 +13,27 @@ from ..sim.core.batch import GameBatch
 RENDER_FPS = 2  # one frame per decision, in real time
 
 
-class Display:
-    """``render``, ``close`` and copies of an environment with ``batch`` and ``render_mode``."""
+class Shown(Protocol):
+    """An environment that can be shown."""
 
     render_mode: str | None
-    _window: Any = None
+    _window: Any
 
     @property
     def batch(self) -> GameBatch:
         """The games."""
-        raise NotImplementedError
 
     @property
     def started(self) -> bool:
         """Whether a first round has begun."""
-        raise NotImplementedError
 
-    def render(self) -> NDArray[np.uint8] | None:
+
+class Display:
+    """``render``, ``close`` and copies of an environment that can be shown."""
+
+    _window: Any = None
+
+    def render(self: Shown) -> NDArray[np.uint8] | None:
         """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
         if self.render_mode is None:
             gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")

@@ -31,6 +31,19 @@ SAID = (
 )
 
 
+class SimulatedClock:
+    """Publishes the time from now on, twice as fast as it is; may be set."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.now_s = 1000.0
+        self._clock = probe.publisher(topics.CLOCK)
+        probe.node.create_timer(0.01, self._tick)
+
+    def _tick(self) -> None:
+        self.now_s += 0.02
+        self._clock.publish(Clock(clock=Time(seconds=self.now_s).to_msg()))
+
+
 def up(probe: Probe, system: System, *settings: str, **parameters: Any) -> Process:
     quick = ["show.start_s=0.2", "show.death_s=0.2", "show.home_retry_s=0.1"]
     process = system.start(NODE, settings=[*quick, *settings], **parameters)
@@ -233,22 +246,15 @@ def test_the_robot_is_told_to_stop_before_the_referee_leaves_fault_13(
 
 
 def test_a_show_is_not_prolonged_by_a_clock_that_is_set_back(probe: Probe, system: System) -> None:
-    clock, now = probe.publisher(topics.CLOCK), 1000.0
-
-    def tick() -> None:
-        nonlocal now
-        now += 0.02
-        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
-
-    probe.node.create_timer(0.01, tick)
+    clock = SimulatedClock(probe)
     up(probe, system, "show.start_s=2.0", use_sim_time=True)
     assert probe.call(topics.START_GAME).success
     wait_state(probe, "returning_home")
     status(probe, "home_reached")
     wait_state(probe, "starting")
-    now -= 900.0
+    clock.now_s -= 900.0
     wait_state(probe, "running")
-    assert now < 500.0  # it would last until 1000
+    assert clock.now_s < 500.0  # it would last until 1000
 
 
 # A game that outlives its node
@@ -320,14 +326,7 @@ def test_a_referee_who_has_not_gone_on_yet_takes_no_report_for_that_of_a_new_gam
     answer = probe.call(topics.START_GAME)
     assert (answer.success, answer.message) == (False, "start: a game is about to be gone on with")
     assert not probe.values(topics.GAME_STATE)
-    clock, now = probe.publisher(topics.CLOCK), 1000.0
-
-    def tick() -> None:
-        nonlocal now
-        now += 0.02
-        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
-
-    probe.node.create_timer(0.01, tick)
+    SimulatedClock(probe)
     wait_state(probe, "returning_home")
     probe.wait_for(lambda: probe.values(topics.PELLETS_SPAWNED), what="the pellets")
     assert set(probe.values(topics.PELLETS_SPAWNED)) == {3}
@@ -352,14 +351,7 @@ def test_pellets_reported_to_a_referee_who_has_not_gone_on_yet_count_before_the_
         status(probe, f"pellet_collected:{pellet}")
     assert probe.publisher(topics.GAME_STATUS).wait_for_all_acked(Duration(seconds=60))
     assert not probe.call(topics.START_GAME).success  # answered after them
-    clock, now = probe.publisher(topics.CLOCK), 1000.0
-
-    def tick() -> None:
-        nonlocal now
-        now += 0.02
-        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
-
-    probe.node.create_timer(0.01, tick)
+    SimulatedClock(probe)
     status(probe, "game_complete")
     results = lambda: [text for text in probe.values(topics.GAME_RESULT) if text]  # noqa: E731
     probe.wait_for(results, what="the result")
