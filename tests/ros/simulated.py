@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,6 +90,10 @@ class Robot:
         """By its odometry, which begins at home, the map's origin."""
         position = self.odometry().pose.pose.position
         return position.x, position.y
+
+    def wait_until_at(self, place: tuple[float, float], within_m: float = 0.5) -> None:
+        """For odometry that says so: an action's result may be heard before the odometry sent ahead of it."""
+        self.probe.wait_for(lambda: math.dist(self.place(), place) < within_m, what=f"odometry at {place}")
 
     def wait_s(self, seconds: float) -> None:
         """Simulated time."""

@@ -43,7 +43,7 @@ def test_it_drives_to_a_goal_tells_where_it_is_and_amcl_is_silent_while_it_stand
     assert (status, result.error_code) == (SUCCEEDED, nav.NONE)
     believed = pose_of(goal.feedback[-1].current_pose)
     assert math.dist(believed[:2], RIGHT) < 0.4
-    assert math.dist(robot.place(), RIGHT) < 0.5
+    robot.wait_until_at(RIGHT)
     distances = [f.distance_remaining for f in goal.feedback]
     assert distances[0] > 5.0
     assert distances[-1] < 0.5
@@ -90,7 +90,7 @@ def test_a_newer_goal_ends_the_older_one_aborted_without_an_error(probe: Probe, 
     status, result = first.end()
     assert (status, result.error_code) == (ABORTED, nav.NONE)
     assert second.end()[0] == SUCCEEDED
-    assert math.dist(robot.place(), LEFT) < 0.5
+    robot.wait_until_at(LEFT)
 
 
 def test_a_cancelled_goal_ends_cancelled_and_the_robot_stands(probe: Probe, system: System) -> None:
