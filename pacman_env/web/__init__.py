@@ -1,0 +1,1 @@
+"""The operator's page: a game shown, played and run in any browser (docs/web.md)."""
