@@ -77,5 +77,15 @@ class Game(Protocol):
     def left(self, person: str) -> None:
         """A person is gone: his seats are free, and what he drove by hand stands."""
 
+    def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
+        """A map of somebody's own, to be chosen from now on: its YAML file and its image.
+
+        Returns:
+            ``{"map": the name to choose it by, "words": what the map's checker says}``.
+
+        Raises:
+            Refused: it cannot be played on; the words say why.
+        """
+
     def story(self, number: int) -> bytes | None:
         """The frames of a round that has ended, one after the other, each behind its length (u32, little endian)."""
