@@ -53,6 +53,7 @@ class Setup(Said, frozen=True):
     policy: Name | None = None
     second: Name | None = None
     ghosts: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=4)] | None = None
+    clyde_mps: Annotated[float, Meta(ge=0.05, le=2.0)] | None = None
     seed: Seed | None = None
     settings: dict[Name, Value] | None = None
     finish: bool = False
