@@ -144,6 +144,9 @@ ROUND = Topic("game/round", "std_msgs/Int32", LATCHED)
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
+#: JSON: whether the robot is to stand whatever else is said, who said so and when (``operator_stop.py``).
+OPERATOR_STOP = Topic("operator/stop", "std_msgs/String", LATCHED)
+
 PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
 REMOVE_PELLET = Topic("remove_pellet", "std_msgs/Int32", EVENTS)
 GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) for name in GHOSTS)
