@@ -165,6 +165,8 @@ CMD_VEL = Topic("cmd_vel", "geometry_msgs/TwistStamped", EVENTS)
 MAP = Topic("map", "nav_msgs/OccupancyGrid", LATCHED)
 AMCL_POSE = Topic("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", LATCHED)
 INITIAL_POSE = Topic("initialpose", "geometry_msgs/PoseWithCovarianceStamped", EVENTS)
+#: Where a simulated robot's odometry began, in the map: with the odometry, where it truly is.
+SIMULATED_ORIGIN = Topic("sim/origin", "geometry_msgs/PoseStamped", LATCHED)
 PLAN = Topic("plan", "nav_msgs/Path", EVENTS)
 ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
 SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)
