@@ -7,14 +7,12 @@ words around it are written by people.
 from __future__ import annotations
 
 import argparse
-import ast
 import contextlib
 import dataclasses
 import inspect
 import io
 import re
 import sys
-import tokenize
 import typing
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -27,6 +25,7 @@ from pacman_env import config
 from pacman_env.cli import main as cli
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.config import Config, composition, make_config, sections
+from pacman_env.config.described import fields_of
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
@@ -38,9 +37,6 @@ from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
-_UNITS = (
-    ("_mps2", "m/s²"), ("_mps", "m/s"), ("_radps", "rad/s"), ("_rad", "rad"), ("_kg", "kg"), ("_m", "m"), ("_s", "s")
-)  # fmt: skip
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
 OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # of observation
 #: What rewards are given for: their names alone are all that the source says.
@@ -51,44 +47,6 @@ EVENTS = {
     "tick": "each decision",
     "timeout": "the time limit is reached",
 }
-
-
-@dataclasses.dataclass(frozen=True)
-class Field:
-    """One field of a configuration's section, as it is written in the source."""
-
-    name: str
-    kind: str  # its annotation
-    comment: str
-
-    @property
-    def unit(self) -> str:
-        """By the end of its name; "" for a pure number, a name or a choice."""
-        return next((unit for ending, unit in _UNITS if self.name.endswith(ending)), "")
-
-
-def fields_of(source: str) -> dict[str, list[Field]]:
-    """Fields of every class in a source: comments are those behind a field, or alone on the lines above it."""
-    comments, alone = {}, set()
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            comments[token.start[0]] = token.string.lstrip("#: ")
-            if not token.line[: token.start[1]].strip():
-                alone.add(token.start[0])
-    result = {}
-    for node in ast.parse(source).body:
-        if isinstance(node, ast.ClassDef):
-            fields = []
-            for part in node.body:
-                if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name):
-                    first = part.lineno
-                    while first - 1 in alone:
-                        first -= 1
-                    lines = [n for n in range(first, (part.end_lineno or part.lineno) + 1) if n in comments]
-                    words = " ".join(comments[n] for n in lines)
-                    fields.append(Field(part.target.id, ast.unparse(part.annotation), words))
-            result[node.name] = fields
-    return result
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

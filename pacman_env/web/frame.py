@@ -161,7 +161,7 @@ def decode(message: bytes) -> Frame:
         velocity=values[24:26],
         shadow=poses[2] if flags & SHADOW else None,
         shadow_collected=int(values[29]),
-        ring=tuple(tuple(ring[k : k + 3]) for k in range(0, 18, 3)) if flags & RING else None,  # type: ignore[misc]
+        ring=tuple(tuple(ring[k : k + 3]) for k in range(0, 18, 3)) if flags & RING else None,
         ghosts=np.frombuffer(parts[0], "<f4").reshape(-1, 2).astype(float),
         alive=np.unpackbits(np.frombuffer(parts[1], np.uint8), count=pellets, bitorder="little").astype(bool),
         scores=np.frombuffer(parts[2], "<f4").astype(float),

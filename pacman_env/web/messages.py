@@ -18,33 +18,33 @@ class Said(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     """One message; an answer names its ``id``."""
 
 
-class Start(Said):
+class Start(Said, frozen=True):
     """Begin a round."""
 
     id: int = 0
 
 
-class Reset(Said):
+class Reset(Said, frozen=True):
     """Break off: back to the menu."""
 
     id: int = 0
 
 
-class Pause(Said):
+class Pause(Said, frozen=True):
     """Hold the simulated time, or let it go on."""
 
     on: bool
     id: int = 0
 
 
-class Speed(Said):
+class Speed(Said, frozen=True):
     """Of the simulated time."""
 
     times: Annotated[float, Meta(ge=1, le=50)]
     id: int = 0
 
 
-class Setup(Said):
+class Setup(Said, frozen=True):
     """What the next rounds are; what is left out stays. ``finish``: play the round to its end as fast as can be."""
 
     map: Name | None = None
@@ -53,20 +53,21 @@ class Setup(Said):
     policy: Name | None = None
     second: Name | None = None
     ghosts: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=4)] | None = None
+    clyde_mps: Annotated[float, Meta(ge=0.05, le=2.0)] | None = None
     seed: Seed | None = None
     settings: dict[Name, Value] | None = None
     finish: bool = False
     id: int = 0
 
 
-class ClydeSpeed(Said, tag="clyde_speed"):
+class ClydeSpeed(Said, frozen=True, tag="clyde_speed"):
     """Clyde's speed of round 1."""
 
     mps: Annotated[float, Meta(ge=0.05, le=2.0)]
     id: int = 0
 
 
-class PlaceClyde(Said, tag="place_clyde"):
+class PlaceClyde(Said, frozen=True, tag="place_clyde"):
     """Where a ghost starts; in the menu alone."""
 
     x: Number
@@ -75,33 +76,33 @@ class PlaceClyde(Said, tag="place_clyde"):
     id: int = 0
 
 
-class Stop(Said):
+class Stop(Said, frozen=True):
     """The robot stands at once, and stays so."""
 
     id: int = 0
 
 
-class Release(Said):
+class Release(Said, frozen=True):
     """After a stop: it may drive again."""
 
     id: int = 0
 
 
-class Control(Said):
+class Control(Said, frozen=True):
     """Of the operator's lease."""
 
     what: Literal["take", "ask", "give"]
     id: int = 0
 
 
-class Seat(Said):
+class Seat(Said, frozen=True):
     """Who one plays: ``robot``, ``ghost-0`` to ``ghost-3``, or ``none``."""
 
     who: Literal["robot", "ghost-0", "ghost-1", "ghost-2", "ghost-3", "none"]
     id: int = 0
 
 
-class Goal(Said):
+class Goal(Said, frozen=True):
     """Where the one that one plays goes: a candidate, -1 to hold, or the nearest candidate to a place."""
 
     candidate: Annotated[int, Meta(ge=-1, lt=65536)] | None = None
@@ -110,7 +111,7 @@ class Goal(Said):
     id: int = 0
 
 
-class Drive(Said):
+class Drive(Said, frozen=True):
     """Velocities by hand; 0.5 s after the last of them the robot stands."""
 
     v: Annotated[float, Meta(ge=-10, le=10)]
@@ -118,7 +119,7 @@ class Drive(Said):
     id: int = 0
 
 
-class Event(Said):
+class Event(Said, frozen=True):
     """Have an event, a light or a sound shown."""
 
     word: Word
@@ -126,14 +127,14 @@ class Event(Said):
     id: int = 0
 
 
-class Arm(Said):
+class Arm(Said, frozen=True):
     """Whether the robot moves at events."""
 
     on: bool
     id: int = 0
 
 
-class Watch(Said):
+class Watch(Said, frozen=True):
     """What the page shows beside the map."""
 
     why: bool = False
@@ -141,7 +142,7 @@ class Watch(Said):
     id: int = 0
 
 
-class Why(Said):
+class Why(Said, frozen=True):
     """The terms of the candidates at one tick of a story."""
 
     story: Annotated[int, Meta(ge=1)]
@@ -149,19 +150,19 @@ class Why(Said):
     id: int = 0
 
 
-class Stories(Said):
+class Stories(Said, frozen=True):
     """The rounds that have ended."""
 
     id: int = 0
 
 
-class Ready(Said):
+class Ready(Said, frozen=True):
     """The readiness list."""
 
     id: int = 0
 
 
-class Ping(Said):
+class Ping(Said, frozen=True):
     """Answered at once."""
 
     id: int = 0

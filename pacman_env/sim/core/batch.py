@@ -93,6 +93,7 @@ class GameBatch:
         self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
         self._version = -1
         self._awake: NDArray[np.bool_] | None = None  # None: all
+        self._by_hand = False
         self._bind()
 
     @property
@@ -263,6 +264,33 @@ class GameBatch:
         if self.config.endless:
             self._next_rounds()
 
+    def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
+        """A step in which somebody drives the robots: goals are given up, Nav2 has no part in it.
+
+        A copy or a pickle of the batch does not know of it: that plays *hold* in its place.
+
+        Args:
+            velocities: (N, 2) v in m/s and omega in rad/s, cut to what the base can follow.
+            ghost_choices: see :meth:`step`.
+
+        Raises:
+            ValueError: velocities that are not finite, or bad choices; nothing has been changed then.
+        """
+        parameters = self._parameters
+        if not np.isfinite(velocities).all():
+            raise ValueError(f"velocities {velocities.tolist()}: must be finite numbers")
+        unwritten = np.zeros((self.n, 1, 2))  # (N, T, 2) as of a batch whose actions are velocities
+        ticks = self.games["tick"].copy()
+        self.games["tick"] = 0
+        kernels.decide_velocity(self.games, velocities, unwritten, parameters)
+        self.games["tick"] = ticks
+        self._by_hand = True
+        try:
+            self.step(np.full(self.n, self.hold, dtype=np.int64), ghost_choices)
+        finally:
+            self._by_hand = False
+            parameters["velocity_actions"] = 0
+
     def step_awake(
         self, actions: NDArray[Any], ghost_choices: NDArray[np.int64] | None, awake: NDArray[np.bool_]
     ) -> None:
@@ -303,6 +331,8 @@ class GameBatch:
         awake = self._awake
         self._history.make_room(games)
         due = self._decide(actions)
+        if self._by_hand:
+            parameters["velocity_actions"] = 1
         ghosts.decide(games, ghost_choices, self._history.ghost_choices, parameters)
         for k in range(self.substeps):
             if self._check_due[k]:

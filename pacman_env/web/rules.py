@@ -1,0 +1,215 @@
+"""What a round in the simulator is played by: chosen by name on the page, checked, and made into games."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, urlencode
+
+import yaml
+
+from pacman_env.config import Config, ConfigError, preset_names
+from pacman_env.config.described import Setting, settings
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.game.ghosts import POLICY, behaviour_names
+from pacman_env.game.pellets import generate_pellets
+from pacman_env.policies.base import Policy
+from pacman_env.policies.registry import make_policy, policy_names
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.maps.generated import TEST_LEVEL, TEST_LEVELS
+from pacman_env.sim.maps.level_source import LevelSource
+from pacman_env.web.game import Refused
+from pacman_env.web.messages import Setup
+from pacman_env.world.maps.map_check import check_map
+from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, shipped_maps
+
+GENERATED = "generated"
+#: Groups of the configuration that a form shows: of the others, the page chooses itself or a learner needs them.
+_GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "execution", "refuges")
+_CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
+_IMAGES = ((b"\x89PNG\r\n\x1a\n", ".png"), (b"P5", ".pgm"), (b"P2", ".pgm"))
+_MOST_PIXELS = 4_000_000  # of a map of one's own: 2000 x 2000
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Names and numbers; ``level`` is of generated maps, None: drawn by the seed."""
+
+    map: str = "house"
+    level: int | None = None
+    preset: str = "robot"
+    policy: str = "ppo"
+    second: str = "clyde_aware"
+    ghosts: tuple[str, ...] = ("wander",)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def changed(self, setup: Setup) -> Rules:
+        """With what a setup names; what it leaves out stays."""
+        names = ("map", "level", "preset", "policy", "second", "ghosts", "settings")
+        given = {name: value for name in names if (value := getattr(setup, name)) is not None}
+        if "map" in given and "level" not in given:
+            given["level"] = None
+        return replace(self, **given)
+
+    def link(self, seed: int, clyde_mps: float) -> str:
+        """The part of an address that brings the same round back."""
+        words = {"map": self.map, "level": self.level, "preset": self.preset, "policy": self.policy}
+        words |= {"second": self.second, "ghosts": ",".join(self.ghosts), "clyde": f"{clyde_mps:g}", "seed": seed}
+        words |= {f"set.{name}": value for name, value in self.settings.items()}
+        return urlencode({name: value for name, value in words.items() if value is not None}, quote_via=quote)
+
+
+class Choices:
+    """All that can be chosen: what ships, what is installed, and what was brought along.
+
+    Args:
+        maps: files or loaded maps beside those that ship.
+        policies: files or ``module:Class`` beside the names; nobody can bring others over the network.
+    """
+
+    def __init__(self, maps: Sequence[str | OccupancyMap] = (), policies: Sequence[str] = ()) -> None:
+        """Raises MapError or ValueError for what cannot be used."""
+        self._maps: dict[str, str | OccupancyMap] = {name: name for name in shipped_maps()}
+        for one in maps:
+            if one not in self._maps:
+                loaded = load_map(one) if isinstance(one, str) else one
+                self._maps[loaded.name] = loaded
+        self._policies = [name for name in policy_names() if name != "clyde_aware:documented"]
+        for spec in policies:
+            make_policy(spec)
+            if spec not in self._policies:
+                self._policies.append(spec)
+        self._settings = [s for s in settings() if _shown(s)]
+
+    def facts(self) -> dict[str, Any]:
+        """As the page is told of them."""
+        return {
+            "maps": [*self._maps, GENERATED],
+            "presets": list(preset_names()),
+            "policies": self._policies,
+            "behaviours": [name for name in behaviour_names() if name != POLICY],
+            "settings": [
+                {
+                    "name": s.name,
+                    "value": s.value,
+                    "type": s.type,
+                    "unit": s.unit,
+                    "low": s.low,
+                    "high": s.high,
+                    "options": list(s.options),
+                    "words": s.words,
+                }
+                for s in self._settings
+            ],
+        }
+
+    def check(self, rules: Rules) -> None:
+        """Raise Refused for a name that cannot be chosen; what was chosen may still not fit together."""
+        facts = self.facts()
+        for what, name, known in (
+            ("map", rules.map, facts["maps"]),
+            ("preset", rules.preset, facts["presets"]),
+            ("policy", rules.policy, facts["policies"]),
+            ("policy", rules.second, facts["policies"]),
+            *(("behaviour", ghost, facts["behaviours"]) for ghost in rules.ghosts),
+        ):
+            if name not in known:
+                raise Refused(f"{what} {name!r}: choose one of {', '.join(known)}")
+        names = {setting.name for setting in self._settings}
+        for name in rules.settings:
+            if name not in names:
+                raise Refused(f"setting {name!r}: not one of those that can be set here")
+        if rules.level is not None:
+            if rules.map != GENERATED:
+                raise Refused(f"level {rules.level}: map {rules.map!r} has none")
+            if rules.level >= TEST_LEVEL + TEST_LEVELS:
+                raise Refused(f"level {rules.level}: there are 0 to {TEST_LEVEL + TEST_LEVELS - 1}")
+
+    def prepare(self, rules: Rules, clyde_mps: float | None) -> tuple[Config, LevelSource, dict[int, Policy]]:
+        """The configuration, the map and the ghosts' policies of a round.
+
+        Raises:
+            Refused: it cannot be played.
+        """
+        self.check(rules)
+        changes = {name: tuple(value) if isinstance(value, list) else value for name, value in rules.settings.items()}
+        if clyde_mps is not None:
+            changes["clyde.speed_mps"] = clyde_mps
+        test = rules.level is not None and rules.level >= TEST_LEVEL
+        source: Any = self._maps.get(rules.map, f"{GENERATED}:test" if test else GENERATED)
+        arguments = EnvArguments(
+            source,
+            rules.preset,
+            ghosts=rules.ghosts,
+            settings=changes,
+            start_level=rules.level,
+            num_levels=None if rules.level is None else 1,
+        )
+        try:
+            config, policies = arguments.make_config()
+            return config, arguments.make_source(config), policies
+        except (ConfigError, MapError) as error:
+            raise Refused(str(error)) from error
+
+    def add_map(self, name: str, text: str, image: bytes) -> dict[str, Any]:
+        """See :meth:`pacman_env.web.game.Game.add_map`."""
+        try:
+            loaded = _loaded(name, text, image)
+        except (MapError, OSError) as error:
+            raise Refused(str(error)) from error
+        if name in shipped_maps() or name == GENERATED:
+            raise Refused(f"map {name!r}: a map that ships has this name")
+        config = Config()
+        try:
+            pellets = generate_pellets(loaded, config.pellets)
+            report = check_map(loaded, pellets.position, pellets.ids, config)
+            map_assets(loaded, config)
+        except ValueError as error:
+            raise Refused(f"the map {name} cannot be played on: {error}") from error
+        self._maps[name] = loaded
+        return {"map": name, "words": report.render()}
+
+
+def _shown(setting: Setting) -> bool:
+    group = setting.name.partition(".")[0]
+    return setting.name == "time_limit_s" or (group in _GROUPS and setting.name not in _CHOSEN_ELSEWHERE)
+
+
+def _loaded(name: str, text: str, image: bytes) -> OccupancyMap:
+    """A map from a YAML file's text and an image's bytes, whatever name the YAML gives it."""
+    try:
+        keys = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise Refused(f"{name}.yaml: no YAML: {error}") from error
+    if not isinstance(keys, dict):
+        raise Refused(f"{name}.yaml: must have the keys of map_server: image, resolution, origin")
+    suffix = next((ending for start, ending in _IMAGES if image.startswith(start)), None)
+    if suffix is None:
+        raise Refused(f"the image of {name}: must be a PGM or a PNG")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.yaml"
+        (path.parent / f"{name}{suffix}").write_bytes(image)
+        path.write_text(yaml.safe_dump(keys | {"image": f"{name}{suffix}"}))
+        try:
+            loaded = load_map(path)
+        except MapError as error:
+            raise Refused(str(error).replace(f"{folder}/", "")) from error
+    if loaded.grey.size > _MOST_PIXELS:
+        raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")
+    return loaded
+
+
+def image_of(data: str) -> bytes:
+    """Bytes from base64.
+
+    Raises:
+        Refused: it is none.
+    """
+    try:
+        return base64.b64decode(data, validate=True)
+    except ValueError as error:
+        raise Refused("the image: no base64") from error
