@@ -74,12 +74,14 @@ class Heard(BaseNode):
         self.scores: dict[int, float] = {}
         self.goal = -1
         self.configuration: dict[str, Any] = {}
+        self.configuration_text = ""  # as JSON
         self.plan: NDArray[np.float64] = np.zeros((0, 2))
         self.scan: NDArray[np.float64] = np.zeros(0)
         self.ring: Ring | None = None
         self.velocity = (0.0, 0.0)
         self.navigating = False  # Nav2 pursues a goal of anybody's
-        self.round_s: float | None = None  # when the round began, by the robot's clock
+        self._began_s: float | None = None  # the round, by the robot's clock
+        self._round_s = 0.0  # how long it lasted
         self._believed = BelievedPose(_POSE_TIMEOUT_S)
         self._odometry: Pose | None = None
         self._odometry_s = -math.inf
@@ -150,6 +152,11 @@ class Heard(BaseNode):
         return self._clock[2] if self._clock is not None else time.time()
 
     @property
+    def round_time_s(self) -> float:
+        """Since the round began, or how long the last one was; from when it was heard of first."""
+        return self._round_s if self._began_s is None else max(0.0, self.robot_s - self._began_s)
+
+    @property
     def rate(self) -> float:
         """Of the robot's clock, times real time."""
         return self._rate
@@ -198,7 +205,9 @@ class Heard(BaseNode):
             return
         state = word_of(message, words)
         if state == "running" != self.state:
-            self.round_s = self.robot_s
+            self._began_s = self.robot_s
+        elif state != "running" and self._began_s is not None:
+            self._round_s, self._began_s = self.round_time_s, None
         if state == "menu":
             self.scores, self.goal = {}, -1
         self.state = state
@@ -259,6 +268,7 @@ class Heard(BaseNode):
         configuration = said["configuration"]
         if isinstance(configuration, dict):
             self.configuration = configuration
+            self.configuration_text = json.dumps(configuration, sort_keys=True)
 
     def _take_plan(self, message: Any) -> None:
         poses = message.poses[:: max(1, len(message.poses) // 256)]
