@@ -35,6 +35,7 @@ ONLY_IN = {
     "gymnasium": {"envs", "render"},
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
+    **{package: {"web"} for package in ("starlette", "uvicorn", "websockets", "segno")},
     "torch": set(),
     "stable_baselines3": {"envs.sb3_vec_env"},
     "sb3_contrib": set(),

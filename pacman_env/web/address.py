@@ -1,0 +1,62 @@
+"""What is printed at the start: where the page is, as a link and, for telephones, as a QR code."""
+
+from __future__ import annotations
+
+import socket
+
+from pacman_env.web.access import Tokens
+
+WILDCARDS = ("0.0.0.0", "::")
+
+
+def link(address: str, port: int, token: str = "") -> str:
+    """The page's address."""
+    host = f"[{address}]" if ":" in address else address
+    return f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+
+
+def own_address(family: int = socket.AF_INET) -> str | None:
+    """The address by which others reach this machine, as far as it can be told; nothing is sent."""
+    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses of documentation
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((there, 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return None
+
+
+def shown_address(address: str) -> str:
+    """The address of a link, for one that a server is bound to."""
+    if address not in WILDCARDS:
+        return address
+    return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
+
+
+def qr_code(text: str) -> str:
+    """For a terminal, in half blocks; empty where segno is missing."""
+    try:
+        import segno
+    except ImportError:
+        return ""
+    import io
+
+    out = io.StringIO()
+    segno.make(text, error="l", micro=False).terminal(out, compact=True, border=2)
+    return out.getvalue().rstrip("\n")
+
+
+def greeting(address: str, port: int, tokens: Tokens | None) -> str:
+    """What is printed at the start."""
+    shown = shown_address(address)
+    if tokens is None:
+        return f"The page: {link(shown, port)} (on this computer alone; Ctrl-C ends it)"
+    operator = link(shown, port, tokens.operator)
+    return "\n".join(
+        (
+            f"To play and run it: {operator}",
+            qr_code(operator),
+            f"To look, and for STOP: {link(shown, port, tokens.viewer)}",
+            "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page.",
+        )
+    )
