@@ -586,13 +586,13 @@ class SimulatedGame:
         with self._lock:
             if self._paused or self._stopped or self._round is None:
                 return
-            began = self._tick_began_s + self._tick_s
-            self._tick_began_s = max(began, time.monotonic() - self._tick_s)  # late: time is not made good
+            began_s = self._tick_began_s + self._tick_s
             self._clock_s += self._round_config.execution.tick_s
             controller, played = self._controller, self._round
             if controller.state == "running":
                 orders = self._orders_now()
             else:
+                self._tick_began_s = self._not_long_ago(began_s)
                 self._follow_clock()
                 self._before = self._now
                 self._changed()
@@ -601,6 +601,7 @@ class SimulatedGame:
         with self._lock:
             if played is not self._round:
                 return
+            self._tick_began_s = self._not_long_ago(began_s)
             before, now = played.looks[-2], played.looks[-1]
             self._before, self._now = before, now
             self._changed()
@@ -609,6 +610,10 @@ class SimulatedGame:
             if self._why and real_s - self._why_told_s >= _WHY_S:
                 self._why_told_s = real_s
                 self._tell([{"why": played.why_now()}])
+
+    def _not_long_ago(self, began_s: float) -> float:
+        """The beginning of a tick; late, time is not made good."""
+        return max(began_s, time.monotonic() - self._tick_s)
 
     def _orders_now(self) -> Orders:
         orders = Orders(robot="robot" in self._seats, goal=self._goals.get("robot"))

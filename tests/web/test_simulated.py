@@ -220,7 +220,7 @@ def test_a_robot_driven_by_hand_stands_when_nothing_more_is_heard(game: Simulate
     def turned() -> bool:
         game.tell("Ann", m.Drive(v=0.0, omega=1.5))
         now = frame(game)
-        return now.true is not None and abs(now.true[2] - home[2]) > 0.5 or now.state != "running"
+        return (now.true is not None and abs(now.true[2] - home[2]) > 0.5) or now.state != "running"
 
     wait(turned)
     wait(lambda: frame(game).velocity == (0.0, 0.0))

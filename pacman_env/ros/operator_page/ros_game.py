@@ -369,9 +369,7 @@ class RosGame:
         answer.add_done_callback(lambda _: done.set())
         if not done.wait(_ANSWER_S):
             client.remove_pending_request(answer)
-            raise Refused(
-                f"{who} has not answered within {_ANSWER_S:g} s: see whether it was done"
-            )
+            raise Refused(f"{who} has not answered within {_ANSWER_S:g} s: see whether it was done")
         if answer.exception() is not None:
             raise Refused(f"{who}: {answer.exception()}")
         return answer.result()
@@ -444,9 +442,7 @@ class RosGame:
         if self._armed and answer.motion in ("spin", "shake"):
             self._not_stopped()
             if self._node.state != "menu" or self._wheels.driven or self._node.navigating:
-                raise Refused(
-                    "somebody else drives: an event moves the robot in the menu alone; disarm first"
-                )
+                raise Refused("somebody else drives: an event moves the robot in the menu alone; disarm first")
             self._shows_until_s = time.monotonic() + _LONGEST_SHOW_S
             self._say(topics.GAME_EVENT, word)
             return
