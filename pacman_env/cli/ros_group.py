@@ -71,6 +71,8 @@ def _add_asking(group: Any) -> None:
     words = {
         "start": "begin a round of the game that is up",
         "reset": "break off whatever goes on: back to the menu",
+        "stop": "the robot stands at once, and stays so whatever the game wants",
+        "release": "after a stop: let the robot go on",
         "status": "how the game stands",
     }
     for name, text in words.items():
@@ -92,6 +94,8 @@ def _asking(name: str) -> Callable[[argparse.Namespace], int]:
         where = arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait
         if name == "status":
             return operator.status(*where, as_json=arguments.json)
+        if name in ("stop", "release"):
+            return (operator.stop if name == "stop" else operator.release)(*where)
         return operator.ask(name, *where)
 
     return ask
