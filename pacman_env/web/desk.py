@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from pacman_env import __version__
 from pacman_env.web import messages
 from pacman_env.web.access import Kind
 from pacman_env.web.control import KEPT_S, ROBOT, SEATS, Control
@@ -17,7 +18,7 @@ from pacman_env.web.messages import Message, as_json, parse
 from pacman_env.web.said import Said
 from pacman_env.web.viewers import MESSAGES_PER_S, MOST_TEXTS, Audience, Bucket, Place, Viewer
 
-WORKERS = 16
+WORKERS = 32
 MOST_REMEMBERED = 1000
 MOST_WORDS = 500
 #: What anybody of the operators may say; all else that is not for all needs control.
@@ -44,19 +45,23 @@ class Desk:
         clock: Callable[[], float] = time.monotonic,
     ):
         self.control = Control()
-        self.audience = Audience(game, said, most, self.people)
+        self.audience = Audience(game, most, self.people)
         self._game = game
         self._said = said
         self._rate = rate
         self._clock = clock
+        # The game is never asked in the thread of the connections: it may take its time with anything.
         self._pool = ThreadPoolExecutor(WORKERS, "web")
+        self._looks = ThreadPoolExecutor(1, "web-look")
+        self._hurry = ThreadPoolExecutor(4, "web-stop")  # with nothing but stops and leaving in front of a stop
         self._known: dict[str, Viewer] = {}  # by the key of his page
         self._guests = 0
         self._stops = 0
 
     def close(self) -> None:
         """No more is done."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        for pool in (self._pool, self._looks, self._hurry):
+            pool.shutdown(wait=False, cancel_futures=True)
 
     def people(self) -> dict[str, Any]:
         """Who is here and who does what, for the pages."""
@@ -71,12 +76,13 @@ class Desk:
 
     # coming and going
 
-    def arrive(self, access: Kind, key: str) -> Viewer:
+    async def arrive(self, access: Kind, key: str) -> Viewer:
         """A page has connected; with the key that it was given it is the same person's again.
 
         Raises:
             Exception: the game cannot say what there is.
         """
+        hello = await asyncio.get_running_loop().run_in_executor(self._looks, self._game.hello)
         viewer = self._known.pop(key, None)
         if viewer is None or viewer.access != access:
             self._guests += 1
@@ -85,16 +91,14 @@ class Desk:
             viewer.place.end("your page is connected anew")
             self.audience.farewell(viewer)
         fresh = Viewer(viewer.name, access, Place(), viewer.bucket)  # and a fresh key: the old one was used
-        fresh.worker = asyncio.get_running_loop().create_task(self._work(fresh, viewer.worker))
+        fresh.worker = asyncio.get_running_loop().create_task(self._work(fresh, viewer))
         viewer.place, viewer.is_back = None, True
         self._forget_the_gone()
         self._known[fresh.key] = fresh
         self.control.came(fresh.name)
-        try:
-            self.audience.welcome(fresh, {"access": access, "you": fresh.name, "again": fresh.key})
-        except BaseException:
-            self.depart(fresh)
-            raise
+        facts = {"version": __version__, "source": self._game.source, "access": access}
+        fresh.say({"kind": "hello", **hello, **facts, "you": fresh.name, "again": fresh.key})
+        self.audience.welcome(fresh)
         return fresh
 
     def depart(self, viewer: Viewer) -> None:
@@ -109,14 +113,19 @@ class Desk:
         viewer.place = None
         viewer.gone_s = self._clock()
         self.control.went(viewer.name, viewer.gone_s)
-        self._left(viewer)
+        viewer.leaving = asyncio.get_running_loop().run_in_executor(self._hurry, self._left, viewer)
 
-    def tick(self) -> None:
+    async def tick(self) -> None:
         """Show the game, and see whose time is up; 20 times a second."""
         for person in self.control.expire(self._clock()):
             self._said("expired", f"{person} did not come back: control and seat are free")
             self._forget(person)
-        self.audience.show()
+        wanted = self.audience.wanted()
+        try:
+            seen = await asyncio.get_running_loop().run_in_executor(self._looks, self.audience.look, wanted)
+            self.audience.show(seen)
+        except Exception as error:
+            self._said.error("the game cannot be shown", error)
 
     def _forget(self, person: str) -> None:
         for key in [key for key, viewer in self._known.items() if viewer.name == person]:
@@ -169,13 +178,17 @@ class Desk:
 
     def _stop(self, viewer: Viewer, message: Message) -> None:
         self._stops += 1
-        words = ""
-        try:
-            self._game.stop(viewer.name)
-        except Exception as error:
-            self._said.error("a stop", error)
-            words = "internal error"
-        self._answer(viewer, message, words)
+
+        def done(stopping: asyncio.Future[None]) -> None:
+            if stopping.cancelled():
+                return
+            error = stopping.exception()
+            if error is not None:
+                self._said.error("a stop", error)
+            self._answer(viewer, message, "internal error" if error else "")
+
+        loop = asyncio.get_running_loop()
+        loop.run_in_executor(self._hurry, self._game.stop, viewer.name).add_done_callback(done)
 
     @staticmethod
     def _answer(viewer: Viewer, message: Message, words: str) -> None:
@@ -187,10 +200,11 @@ class Desk:
 
     # doing
 
-    async def _work(self, viewer: Viewer, before: asyncio.Task[None] | None) -> None:
-        """Do what one person says, one after the other, until his page is gone."""
-        if before is not None:
-            await asyncio.wait([before])
+    async def _work(self, viewer: Viewer, before: Viewer) -> None:
+        """Do what one person says, one after the other, until his page is gone; after what he said ``before``."""
+        pending = [one for one in (before.worker, before.leaving) if one is not None]
+        if pending:
+            await asyncio.wait(pending)
             await self._sit_again(viewer)
         while (item := await viewer.waiting.get()) is not None:
             message, stops = item
@@ -205,7 +219,7 @@ class Desk:
             if words:
                 self._answer(viewer, message, words[:MOST_WORDS])
             if viewer.place is None and not viewer.is_back:  # he went while it was done
-                self._left(viewer)
+                await self._in_thread(self._left, viewer)
 
     async def _sit_again(self, viewer: Viewer) -> None:
         """He is back: the game has him on his seat again."""
@@ -257,7 +271,7 @@ class Desk:
             raise Refused("stopped again meanwhile")
         await self._in_thread(self._game.release, name)
         if stops != self._stops:
-            self._game.stop(name)
+            await self._in_thread(self._game.stop, name)
             raise Refused("stopped again meanwhile")
 
     async def _change_control(self, name: str, message: messages.Control) -> None:

@@ -193,7 +193,7 @@ class Pages:
             return
         await socket.accept()
         try:
-            viewer = self._desk.arrive(access, socket.query_params.get("again", ""))
+            viewer = await self._desk.arrive(access, socket.query_params.get("again", ""))
         except Exception as error:
             self._said.error("the game cannot be shown", error)
             await socket.close(1011, "internal error")
@@ -455,7 +455,7 @@ async def _tick(desk: Desk, door: Door, said: Said) -> None:
     at, count = time.monotonic(), 0
     while True:
         try:
-            desk.tick()
+            await desk.tick()
             count += 1
             if count % 10 == 0:
                 door.sweep()

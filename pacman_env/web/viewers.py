@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pacman_env.web.access import Kind
+from pacman_env.web.frame import Frame
 from pacman_env.web.game import Game, Scene
 from pacman_env.web.messages import Message, as_json
-from pacman_env.web.said import Said
 
 MOST_TEXTS = 64  # that wait for one viewer
 MOST_BYTES = 4 << 20  # of them
@@ -105,7 +105,7 @@ class Viewer:
         waiting: what he has said and has not been done yet.
         why, lidar: what his page shows.
         gone_s: when his page went away; ``is_back``: it has come back, and another of these stands for him.
-        worker: does one after the other.
+        worker: does one after the other; ``leaving``: the game is being told that he went.
     """
 
     name: str
@@ -121,6 +121,7 @@ class Viewer:
     gone_s: float = 0.0
     is_back: bool = False
     worker: asyncio.Task[None] | None = None
+    leaving: asyncio.Future[None] | None = None
 
     def allow(self, now: float) -> bool:
         """Whether he may say one more thing; if not he is told so once a second, and at last sent away."""
@@ -142,117 +143,119 @@ class Viewer:
             self.place.put_text(as_json(message))
 
 
+@dataclass(frozen=True)
+class Seen:
+    """How a game stood at one look."""
+
+    scene: Scene
+    news: list[dict[str, Any]]
+    frame: Frame | None
+    encoded: bytes
+
+
 class Audience:
-    """All who look at a game; :meth:`show` is called 20 times a second.
+    """All who look at a game. :meth:`look` asks the game, in any thread; :meth:`show` tells what is new.
 
     Args:
         game: what they look at.
-        said: told what goes wrong.
         most: viewers at once; operators may be a few more, that no crowd keeps them out.
         people: what is said of who does what.
     """
 
-    def __init__(self, game: Game, said: Said, most: int, people: Callable[[], dict[str, Any]]):
+    def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
         self.here: list[Viewer] = []
         self.pictures: dict[int, bytes] = {}
+        self._fresh: list[Viewer] = []  # who has not been shown anything yet
         self._game = game
-        self._said = said
         self._most = most
         self._people = people
-        self._frame = b""
         self._number: int | None = None
-        self._scene = ""
-        self._revision: int | None = None
-        self._news = 0
-        self._told_people = ""
+        self._frame = b""
+        self._scene: Scene | None = None
+        self._scene_text = ""
+        self._news: int | None = None  # the last that was told; None: from now on
+        self._people_text = ""
         self._watched = (False, False)
 
     def has_room(self, access: Kind) -> bool:
         """Whether one more may look."""
         return len(self.here) < self._most + (10 if access == "operator" else 0)
 
-    def welcome(self, viewer: Viewer, hello: dict[str, Any]) -> None:
-        """One more looks: what is there is said to him, and then what comes.
-
-        Raises:
-            Exception: the game cannot say what there is.
-        """
-        assert viewer.place is not None
-        place = viewer.place
-        if not self.here:
-            self._news = max((item["number"] for item in self._game.news(0)), default=0)  # from now on
-        place.put_text(as_json({"kind": "hello", **self._game.hello(), **hello}))
-        if self.look_at_scene(self._game.scene()):
-            self._tell(self._scene)
-        place.put_text(self._scene)
+    def welcome(self, viewer: Viewer) -> None:
+        """One more looks: at the next look he is shown all there is, and then what is new."""
         self.here.append(viewer)
-        self._told_people = ""  # all hear of it, he too
-        if self._frame:
-            place.put_frame(self._frame)
+        self._fresh.append(viewer)
 
     def farewell(self, viewer: Viewer) -> None:
         """One looks no more."""
-        if viewer in self.here:
-            self.here.remove(viewer)
+        for some in (self.here, self._fresh):
+            if viewer in some:
+                some.remove(viewer)
 
-    def show(self) -> None:
-        """Look at the game, and tell all what is new."""
-        if not self.here:
-            self._watch(False, False)
-            self._frame, self._number = b"", None
+    def wanted(self) -> tuple[bool, bool] | None:
+        """Whether anybody looks at the terms, and at the lidar; None: nobody is here."""
+        return (any(v.why for v in self.here), any(v.lidar for v in self.here)) if self.here else None
+
+    def look(self, wanted: tuple[bool, bool] | None) -> Seen | None:
+        """Ask the game; None: nobody wants to know."""
+        why, lidar = wanted or (False, False)
+        if (why, lidar) != self._watched:
+            self._game.watched(why=why, lidar=lidar)
+            self._watched = (why, lidar)
+        if wanted is None:
+            return None
+        frame = self._game.frame()
+        scene = self._scene
+        if scene is None or frame is None or frame.revision != scene.revision:
+            scene = self._game.scene()
+        news = self._game.news(self._news or 0)
+        encoded = frame.encode() if frame is not None and frame.number != self._number else b""
+        return Seen(scene, news, frame, encoded)
+
+    def show(self, seen: Seen | None) -> None:
+        """Tell all what is new, and those who have just come all there is."""
+        if seen is None:
+            self._news, self._number, self._frame, self._scene = None, None, b"", None
             return
-        try:
-            self._watch(any(v.why for v in self.here), any(v.lidar for v in self.here))
-            self._show_game()
-        except Exception as error:
-            self._said.error("the game cannot be shown", error)
+        if self._scene is None or seen.scene.revision != self._scene.revision:
+            self._change_scene(seen.scene)
+            self._tell(self._scene_text, [v for v in self.here if v not in self._fresh])
+        self._tell(self._scene_text, self._fresh)
+        if self._news is not None:
+            self._tell_news(seen.news)
+        self._news = max((item["number"] for item in seen.news), default=self._news or 0)
         people = as_json({"kind": "people", **self._people()})
-        if people != self._told_people:
-            self._told_people = people
-            self._tell(people)
+        self._tell(people, self._fresh if people == self._people_text else self.here)
+        self._people_text = people
+        if seen.encoded and seen.frame is not None:
+            self._number, self._frame = seen.frame.number, seen.encoded
+        if self._frame:
+            for viewer in self.here if seen.encoded else self._fresh:
+                if viewer.place is not None:
+                    viewer.place.put_frame(self._frame)
+        self._fresh = []
 
-    def look_at_scene(self, scene: Scene) -> bool:
-        """Whether this scene is another than the last; its picture is kept for those who ask for it."""
-        if scene.revision == self._revision:
-            return False
+    def _change_scene(self, scene: Scene) -> None:
         facts = dict(scene.facts)
         if facts.get("map"):
             facts["map"] = {**facts["map"], "url": f"/map/{scene.revision}.png"}
-        self._scene = as_json({**facts, "kind": "scene", "revision": scene.revision})
-        self._revision = scene.revision
+        self._scene_text = as_json({**facts, "kind": "scene", "revision": scene.revision})
+        self._scene = scene
         self.pictures.pop(scene.revision, None)
         self.pictures[scene.revision] = scene.picture
         while len(self.pictures) > MOST_PICTURES:
             del self.pictures[next(iter(self.pictures))]
-        return True
 
-    def _show_game(self) -> None:
-        frame = self._game.frame()
-        if (frame is None or frame.revision != self._revision) and self.look_at_scene(self._game.scene()):
-            self._tell(self._scene)
-        items = self._game.news(self._news)
-        if items:
-            self._news = max(item["number"] for item in items)
-            plain = [item for item in items if "why" not in item]
-            full = as_json({"kind": "news", "items": items})
-            others = full if len(plain) == len(items) else as_json({"kind": "news", "items": plain}) if plain else ""
-            for viewer in self.here:
-                text = full if viewer.why else others
-                if text and viewer.place is not None:
-                    viewer.place.put_text(text)
-        if frame is not None and frame.number != self._number:
-            self._number = frame.number
-            self._frame = frame.encode()
-            for viewer in self.here:
-                if viewer.place is not None:
-                    viewer.place.put_frame(self._frame)
+    def _tell_news(self, items: list[dict[str, Any]]) -> None:
+        """The terms only to those who look at them: they are long."""
+        plain = [item for item in items if "why" not in item]
+        for some, looks in ((items, True), (plain, False)):
+            if some:
+                text = as_json({"kind": "news", "items": some})
+                self._tell(text, [v for v in self.here if v.why == looks])
 
-    def _tell(self, text: str) -> None:
-        for viewer in self.here:
+    @staticmethod
+    def _tell(text: str, viewers: list[Viewer]) -> None:
+        for viewer in viewers:
             if viewer.place is not None:
                 viewer.place.put_text(text)
-
-    def _watch(self, why: bool, lidar: bool) -> None:
-        if (why, lidar) != self._watched:
-            self._game.watched(why=why, lidar=lidar)
-            self._watched = (why, lidar)

@@ -1,0 +1,110 @@
+"""A game for the server's tests: it does nothing by itself, and remembers what it was asked."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Literal
+
+from pacman_env.web import messages
+from pacman_env.web.frame import Frame
+from pacman_env.web.game import Refused, Scene
+from pacman_env.web.messages import Message
+
+PICTURE = b"\x89PNG\r\n\x1a\n picture"
+
+
+class ScriptedGame:
+    """Frames count up with every look; ``on_tell`` answers, or refuses.
+
+    Attributes:
+        told: person and message, in the order in which they came in.
+        calls: name and arguments of all else.
+    """
+
+    source: Literal["simulator", "ros"]
+
+    def __init__(
+        self,
+        on_tell: Callable[[str, Message], Any] | None = None,
+        source: Literal["simulator", "ros"] = "simulator",
+        moves: bool = True,
+    ):
+        self.source = source
+        self.told: list[tuple[str, Message]] = []
+        self.calls: list[tuple[Any, ...]] = []
+        self.stopped_at: list[float] = []
+        self.moves = moves
+        self.number = 1
+        self.revision = 1
+        self.entries: list[dict[str, Any]] = []
+        self.maps: dict[str, tuple[str, bytes]] = {}
+        self.stories: dict[int, bytes] = {}
+        self.fails: set[str] = set()
+        self._on_tell = on_tell
+        self._lock = threading.Lock()
+
+    def _called(self, name: str, *arguments: Any) -> None:
+        with self._lock:
+            self.calls.append((name, *arguments))
+        if name in self.fails:
+            raise RuntimeError(f"{name} is broken")
+
+    def close(self) -> None:
+        self._called("close")
+
+    def hello(self) -> dict[str, Any]:
+        if "hello" in self.fails:
+            raise RuntimeError("hello is broken")
+        return {"choices": {"maps": ["house"]}, "melodies": {}, "words": {}, "feedback": {}}
+
+    def scene(self) -> Scene:
+        return Scene(self.revision, {"map": {"name": "house"}, "home": [0.0, 0.0, float("nan")]}, PICTURE)
+
+    def frame(self) -> Frame | None:
+        if "frame" in self.fails:
+            raise RuntimeError("frame is broken")
+        if self.moves:
+            self.number += 1
+        return Frame("running", self.revision, self.number, time_s=self.number / 20)
+
+    def news(self, after: int) -> list[dict[str, Any]]:
+        return [entry for entry in self.entries if entry["number"] > after][-100:]
+
+    def happens(self, **what: Any) -> None:
+        self.entries.append({"number": len(self.entries) + 1, **what})
+
+    def watched(self, *, why: bool, lidar: bool) -> None:
+        self._called("watched", why, lidar)
+
+    def tell(self, person: str, message: Message) -> Any:
+        with self._lock:
+            self.told.append((person, message))
+        if "tell" in self.fails:
+            raise RuntimeError("tell is broken")
+        if self._on_tell is not None:
+            return self._on_tell(person, message)
+        if isinstance(message, messages.PlaceClyde):
+            raise Refused("not in the menu")
+        return None
+
+    def stop(self, person: str) -> None:
+        self.stopped_at.append(time.monotonic())
+        self._called("stop", person)
+
+    def release(self, person: str) -> None:
+        self._called("release", person)
+
+    def left(self, person: str) -> None:
+        self._called("left", person)
+
+    def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
+        self._called("add_map", name, len(image))
+        if "refuse" in yaml:
+            raise Refused("nowhere to drive")
+        self.maps[name] = yaml, image
+        return {"map": name, "words": "12 pellets"}
+
+    def story(self, number: int) -> bytes | None:
+        return self.stories.get(number)
