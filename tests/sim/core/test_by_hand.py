@@ -34,12 +34,12 @@ def test_velocities_by_hand_are_those_of_velocity_actions_bit_for_bit() -> None:
 def test_goals_go_on_after_it() -> None:
     games = batch()
     for _ in range(4):
-        games.step(np.array([2, 3, 4]))
+        games.step(np.array([6, 7, 8]))
     games.step_by_hand(np.zeros((3, 2)))
     assert games.games["pursued"].tolist() == [-1, -1, -1]
     for _ in range(4):
-        games.step(np.array([2, 3, 4]))
-    assert games.games["pursued"].tolist() == [2, 3, 4]
+        games.step(np.array([6, 7, 8]))
+    assert games.games["pursued"].tolist() == [6, 7, 8]
 
 
 def test_what_is_no_velocity_changes_nothing() -> None:
