@@ -19,6 +19,7 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, guarded, run_command, whole_number
 from pacman_env.cli.ros_group import add_ros_group
 from pacman_env.cli.warm_up import add_warm_up
+from pacman_env.cli.web import add_web
 
 #: By command: its module in this package, and what it does.
 MODULES = {
@@ -190,7 +191,7 @@ def _play(arguments: argparse.Namespace) -> int:
     return 0
 
 
-GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, add_warm_up, add_ros_group)
+GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, add_web, add_warm_up, add_ros_group)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -56,7 +56,7 @@ def _add_up(group: Any) -> None:
 
 
 def _up(arguments: argparse.Namespace) -> int:
-    with _what_ros_needs():
+    with what_ros_needs():
         from pacman_env.ros.supervisor.game_nodes import GameSetup
         from pacman_env.ros.supervisor.up import up
     setup = GameSetup(
@@ -71,6 +71,8 @@ def _add_asking(group: Any) -> None:
     words = {
         "start": "begin a round of the game that is up",
         "reset": "break off whatever goes on: back to the menu",
+        "stop": "the robot stands at once, and stays so whatever the game wants",
+        "release": "after a stop: let the robot go on",
         "status": "how the game stands",
     }
     for name, text in words.items():
@@ -87,11 +89,13 @@ def _add_asking(group: Any) -> None:
 
 def _asking(name: str) -> Callable[[argparse.Namespace], int]:
     def ask(arguments: argparse.Namespace) -> int:
-        with _what_ros_needs():
+        with what_ros_needs():
             from pacman_env.ros.supervisor import operator
         where = arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait
         if name == "status":
             return operator.status(*where, as_json=arguments.json)
+        if name in ("stop", "release"):
+            return (operator.stop if name == "stop" else operator.release)(*where)
         return operator.ask(name, *where)
 
     return ask
@@ -110,7 +114,7 @@ def _add_doctor(group: Any) -> None:
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
-    with _what_ros_needs():
+    with what_ros_needs():
         from pacman_env.ros.supervisor.doctor import doctor
     where = arguments.namespace, arguments.domain_id
     return doctor(*where, arguments.map, arguments.sim, arguments.wait, arguments.json)
@@ -127,13 +131,13 @@ def _add_record(group: Any) -> None:
 
 def _record(arguments: argparse.Namespace) -> int:
     if arguments.recover is not None:
-        with _what_ros_needs():
+        with what_ros_needs():
             from pacman_env.ros.bags.recover import recover
         print(recover(arguments.recover, arguments.out).render())
         return 0
     if arguments.out is None:
         raise ValueError("--out FOLDER is needed: the new bag")
-    with _what_ros_needs():
+    with what_ros_needs():
         from pacman_env.ros.bags.record import record
     return record(arguments.out, arguments.namespace, arguments.domain_id, arguments.sim)
 
@@ -149,7 +153,7 @@ def _add_replay(group: Any) -> None:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    with _what_ros_needs():
+    with what_ros_needs():
         from pacman_env.ros.bags.bag_replay import replay_bag
     report = replay_bag(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
     print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
@@ -157,7 +161,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 @contextlib.contextmanager
-def _what_ros_needs() -> Iterator[None]:
+def what_ros_needs() -> Iterator[None]:
     """A package that is missing becomes one line that says where it comes from; Ctrl-C waits for the import's end."""
     try:
         with uninterrupted():

@@ -94,6 +94,7 @@ class GoalExecutor:
         self._task: Literal["none", "play", "home"] = "none"
         self._state: str | None = None  # the game's, None: nobody has said
         self._active = False
+        self._held = False  # by an operator's stop
         self._nav2_there = False
         self._open: dict[int, Sent] = {}
         self._current: int | None = None
@@ -157,7 +158,7 @@ class GoalExecutor:
 
     def wants_choice(self, now: float) -> bool:
         """Whether a choice would be acted on now."""
-        return self.playing and self._nav2_there and not self._settling(now)
+        return self.playing and self._nav2_there and not self._held and not self._settling(now)
 
     # What the game says
 
@@ -171,6 +172,13 @@ class GoalExecutor:
         was = self.driving
         self._active = False
         return self._halt(now) if was or self._open else []
+
+    def hold(self, held: bool, now: float) -> list[ExecutorAction]:
+        """An operator's stop, or its end: task and round go on as they are, but no goal is sent until the end."""
+        if held == self._held:
+            return []
+        self._held, self._waiting_s, self._arrived_s = held, None, None
+        return self._halt(now) if held else self._go_on(now)
 
     def command(self, word: str, now: float) -> list[ExecutorAction]:
         """A word on ``game_command``."""
@@ -417,7 +425,7 @@ class GoalExecutor:
 
     def _go_on(self, now: float) -> list[ExecutorAction]:
         """What is due without anybody saying so: cancel again, give up an unanswered goal, drive home."""
-        if not self.driving:  # a cancel may have been lost, or Nav2 away
+        if self._held or not self.driving:  # a cancel may have been lost, or Nav2 away
             return self._let_go(now) if self._nav2_there and not self._settling(now) else []
         current = None if self._current is None else self._open[self._current]
         if current is not None and self._unanswered(current, now):

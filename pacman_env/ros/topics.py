@@ -144,6 +144,9 @@ ROUND = Topic("game/round", "std_msgs/Int32", LATCHED)
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
+#: JSON: whether the robot is to stand whatever else is said, who said so and when (``operator_stop.py``).
+OPERATOR_STOP = Topic("operator/stop", "std_msgs/String", LATCHED)
+
 PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
 REMOVE_PELLET = Topic("remove_pellet", "std_msgs/Int32", EVENTS)
 GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) for name in GHOSTS)
@@ -162,6 +165,8 @@ CMD_VEL = Topic("cmd_vel", "geometry_msgs/TwistStamped", EVENTS)
 MAP = Topic("map", "nav_msgs/OccupancyGrid", LATCHED)
 AMCL_POSE = Topic("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", LATCHED)
 INITIAL_POSE = Topic("initialpose", "geometry_msgs/PoseWithCovarianceStamped", EVENTS)
+#: Where a simulated robot's odometry began, in the map: with the odometry, where it truly is.
+SIMULATED_ORIGIN = Topic("sim/origin", "geometry_msgs/PoseStamped", LATCHED)
 PLAN = Topic("plan", "nav_msgs/Path", EVENTS)
 ODOMETRY = Topic("odom", "nav_msgs/Odometry", SENSOR_DATA)
 SCAN = Topic("scan", "sensor_msgs/LaserScan", SENSOR_DATA)

@@ -58,7 +58,7 @@ class Rules:
     def link(self, seed: int, clyde_mps: float) -> str:
         """The part of an address that brings the same round back."""
         words = {"map": self.map, "level": self.level, "preset": self.preset, "policy": self.policy}
-        words |= {"second": self.second, "ghosts": ",".join(self.ghosts), "clyde": f"{clyde_mps:g}", "seed": seed}
+        words |= {"second": self.second, "ghosts": ",".join(self.ghosts), "clyde": repr(float(clyde_mps)), "seed": seed}
         words |= {f"set.{name}": value for name, value in self.settings.items()}
         return urlencode({name: value for name, value in words.items() if value is not None}, quote_via=quote)
 

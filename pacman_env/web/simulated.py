@@ -35,7 +35,7 @@ _STORIES = 10  # rounds that are kept
 _NEWS = 100
 _HAND_S = 0.5  # after so long without a velocity the robot stands (Create 3)
 _PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
-_STEPS = 63  # of a tick, as frames tell them apart
+_STEPS = 64  # of a tick that frames tell apart
 _HOME_S = 2.0  # real time after a round, in which its end is looked at
 _WHY_S = 0.25  # between two tellings of the terms
 
@@ -124,10 +124,10 @@ class SimulatedGame:
         with self._lock:
             if self._now is None or self._round is None:
                 return None
-            share = self._share(real_s)
+            share = int(self._share(real_s) * _STEPS) / _STEPS
             self._tell(self._feedback.go_on(real_s))
             ring = self._feedback.ring(real_s)
-            key = (self._ticks, int(share * _STEPS), ring, self._feedback.turned, self._paused, self._stopped)
+            key = (self._ticks, share, ring, self._feedback.turned, self._paused, self._stopped)
             if key != self._last_key:
                 self._last_key = key
                 self._changes += 1
@@ -381,7 +381,8 @@ class SimulatedGame:
         if setup.seed is not None:
             self._next_seed = setup.seed
             self._seeds = np.random.default_rng(setup.seed)
-        self._act(self._controller.reset(self._clock_s))
+        if (self._controller.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
+            self._act(self._controller.reset(self._clock_s))
         self._lay_out()
         if setup.finish:
             return self._finish()
@@ -585,13 +586,13 @@ class SimulatedGame:
         with self._lock:
             if self._paused or self._stopped or self._round is None:
                 return
-            began = self._tick_began_s + self._tick_s
-            self._tick_began_s = max(began, time.monotonic() - self._tick_s)  # late: time is not made good
+            began_s = self._tick_began_s + self._tick_s
             self._clock_s += self._round_config.execution.tick_s
             controller, played = self._controller, self._round
             if controller.state == "running":
                 orders = self._orders_now()
             else:
+                self._tick_began_s = self._not_long_ago(began_s)
                 self._follow_clock()
                 self._before = self._now
                 self._changed()
@@ -600,6 +601,7 @@ class SimulatedGame:
         with self._lock:
             if played is not self._round:
                 return
+            self._tick_began_s = self._not_long_ago(began_s)
             before, now = played.looks[-2], played.looks[-1]
             self._before, self._now = before, now
             self._changed()
@@ -608,6 +610,10 @@ class SimulatedGame:
             if self._why and real_s - self._why_told_s >= _WHY_S:
                 self._why_told_s = real_s
                 self._tell([{"why": played.why_now()}])
+
+    def _not_long_ago(self, began_s: float) -> float:
+        """The beginning of a tick: late, time is not made good; held, nothing of it is shown yet."""
+        return max(began_s, time.monotonic() - self._tick_s, self._stood_s or 0.0)
 
     def _orders_now(self) -> Orders:
         orders = Orders(robot="robot" in self._seats, goal=self._goals.get("robot"))

@@ -50,6 +50,7 @@ RECORDED = (
     topics.GAME_LIGHT,
     topics.GAME_SOUND,
     topics.CMD_VEL,
+    topics.OPERATOR_STOP,
     SCORES,
     DIAGNOSTICS,
     topics.AMCL_POSE,

@@ -26,6 +26,7 @@ from pacman_env.game.round import Action, RoundController
 from .. import topics
 from ..messages import number_of, pellets_of, word_of
 from ..node import GameNode, parameter, run
+from ..operator_stop import OperatorStop
 from ..standstill import STOOD_STILL
 from .state_file import StateFile
 
@@ -56,6 +57,7 @@ class GameController(GameNode):
         super().__init__(NAME)
         show = self.config.show
         self.game = RoundController(self.config.clyde, show.start_s, show.death_s, show.home_retries, show.home_retry_s)
+        self._operator = OperatorStop(self)  # heard by a planner who is started again before he hears that a round runs
         self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: dict[str, float] = {}  # services that have not answered, and when to call them, in wall time

@@ -15,6 +15,7 @@ from pacman_env.game.events import FEEDBACK
 from .. import topics
 from ..messages import twist_message, word_of
 from ..node import GameNode, run
+from ..operator_stop import OperatorStop
 
 NAME = "game_event_mapper"
 _PERIOD_S = 0.05  # the base stops by itself 0.5 s after the last command
@@ -36,6 +37,7 @@ class GameEventMapper(GameNode):
         self._command = ""  # the last
         self._timer = self.create_timer(_PERIOD_S, self._move)
         self._timer.cancel()
+        self._operator = OperatorStop(self, self._hear_stop)
         self.listen(topics.GAME_EVENT, self._hear, "bad event")
         topics.GAME_COMMAND.subscription(self, self._hear_command)
 
@@ -51,10 +53,15 @@ class GameEventMapper(GameNode):
             self._begin(answer.motion)
 
     def _begin(self, motion: Motion) -> None:
-        if self._command != _TAKES_OVER[motion]:  # else the planner drives
+        if self._command != _TAKES_OVER[motion] and not self._operator.stopped:  # else the planner drives, or nobody
             self._motion, self._since_s = motion, self.now_s()
             self._timer.reset()
             self._move()
+
+    def _hear_stop(self, stopped: bool, who: str) -> None:
+        """A motion that was broken off is not gone on with."""
+        if stopped:
+            self._stop()
 
     def _hear_command(self, message: Any) -> None:
         """From now on the planner drives: a show that is longer than the referee's must not go on."""

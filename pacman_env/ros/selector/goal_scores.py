@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pacman_env.policies.base import Policy
 from pacman_env.ros.messages import marker_message
 from pacman_env.ros.topics import EVENTS, LATCHED, Topic
+from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.observation.situation import HOLD, Situation
 
 SCORES = Topic("goal_selector/scores", "visualization_msgs/MarkerArray", EVENTS)
+CANDIDATES = Topic("goal_selector/candidates", "std_msgs/String", LATCHED)  # JSON: what their numbers stand for
+WHY = Topic("goal_selector/why", "std_msgs/String", EVENTS)  # JSON: the terms of each candidate, at each decision
 DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
 NAMESPACE = "scores"
 _HEIGHT_M = 0.25  # of the letters
@@ -42,6 +46,23 @@ def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int
         marker.text = f"hold {score:.1f}" if situation.kind[0, candidate] == HOLD else f"{score:.1f}"
         markers.append(marker)
     return MarkerArray(markers=markers)
+
+
+def candidates_of(assets: MapAssets) -> dict[str, Any]:
+    """Where the candidates lie, m, by their numbers: first the pellets, whose ids are named, then refuges."""
+    places = [[round(x, 3), round(y, 3)] for x, y in assets.goal_xy.tolist()]
+    return {"map": assets.occupancy.name, "places": places, "pellets": assets.pellet_ids.tolist()}
+
+
+def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float) -> dict[str, Any]:
+    """Why a policy has chosen: the terms of each candidate that it might have chosen."""
+    rows = []
+    for candidate, terms in enumerate(policy.explain(situation)[0]):
+        if situation.mask[0, candidate] or candidate == chosen:
+            values = {name: value for name, value in terms.items() if name != "kind"}
+            rows.append({"candidate": candidate, "kind": terms["kind"], "terms": {policy.name: values}})
+    said = {"policies": [policy.name], "chosen": {policy.name: chosen}, "rows": rows}
+    return {"time_s": round(time_s, 2), "goal": chosen, **said}
 
 
 class DecisionTimes:

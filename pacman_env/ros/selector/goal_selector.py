@@ -29,17 +29,31 @@ from pacman_env.ros import topics
 from pacman_env.ros.discovery import unheard_by
 from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode, parameter, run
-from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES, as_json, score_markers
+from pacman_env.ros.operator_stop import OperatorStop
+from pacman_env.ros.selector.goal_scores import (
+    CANDIDATES,
+    DIAGNOSTICS,
+    SCORES,
+    WHY,
+    as_json,
+    candidates_of,
+    reasons,
+    score_markers,
+)
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.selector.selection import Selection
 from pacman_env.world.maps.occupancy import MapError
 
 NAME = "goal_selector"
+_STOPPED = "stopped by the operator"
 _REPEAT_S = 2.0  # of wall time, however fast the game's clock runs: a referee needs as long to come back
 _LOOK_S = 0.5  # of wall time, shorter than any start
 _UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, OSError)
-_PUBLISHED = (topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, SCORES, DIAGNOSTICS)
+_PUBLISHED = (
+    *(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL),
+    *(SCORES, WHY, CANDIDATES, DIAGNOSTICS),
+)
 
 
 class GoalSelector(LifecycleNodeMixin, GameNode):
@@ -109,6 +123,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _connect(self, selection: Selection) -> None:
         self._out = {topic.name: topic.publisher(self) for topic in _PUBLISHED}
         self._nav2 = NavigationClient(self, self._on_accepted, self._on_rejected, self._on_finished)
+        self._operator = None if self._shadow else OperatorStop(self, self._hear_stop)
+        self._out[CANDIDATES.name].publish(String(data=as_json(candidates_of(selection.view.assets))))
         ghosts = topics.GHOST_POSES[: len(self.config.clyde.ghosts)]
         heard: tuple[tuple[topics.Topic, Callable[[Any, float], list[ExecutorAction]]], ...] = (
             (topics.GAME_STATE, selection.on_state),
@@ -133,10 +149,23 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._destroy = [
             self._nav2.destroy,
             self._transforms.destroy,
+            *([] if self._operator is None else [partial(self._operator.destroy, self)]),
             *[lambda one=one: self.destroy_timer(one) for one in timers],
             *[lambda one=one: self.destroy_subscription(one) for one in subscriptions],
             *[lambda one=one: self.destroy_publisher(one) for one in self._out.values()],
         ]
+
+    def _hear_stop(self, stopped: bool, who: str) -> None:
+        """The robot stands at once, and no goal of anybody's is left to Nav2, until it is released."""
+        assert self._selection is not None
+        self._nav2.forbidden = stopped
+        if stopped:
+            self.once.warning(_STOPPED, f"stopped by {who}: no goal is sent until it is released")
+            self._stop()
+            self._nav2.cancel_all()
+        else:
+            self.once.over(_STOPPED)
+        self._do(self._selection.executor.hold(stopped, self.now_s()))
 
     def _take(self, take_in: Callable[[Any, float], list[ExecutorAction]], message: Any) -> None:
         self._transforms.catch_up()
@@ -240,11 +269,17 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _decide(self) -> None:
         assert self._selection is not None
-        self._selection.decide(self.now_s(), self._do)
-        if self._selection.seen is not None and self._out[SCORES.name].get_subscription_count() > 0:
-            situation, chosen = self._selection.seen
-            scores = self._selection.policy.scores(situation)
+        now = self.now_s()
+        self._selection.decide(now, self._do)
+        if self._selection.seen is None:
+            return
+        (situation, chosen), policy = self._selection.seen, self._selection.policy
+        if self._out[SCORES.name].get_subscription_count() > 0:
+            scores = policy.scores(situation)
             self._out[SCORES.name].publish(score_markers(situation, scores, chosen, self._stamp()))
+        if self._out[WHY.name].get_subscription_count() > 0:
+            round_s = self._selection.executor.round_s(now)
+            self._out[WHY.name].publish(String(data=as_json(reasons(policy, situation, chosen, round_s))))
 
     def _on_accepted(self, number: int) -> None:
         assert self._selection is not None
@@ -282,6 +317,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             "shadow": self._shadow,
             "active": self._timer is not None,
             "nav2": self._nav2.ready,
+            "stopped": self._operator is not None and self._operator.stopped,
             "ghosts_heard": heard,
             "last_status": self._nav2.last_status,
             "last_error_code": self._nav2.last_error,

@@ -56,6 +56,7 @@ class NavigationClient:
         self._ended: dict[int, int] = {}  # the last statuses of goals of which there is no result yet
         self._overdue: set[int] = set()  # those at the last call of ``end_without_results``
         self._newest: Any = None  # feedback, of whichever goal
+        self.forbidden = False  # goals of anybody's: each that turns up is cancelled
         self._rest: Future | None = None
         self._destroyed = False
         self.last_status, self.last_error = 0, 0  # of the last goal that ended
@@ -78,13 +79,20 @@ class NavigationClient:
         answer, end = self._clearing
         return monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
+    def cancel_all(self) -> None:
+        """Have every goal cancelled, whoever sent it."""
+        if self._canceller.service_is_ready():
+            self._canceller.call_async(self._canceller.srv_type.Request())
+
     def _on_statuses(self, message: Any) -> None:
-        """Goals that have ended; one of somebody else's that turns up just after all were cancelled was on its way."""
+        """Goals that have ended; one of somebody else's that turns up just after all were cancelled was on its way, and
+        while goals are forbidden none may run.
+        """
         status_of = {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in message.status_list}
         for number, name in self._taken.items():
             if (status := status_of.get(bytes(name.uuid))) in _ENDED:
                 self._ended[number] = status
-        if self._clearing is None or monotonic() > self._clearing[1]:
+        if not self.forbidden and (self._clearing is None or monotonic() > self._clearing[1]):
             return
         own = {bytes(name.uuid) for goals in (self._taken, self._unanswered) for name in goals.values()}
         for goal in message.status_list:

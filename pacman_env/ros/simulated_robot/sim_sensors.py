@@ -14,11 +14,11 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from ...sim.core.poses import Pose
+from ...sim.core.poses import Pose, compose, inverse
 from ...sim.core.robot import SimulatedRobot
 from ...world.maps.occupancy import OccupancyMap
 from .. import topics
-from ..messages import transform_message
+from ..messages import pose_message, transform_message
 
 LIDAR_FRAME = "rplidar_link"
 #: AMCL dates its transform ahead by this, so that it is still valid when the next one comes (TurtleBot 4's file).
@@ -73,6 +73,9 @@ class Sensors:
         self._said: tuple[int, Pose] | None = None  # of AMCL
         self._static_out.publish(TFMessage(transforms=[transform_message("base_link", LIDAR_FRAME, zero, stamp)]))
         self._map_out.publish(map_message(robot.occupancy, stamp))
+        self._origin_out = topics.SIMULATED_ORIGIN.publisher(node)
+        origin = compose(robot.pose, inverse(robot.odometry))
+        self._origin_out.publish(pose_message(*origin, stamp))
 
     def _empty_scan(self) -> Any:
         kinds, config = self._robot.config.observation, self._robot.config

@@ -1,4 +1,4 @@
-"""What an operator asks of a game that is up, from a terminal of its own: start, reset, and how it stands."""
+"""What an operator asks of a game that is up, from a terminal of its own: start, reset, stop, how it stands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from pacman_env import __version__
 from pacman_env.ros.discovery import join
 from pacman_env.ros.supervisor.status_line import StatusLine
-from pacman_env.ros.topics import RESET_GAME, START_GAME
+from pacman_env.ros.topics import OPERATOR_STOP, RESET_GAME, START_GAME
 
 DONE, REFUSED, NOBODY = 0, 1, 3  # exit statuses, beside 2 for bad arguments
 SERVICES = {"start": START_GAME, "reset": RESET_GAME}
@@ -69,6 +69,50 @@ def ask(what: str, namespace: str, domain: int | None, sim: bool, wait_s: float)
         return DONE if result.success else REFUSED
 
 
+def stop(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
+    """Stop the robot until it is released, and print who obeys.
+
+    Args:
+        namespace: of the robot.
+        domain: ROS_DOMAIN_ID; None: that of the environment.
+        sim: a simulated game, on this machine alone.
+        wait_s: for a node that obeys.
+
+    Returns:
+        The exit status: 0, or 3 where nobody says that he obeys.
+
+    Raises:
+        ValueError: a namespace or domain that there is not.
+    """
+    with listening(namespace, domain, sim) as status_line:
+        operator = status_line.operator
+        operator.say(True, "a terminal")
+        status_line.halt()
+        if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
+            return _nobody(status_line, OPERATOR_STOP.name)
+        status_line.spin_until(lambda: False, SETTLE_S)
+        print(f"stopped: {', '.join(operator.obeyed_by)} obey until 'pacman-env ros release'")
+    return DONE
+
+
+def release(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
+    """Let the robot go on after a stop; arguments and exit statuses are those of :func:`stop`."""
+    with listening(namespace, domain, sim) as status_line:
+        operator = status_line.operator
+        if not status_line.spin_until(lambda: operator.known, wait_s):
+            return _nobody(status_line, OPERATOR_STOP.name)
+        status_line.spin_until(lambda: False, SETTLE_S)
+        if not operator.stopped:
+            print("nothing was stopped")
+            return DONE
+        operator.say(False, "a terminal")
+        if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
+            return _nobody(status_line, OPERATOR_STOP.name)
+        status_line.spin_until(lambda: False, SETTLE_S)
+        print(f"released: {', '.join(operator.obeyed_by)} have heard it")
+    return DONE
+
+
 def status(namespace: str, domain: int | None, sim: bool, wait_s: float, as_json: bool = False) -> int:
     """Print how the game stands.
 
@@ -105,6 +149,7 @@ def status(namespace: str, domain: int | None, sim: bool, wait_s: float, as_json
         "pose": "none yet" if age_s is None else f"{age_s:.1f} s ago",
         "policy": facts["policy"],
         "nodes": ", ".join(facts["nodes"]),
+        "stopped": "until 'pacman-env ros release'" if facts["stopped"] else None,
         "troubles": "; ".join(facts["goal_selector"].get("troubles", {})),
     }
     print(*(f"{name:<9} {value}" for name, value in rows.items() if value not in (None, "")), sep="\n")

@@ -10,7 +10,7 @@ import functools
 import json
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,9 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.ros.discovery import publishers
-from pacman_env.ros.messages import nanoseconds_of
+from pacman_env.ros.messages import BadMessage, nanoseconds_of
 from pacman_env.ros.node import process_of, process_words
+from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import QUIET, full_namespace
 from pacman_env.ros.topics import (
@@ -73,8 +74,18 @@ class StatusLine(Node):
         self.nodes: dict[str, dict[str, Any]] = {}  # by name: what each of the game's nodes plays by
         self._pose_ns: int | None = None
         AMCL_POSE.subscription(self, self._on_pose)
+        self.operator = OperatorStop(self, obeys=False)
         self._cmd_vel: Any = None
         self._callers: dict[str, Any] = {}
+
+    def listen(self, topic: Any, take: Callable[[Any], object], trouble: str) -> Any:
+        """A subscription whose bad messages are the nodes' to complain of."""
+
+        def hear(message: Any) -> None:
+            with contextlib.suppress(BadMessage):
+                take(message)
+
+        return topic.subscription(self, hear)
 
     def spin(self, timeout_s: float) -> None:
         """Take in one message, or wait for one that long."""
@@ -140,6 +151,7 @@ class StatusLine(Node):
         }
         found = {name: self._values.get(topic.name) for name, topic in named.items()}
         said = {"policy": self._policy or None, "pose_age_s": self.pose_age_s, "nodes": sorted(self.nodes)}
+        said["stopped"] = self.operator.stopped
         return {"namespace": self.get_namespace(), **found, **said, "goal_selector": self.condition}
 
     def line(self, pose_age: bool = True, width: int | None = None) -> str:
@@ -162,6 +174,7 @@ class StatusLine(Node):
             f"pellets {value(PELLETS_COLLECTED)}/{value(PELLETS_SPAWNED)}",
         ]
         troubles = [
+            *(["STOPPED"] if self.operator.stopped else []),
             *(["Nav2 is away"] if self.condition.get("nav2") is False else []),
             *(["Nav2 does not see Clyde"] if self.condition.get("ghosts_heard") is False else []),
         ]

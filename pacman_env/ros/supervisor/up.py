@@ -136,7 +136,7 @@ def up(
             setup = dataclasses.replace(setup, extra={**setup.extra, REFEREE: referee})
             processes = ProcessGroup(setup.command, logs, dict(os.environ), writer.say)
             with Keyboard() as keyboard:
-                keys = "; keys: s start, r reset, q quit" if keyboard.there else ""
+                keys = "; keys: s start, r reset, space stop, g go on, q quit" if keyboard.there else ""
                 writer.say(f"game on {full_namespace(setup.namespace)}{keys}")
                 writer.say(f"logs in {logs}")
                 return _Play(setup, processes, status_line, writer, stop, keyboard).play(start or play_on, play_on)
@@ -294,6 +294,13 @@ class _Play:
                 self._stop.asked = True
             elif key in KEYS:
                 self._wanted.append(KEYS[key])
+            elif key == " ":
+                self._status_line.operator.say(True, "ros up")
+                self._status_line.halt()
+                self._writer.say("stopped: the robot stands until g")
+            elif key == "g" and self._status_line.operator.stopped:
+                self._status_line.operator.say(False, "ros up")
+                self._writer.say("released")
 
     def _ask(self) -> None:
         """Call what was asked for, and say what was refused."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -128,3 +129,23 @@ def test_the_robot_stands_after_ctrl_c_fault_13(probe: Probe, system: System) ->
     process.send(2)
     probe.wait_for(lambda: turns(probe)[-1] == 0.0, what="the stop")
     assert process.wait() == 0
+
+
+def test_an_operators_stop_ends_a_motion_and_lets_none_begin(probe: Probe, system: System) -> None:
+    def word(stopped: bool, at: int) -> str:
+        return json.dumps({"stopped": stopped, "at": at, "who": "guest-1", "by": "page"})
+
+    up(probe, system)
+    probe.publish(topics.GAME_EVENT, "start theatrical")
+    probe.wait_for(lambda: len(turns(probe)) > 5, what="the spin")
+    probe.publish(topics.OPERATOR_STOP, word(True, 1))
+    probe.wait_for(lambda: turns(probe)[-1] == 0.0, what="the stop")
+    count = len(turns(probe))
+    probe.publish(topics.GAME_EVENT, "death")
+    probe.wait_for(lambda: "game over" in probe.values(topics.GAME_LIGHT), what="the light")
+    probe.spin(0.3)
+    assert len(turns(probe)) == count
+    probe.publish(topics.OPERATOR_STOP, word(False, 2))
+    probe.taken_in(topics.OPERATOR_STOP, "game_event_mapper")
+    probe.publish(topics.GAME_EVENT, "death")
+    probe.wait_for(lambda: len(turns(probe)) > count + 3, what="the shake")

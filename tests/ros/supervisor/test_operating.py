@@ -104,7 +104,7 @@ def test_the_line_says_what_is_awaited_and_fits_the_terminal(game: Terminal) -> 
     game.wait_for(lambda: game.shows(r"^menu "), "the menu")
     assert game.shows(r"^starting: waiting for .*pellet_manager")
     assert game.shows(r"^starting: waiting for goal_selector")
-    assert game.shows(r"^game on /robot_15; keys: s start, r reset, q quit$")
+    assert game.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g go on, q quit$")
     assert max(len(line) for line in game.lines if not line.startswith("logs in")) < COLUMNS
 
 

@@ -1,0 +1,508 @@
+"""A running game of a robot as the operator's page sees it: the interface ``Game`` over ROS.
+
+A node with a context and a thread of its own listens (``heard.py``) and makes frames and scenes of what it has heard;
+what people ask for is done in the thread that asks, by the referee's services and the topics that anybody may use. A
+stop goes three ways at once: zero velocity from a thread that does nothing else (``wheels.py``), the end of every goal
+that Nav2 pursues, and the word that the nodes obey until the release (``operator_stop.py``).
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PointStamped
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Header
+
+from pacman_env import __version__
+from pacman_env.game.events import FEEDBACK
+from pacman_env.game.lights import LIGHTS
+from pacman_env.game.sounds import MELODIES
+from pacman_env.policies.registry import policy_names
+from pacman_env.ros import topics
+from pacman_env.ros.messages import twist_message
+from pacman_env.ros.operator_page.heard import Heard
+from pacman_env.ros.operator_page.news import News
+from pacman_env.ros.operator_page.scenes import facts_of, pellets_of_scene
+from pacman_env.ros.operator_page.wheels import Wheels
+from pacman_env.ros.operator_stop import OperatorStop
+from pacman_env.ros.selector.goal_scores import WHY
+from pacman_env.ros.supervisor.doctor import Doctor
+from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
+from pacman_env.ros.supervisor.readiness import BAD, OK, find
+from pacman_env.web import feedback, messages
+from pacman_env.web.frame import Frame
+from pacman_env.web.game import Refused, Scene
+from pacman_env.web.messages import Message
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+
+_LOG = logging.getLogger(__name__)
+_PERIOD_S = 0.05  # between two frames
+_LOOK_S = 0.5  # between two looks at who is there
+_THERE_S = 2.0  # for a service that is asked
+_ANSWER_S = 5.0
+_PLACED_S = 2.0  # for a ghost that was placed
+_PLACED_M = 0.5
+_CHECKS_S = 6.0  # for the readiness list
+_CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
+_LONGEST_SHOW_S = 30.0
+_NOWHERE = (math.nan, math.nan)
+_SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
+
+
+class RosGame:
+    """A :class:`~pacman_env.web.game.Game` that the nodes of a namespace play.
+
+    Args:
+        namespace: of the robot, with its slash.
+        domain: ROS domain, which this process has joined.
+        sim: a simulated robot, on this machine alone.
+        map: the game's map, for the readiness list to compare with the robot's; None: it is not compared.
+
+    Raises:
+        MapError, OSError: the map cannot be read.
+    """
+
+    source: Literal["simulator", "ros"] = "ros"
+
+    def __init__(self, namespace: str, domain: int, sim: bool = False, map: str | None = None) -> None:
+        self._where, self._domain, self._sim = namespace, domain, sim
+        self._map_file = map or ""
+        self._occupancy: OccupancyMap | None = None if map is None else load_map(map)
+        self._news = News()
+        self._scene = Scene(1, {"map": None, "preparing": True})
+        self._scene_key = ""
+        self._pellet_ids: list[int] = []
+        self._frame: Frame | None = None
+        self._encoded, self._number = b"", 0
+        self._seat: str | None = None
+        self._armed = False
+        self._shows_until_s = 0.0  # a motion that an operator has asked for
+        self._why = self._lidar = False
+        self._there: bool | None = None  # the referee; None: nobody has looked yet
+        self._state: str | None = None
+        self._looked_s = self._cancelled_s = 0.0
+        self._error = ""  # the last
+        self._closed = threading.Event()
+        self._doctors = threading.Lock()
+        self._context = rclpy.Context()
+        arguments = ["--ros-args", *QUIET]
+        no_signals = SignalHandlerOptions.NO
+        rclpy.init(args=arguments, context=self._context, domain_id=domain, signal_handler_options=no_signals)
+        self._node = node = Heard(namespace, self._context, sim, self._news)
+        self._velocity = topics.CMD_VEL.publisher(node)
+        self._wheels = Wheels(self._publish_velocity)
+        self._canceller = topics.NAVIGATE_TO_POSE.cancel_client(node)
+        self._services = {
+            service.name: service.client(node) for service in (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
+        }
+        said = (topics.GAME_EVENT, topics.GAME_LIGHT, topics.GAME_SOUND, topics.CLICKED_POINT, topics.BASE_CLYDE_SPEED)
+        self._says = {topic.name: topic.publisher(node) for topic in said}
+        self._operator = OperatorStop(node, self._on_stop)
+        node.create_timer(_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(node)
+        self._thread = threading.Thread(target=self._spin, name="page", daemon=True)
+        self._thread.start()
+
+    # What the server asks
+
+    def close(self) -> None:
+        """Listen no more. What was driven by hand stands, a stop stays, a game goes on."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self._wheels.close()
+        self._thread.join()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def hello(self) -> dict[str, Any]:
+        """Words and melodies; of the choices the policies, the rest was chosen when the game was started."""
+        nothing: dict[str, Any] = {"maps": [], "presets": [], "behaviours": [], "settings": []}
+        return {"version": __version__, "choices": {**nothing, "policies": policy_names()}, **feedback.words()}
+
+    def scene(self) -> Scene:
+        """The scene now."""
+        return self._scene
+
+    def frame(self) -> Frame | None:
+        """How it stands now; None: neither a game nor a robot is heard."""
+        return self._frame
+
+    def news(self, after: int) -> list[dict[str, Any]]:
+        """What has happened since."""
+        return self._news.after(after)
+
+    def watched(self, *, why: bool, lidar: bool) -> None:
+        """Scans and reasons are listened to while somebody looks at them."""
+        self._why, self._lidar = why, lidar
+
+    def stop(self, person: str) -> None:
+        """Zero velocity, no goal, and no other until the release; from any thread."""
+        try:
+            self._wheels.stop()
+        finally:  # each way for itself, whatever becomes of the others
+            try:
+                self._operator.say(True, person)
+            finally:
+                self._cancel_goals()
+
+    def release(self, person: str) -> None:
+        """The game goes on where it stands."""
+        self._operator.say(False, person)
+
+    def left(self, person: str) -> None:
+        """What he drove by hand stands."""
+        if self._seat == person:
+            self._seat = None
+            self._wheels.let_go()
+
+    def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
+        """Refused: localization and every node would have to start anew."""
+        raise Refused(f"map {name}: a robot's map is chosen when its localization and the game are started")
+
+    def story(self, number: int) -> bytes | None:
+        """None: rounds of a robot are recorded by ``pacman-env ros record``."""
+        return None
+
+    def tell(self, person: str, message: Message) -> Any:
+        """See :meth:`pacman_env.web.game.Game.tell`."""
+        match message:
+            case messages.Start():
+                self._not_stopped()
+                self._wheels.let_go()
+                return self._call_referee(topics.START_GAME)
+            case messages.Reset():
+                return self._call_referee(topics.RESET_GAME)
+            case messages.Setup():
+                return self._set_up(message)
+            case messages.ClydeSpeed(mps=mps):
+                self._says[topics.BASE_CLYDE_SPEED.name].publish(topics.BASE_CLYDE_SPEED.type(data=mps))
+            case messages.PlaceClyde(x=x, y=y, ghost=ghost):
+                self._place(x, y, ghost)
+            case messages.Stop():
+                self.stop(person)
+            case messages.Release():
+                self.release(person)
+            case messages.Seat(who=who):
+                return self._sit(person, who)
+            case messages.Drive(v=v, omega=omega):
+                self._drive(person, v, omega)
+            case messages.Event(word=word, what=what):
+                self._show(word, what)
+            case messages.Arm(on=on):
+                self._arm(on)
+            case messages.Ready():
+                return self._ready()
+            case messages.Stories():
+                return []
+            case messages.Ping() | messages.Watch() | messages.Control():
+                return None
+            case messages.Pause():
+                raise Refused("a robot's time cannot be held: STOP holds the robot, and Reset ends the round")
+            case messages.Speed():
+                raise Refused("a robot is as fast as it is; a simulated one is given its speed at the start: --speed")
+            case messages.Goal():
+                raise Refused("on a robot the policy chooses where to go; by hand it is driven with the arrow keys")
+            case messages.Why():
+                raise Refused("rounds of a robot are not kept here: record them, and ask by pacman-env ros replay")
+            case _:
+                raise Refused(f"{type(message).__name__}: not on a robot")
+        return None
+
+    # The node's thread
+
+    def _spin(self) -> None:
+        while not self._closed.is_set():
+            try:
+                self._executor.spin_once(timeout_sec=0.2)
+            except Exception as error:
+                if self._closed.is_set():
+                    return
+                words = f"internal error: {type(error).__name__}: {error}"[:300]
+                if words != self._error:
+                    self._error = words
+                    _LOG.exception("the operator's page goes on after an error")
+                    self._news.add(words=words)
+
+    def _look(self) -> None:
+        node, now = self._node, time.monotonic()
+        node.watch(WHY, self._why)
+        node.watch(topics.SCAN, self._lidar)
+        node.catch_up()
+        if now - self._looked_s >= _LOOK_S:
+            self._looked_s = now
+            self._look_for_game()
+            self._set_scene()
+        if self._operator.stopped and node.navigating and now - self._cancelled_s >= _CANCEL_AGAIN_S:
+            self._cancel_goals()
+        state = node.state
+        if state != self._state:
+            self._state = state
+            if state is not None:
+                self._news.add(state=state)
+            if state != "menu":  # the game drives
+                self._wheels.let_go()
+        if not (self._there or node.alive):
+            self._frame, self._encoded = None, b""
+            return
+        frame = self._framed()
+        encoded = frame.encode()
+        if encoded != self._encoded:
+            self._encoded, self._number = encoded, self._number + 1
+            self._frame = self._framed(self._number)
+
+    def _look_for_game(self) -> None:
+        """Whether a referee is there, who says how the game stands; a change is told."""
+        node = self._node
+        there = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
+        if there == self._there:
+            return
+        where = f"{self._where}, ROS domain {self._domain}"
+        if there:
+            self._news.add(words=f"the game in {where} is there")
+        else:
+            words = f"no game is heard in {where}: is 'pacman-env ros up' running there?"
+            self._news.add(words=words if self._there is None else f"the game is gone: {words}")
+            self._wheels.let_go()
+            node.state = None
+            if not node.alive:
+                node.forget_robot()
+        self._there = there
+
+    def _set_scene(self) -> None:
+        node = self._node
+        ids, _ = pellets_of_scene(node)
+        facts = facts_of(node)
+        picture = node.map
+        key = json.dumps([facts, ids, id(picture)])
+        if key == self._scene_key:
+            return
+        revision = self._scene.revision % 65535 + 1
+        if facts["map"] is not None:
+            facts["map"]["url"] = f"/map/{revision}.png"
+        self._scene_key, self._pellet_ids = key, ids
+        self._scene = Scene(revision, facts, b"" if picture is None else picture.png)
+
+    def _framed(self, number: int = 0) -> Frame:
+        node = self._node
+        state = node.state or "menu"
+        numbers = node.numbers
+        candidates = len(node.candidates.get("places", ()))
+        scores = np.full(candidates + 1 if candidates else 0, np.nan)
+        for candidate, score in node.scores.items():
+            if candidate < len(scores):
+                scores[candidate] = score
+        ghosts = [node.ghosts[k] for k in sorted(node.ghosts)]
+        return Frame(
+            state=state,
+            revision=self._scene.revision,
+            number=number,
+            time_s=round(node.round_time_s, 2),
+            speed=round(node.rate, 1),
+            score=int(numbers.get("score", 0)),
+            collected=min(int(numbers.get("collected", 0)), 65535),
+            spawned=min(int(numbers.get("spawned", 0)), 65535),
+            round=min(int(numbers.get("round", 1)), 65535),
+            goal=node.goal if node.goal < candidates else -1,
+            stopped=self._operator.stopped,
+            over=bool(node.result),
+            true=node.true,
+            believed=node.believed,
+            velocity=node.velocity,
+            ring=node.ring,
+            ghosts=np.array(ghosts, dtype=np.float64).reshape(-1, 2),
+            alive=np.array([one in node.shown for one in self._pellet_ids], dtype=np.bool_),
+            scores=scores,
+            plan=node.plan,
+            scan=node.scan if self._lidar else np.zeros(0),
+        )
+
+    # Stop
+
+    def _on_stop(self, stopped: bool, who: str) -> None:
+        """The word, from here or from elsewhere."""
+        self._news.add(words=f"{'stopped' if stopped else 'released'} by {who}")
+        if stopped:
+            self._wheels.stop()
+            self._cancel_goals()
+        else:
+            self._wheels.release()
+
+    def _cancel_goals(self) -> None:
+        """End every goal that Nav2 pursues, whoever sent it."""
+        if self._canceller.service_is_ready():
+            self._cancelled_s = time.monotonic()
+            self._canceller.call_async(self._canceller.srv_type.Request())  # all zero: every goal
+
+    def _publish_velocity(self, v: float, omega: float) -> None:
+        self._velocity.publish(twist_message(v, omega, self._node.get_clock().now().to_msg()))
+
+    def _not_stopped(self) -> None:
+        if self._operator.stopped:
+            raise Refused(f"stopped by {self._operator.who}: release it first")
+
+    # What people ask for
+
+    def _referee(self) -> None:
+        if not self._there:
+            raise Refused(f"no game is heard in {self._where}: start it by pacman-env ros up")
+
+    def _call_referee(self, service: topics.Service) -> None:
+        answer = self._call(service, service.type.Request(), REFEREE)
+        if not answer.success:
+            raise Refused(str(answer.message))
+
+    def _call(self, service: topics.Service, request: Any, who: str) -> Any:
+        """The answer of a service; in the thread of who asks, while the node's thread goes on."""
+        client = self._services[service.name]
+        if not _wait_for(client.service_is_ready, _THERE_S):
+            raise Refused(f"{who} is not there: nobody answers on {service.name} in {self._where}")
+        done = threading.Event()
+        answer = client.call_async(request)
+        answer.add_done_callback(lambda _: done.set())
+        if not done.wait(_ANSWER_S):
+            client.remove_pending_request(answer)
+            raise Refused(f"{who} has not answered within {_ANSWER_S:g} s: see whether it was done")
+        if answer.exception() is not None:
+            raise Refused(f"{who}: {answer.exception()}")
+        return answer.result()
+
+    def _set_up(self, setup: messages.Setup) -> None:
+        """The policy alone can be changed while the game is up, in the menu."""
+        others = {name for name in setup.__struct_fields__ if name not in ("id", "policy")}
+        if setup.policy is None or any(getattr(setup, name) not in (None, False) for name in others):
+            raise Refused("on a robot only the policy can be changed here; all else is chosen by pacman-env ros up")
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=setup.policy)
+        request = _SET_PARAMETERS.type.Request(parameters=[Parameter(name="policy", value=value)])
+        result = self._call(_SET_PARAMETERS, request, SELECTOR).results[0]
+        if not result.successful:
+            raise Refused(str(result.reason))
+
+    def _place(self, x: float, y: float, ghost: int) -> None:
+        self._referee()
+        if self._node.state != "menu":
+            raise Refused("Clyde is placed in the menu, before a round")
+        if ghost != 0:
+            raise Refused("on a robot Clyde alone can be placed")
+        point = PointStamped(header=Header(stamp=self._node.get_clock().now().to_msg(), frame_id="map"))
+        point.point.x, point.point.y = x, y
+        self._says[topics.CLICKED_POINT.name].publish(point)
+
+        def there() -> bool:
+            at = self._node.ghosts.get(0, _NOWHERE)
+            return math.dist(at, (x, y)) < _PLACED_M
+
+        if not _wait_for(there, _PLACED_S):
+            raise Refused("Clyde cannot be there: no place near it is wide enough for him")
+
+    def _sit(self, person: str, who: str) -> dict[str, str]:
+        if who == "none":
+            self.left(person)
+        elif who != "robot":
+            raise Refused("ghosts are moved by the game here: seats for ghosts are the simulator's")
+        elif self._seat not in (None, person):
+            raise Refused("somebody else drives")
+        else:
+            self._seat = person
+        return {"words": ""}
+
+    def _drive(self, person: str, v: float, omega: float) -> None:
+        """By hand only while nobody else drives: in the menu, without a goal of Nav2's, not stopped."""
+        if self._seat != person:
+            raise Refused("take the robot's seat first")
+        self._not_stopped()
+        self._referee()
+        if self._node.state != "menu":
+            raise Refused("the game drives: by hand in the menu alone; Reset leads there")
+        if self._node.navigating:
+            raise Refused("Nav2 drives to a goal that somebody has sent it; STOP ends that")
+        robot = self._scene.facts
+        fastest, turn = float(robot.get("wheels_mps", 0.0)), float(robot.get("turn_radps", 0.0))
+        if not self._wheels.drive(min(max(v, -fastest), fastest), min(max(omega, -turn), turn)):
+            self._not_stopped()
+
+    def _show(self, word: str, what: str) -> None:
+        """A light or a sound; an event is told to the game only when it may move the robot."""
+        known: dict[str, Any] = {"event": FEEDBACK, "light": LIGHTS, "sound": MELODIES}
+        if word not in known[what]:
+            raise Refused(f"{what} {word!r}: there is none")
+        self._referee()
+        if what != "event":
+            topic = topics.GAME_LIGHT if what == "light" else topics.GAME_SOUND
+            self._says[topic.name].publish(topic.type(data=word))
+            return
+        answer = FEEDBACK[word]
+        if self._armed and answer.motion in ("spin", "shake"):
+            self._not_stopped()
+            if self._node.state != "menu" or self._wheels.driven or self._node.navigating:
+                raise Refused("somebody else drives: an event moves the robot in the menu alone; disarm first")
+            self._shows_until_s = time.monotonic() + _LONGEST_SHOW_S
+            self._say(topics.GAME_EVENT, word)
+            return
+        self._news.add(event=word)
+        if answer.light is not None:
+            self._say(topics.GAME_LIGHT, answer.light)
+        if answer.sound is not None:
+            self._say(topics.GAME_SOUND, answer.sound)
+
+    def _say(self, topic: topics.Topic, word: str) -> None:
+        self._says[topic.name].publish(topic.type(data=word))
+
+    def _arm(self, on: bool) -> None:
+        self._armed = on
+        if not on and time.monotonic() < self._shows_until_s and self._node.state == "menu":
+            self._say(topics.GAME_EVENT, "reset")  # ends the motion
+        self._shows_until_s = 0.0
+
+    def _ready(self) -> list[dict[str, str]]:
+        """What ``pacman-env ros doctor`` says, and who obeys a stop; one look at a time."""
+        with self._doctors:
+            doctor = Doctor(self._where, self._domain, self._occupancy, self._map_file, self._sim, _CHECKS_S)
+            try:
+                doctor.look(self._closed.is_set)
+                found = find(doctor.evidence())
+            finally:
+                doctor.close()
+        marks = {OK: "ok", BAD: "bad"}
+        rows = [
+            {
+                "name": one.check,
+                "state": marks.get(one.mark, "warning"),
+                "words": one.seen,
+                "cure": ": ".join(filter(None, (one.cure, one.command))),
+            }
+            for one in found
+        ]
+        return [*rows, self._stop_row()]
+
+    def _stop_row(self) -> dict[str, str]:
+        obey = self._operator.obeyed_by if self._operator.known else []
+        if obey:
+            words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._operator.stopped else ''}"
+            return {"name": "STOP", "state": "ok", "words": words, "cure": ""}
+        cure = "start the game by pacman-env ros up; until then STOP ends Nav2's goals and holds the wheels by itself"
+        return {"name": "STOP", "state": "bad", "words": "no node of the game obeys it", "cure": cure}
+
+
+def _wait_for(condition: Callable[[], Any], timeout_s: float) -> bool:
+    end = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.02)
+    return True

@@ -1,0 +1,100 @@
+"""Velocities by hand and the operator's stop: a thread of its own, so that no other work can hold a stop up."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+PERIOD_S = 0.05  # while stopped, as often as Nav2 says the opposite
+DEAD_MAN_S = 0.5  # after the last word of who drives by hand the robot stands
+_ENDS = 5  # zero velocities at the end of a drive: one may be lost
+
+
+class Wheels:
+    """Publishes velocities while somebody drives by hand, zero while the robot is stopped, and nothing else.
+
+    Args:
+        publish: called with v (m/s) and omega (rad/s), from any thread.
+    """
+
+    def __init__(self, publish: Callable[[float, float], None]) -> None:
+        self._publish = publish
+        self._change = threading.Condition()
+        self._stopped = False
+        self._driven: tuple[float, float, float] | None = None  # v, omega, when it was said
+        self._zeros = 0  # to be published yet
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="wheels", daemon=True)
+        self._thread.start()
+
+    @property
+    def driven(self) -> bool:
+        """Whether somebody drives by hand."""
+        return self._driven is not None
+
+    def stop(self) -> None:
+        """Zero velocity now, and again and again until ``release``; a drive has ended."""
+        with self._change:
+            self._stopped, self._driven = True, None
+            self._publish(0.0, 0.0)
+            self._change.notify()
+
+    def release(self) -> None:
+        """Zero velocity no more."""
+        with self._change:
+            self._stopped = False
+
+    def drive(self, v: float, omega: float) -> bool:
+        """That velocity, for half a second at most; False: the robot is stopped."""
+        with self._change:
+            if self._stopped or self._closed:
+                return False
+            self._driven = v, omega, time.monotonic()
+            self._publish(v, omega)
+            self._change.notify()
+        return True
+
+    def let_go(self) -> None:
+        """Nobody drives by hand any more: if somebody did, the robot stands."""
+        with self._change:
+            if self._driven is not None:
+                self._end_drive()
+                self._change.notify()
+
+    def close(self) -> None:
+        """No word any more; what was driven by hand stands."""
+        with self._change:
+            if self._driven is not None:
+                self._publish(0.0, 0.0)
+            self._driven, self._closed = None, True
+            self._change.notify()
+        self._thread.join()
+
+    def _end_drive(self) -> None:
+        self._driven, self._zeros = None, _ENDS
+        self._publish(0.0, 0.0)
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                while not (self._closed or self._stopped or self._driven is not None or self._zeros):
+                    self._change.wait()
+                if self._closed:
+                    return
+                self._say()
+            time.sleep(PERIOD_S)
+
+    def _say(self) -> None:
+        if self._stopped:
+            self._zeros = 0
+            self._publish(0.0, 0.0)
+        elif self._driven is not None:
+            v, omega, since_s = self._driven
+            if time.monotonic() - since_s >= DEAD_MAN_S:
+                self._end_drive()
+            else:
+                self._publish(v, omega)
+        else:
+            self._zeros -= 1
+            self._publish(0.0, 0.0)

@@ -1,0 +1,149 @@
+"""A round of the page: the same as the environment's, whoever plays it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.policies.registry import make_policy
+from pacman_env.web.frame import decode
+from pacman_env.web.played_round import Orders, PlayedRound, between
+from pacman_env.web.rules import Choices, Rules
+
+CHOICES = Choices()
+SHORT = {"time_limit_s": 20.0}
+
+
+def laid_out(seed: int = 7, seats: frozenset[int] = frozenset(), **rules: Any) -> PlayedRound:
+    chosen = Rules(**{"policy": "clyde_aware", "second": "nearest", "settings": SHORT, **rules})
+    config, source, ghosts = CHOICES.prepare(chosen, None)
+    return PlayedRound(config, source, ghosts, (chosen.policy, chosen.second), seed, seats)
+
+
+def played(round: PlayedRound, orders: Orders | None = None, ticks: int = 1000) -> PlayedRound:
+    for _ in range(ticks):
+        if round.over:
+            break
+        round.step(orders or Orders())
+    return round
+
+
+@pytest.mark.parametrize("ghosts", [("wander",), ("chase", "wander")])
+def test_a_policys_round_is_that_of_the_environment_bit_for_bit(ghosts: tuple[str, ...]) -> None:
+    ours = played(laid_out(ghosts=ghosts))
+    env = PacManBotEnv("house", ghosts=ghosts, settings=SHORT)
+    env.reset(options={"round_seed": 7})
+    policy = make_policy("clyde_aware")
+    for look in ours.looks[1:]:
+        *_, info = env.step(int(policy.select(env.situation)[0]))
+        game = env.batch.games[0]
+        assert look.true == (game["x"], game["y"], game["heading"])
+    assert (info["outcome"], info["collected"]) == (ours.outcome, ours.looks[-1].collected)
+
+
+def test_a_ghost_that_nobody_sends_walks_as_if_he_had_no_seat() -> None:
+    free, seated = laid_out(ghosts=("chase", "arcade")), laid_out(ghosts=("chase", "arcade"), seats=frozenset([0, 1]))
+    for _ in range(20):
+        free.step(Orders())
+        seated.step(Orders())
+        np.testing.assert_array_equal(free.looks[-1].ghosts, seated.looks[-1].ghosts)
+
+
+def test_a_person_sends_the_robot_and_a_ghost_where_he_clicks() -> None:
+    round = laid_out(ghosts=("wander", "wander"), seats=frozenset([1]), settings={"time_limit_s": 60.0})
+    goal, place = 4, round.assets.goal_xy[8]
+    played(round, Orders(robot=True, goal=goal, ghosts={1: 8}), 40)
+    assert round.by_person
+    assert {choice[0] for choice in round.choices} == {goal}
+    ways = [math.dist(look.ghosts[1], place) for look in round.looks]
+    assert ways[-1] < ways[0]
+
+
+def test_a_person_who_chooses_nothing_holds() -> None:
+    round = played(laid_out(), Orders(robot=True), 10)
+    assert math.dist(round.looks[0].true[:2], round.looks[-1].true[:2]) < 0.01
+
+
+def test_velocities_drive_the_robot_and_goals_take_over_again() -> None:
+    round = laid_out(settings={"time_limit_s": 60.0})
+    played(round, Orders(robot=True, goal=3), 4)
+    before = round.looks[-1]
+    played(round, Orders(robot=True, velocity=(0.0, 1.0)), 4)
+    turned = math.remainder(round.looks[-1].true[2] - before.true[2], 2 * math.pi)
+    assert turned == pytest.approx(2.0, abs=0.5)
+    assert round.looks[-1].goal == -1
+    played(round, Orders(robot=True, goal=8), 20)
+    assert round.looks[-1].goal == 8
+    assert math.dist(round.looks[-1].true[:2], before.true[:2]) > 0.5
+
+
+def test_the_shadow_plays_the_round_that_the_policy_would_have_played() -> None:
+    alone = played(laid_out())
+    beside = laid_out()
+    beside.play_beside()
+    played(beside, Orders(robot=True))
+    shadows = [look.shadow for look in beside.looks]
+    both = min(len(shadows), len(alone.looks))
+    assert shadows[:both] == [look.true for look in alone.looks[:both]]
+    assert beside.shadow_result() == {
+        "result": alone.outcome,
+        "collected": alone.looks[-1].collected,
+        "time_s": alone.looks[-1].time_s,
+    }
+
+
+def test_terms_of_a_tick_asked_for_later_are_those_that_the_choice_was_made_by() -> None:
+    round = played(laid_out())
+    for tick in (0, 7, round.ticks - 1):
+        why = round.why(tick)
+        goal, first, second = round.choices[tick]
+        assert why["goal"] == goal
+        assert why["chosen"] == {"clyde_aware": first, "nearest": second}
+        allowed = [row["candidate"] for row in why["rows"]]
+        assert first in allowed
+        assert allowed == sorted(allowed)
+    with pytest.raises(IndexError):
+        round.why(round.ticks + 1)
+
+
+def test_candidates_are_numbered_without_gaps_on_generated_maps() -> None:
+    round = laid_out(map="generated", level=3)
+    assert round.level == 3
+    assert round.batch.hold > round.hold  # which has rows without a pellet
+    played(round, ticks=20)
+    places = len(round.assets.goal_xy)
+    assert all(0 <= choice <= places for choices in round.choices for choice in choices)
+    assert len(round.looks[0].scores) == places + 1
+
+
+def test_the_candidate_nearest_to_a_click_is_one_that_may_be_chosen_and_near() -> None:
+    round = laid_out()
+    x, y = round.assets.goal_xy[5]
+    assert round.nearest(x + 0.1, y) == 5
+    assert round.nearest(100.0, 100.0) is None
+    round = played(laid_out(settings={}), ticks=400)
+    gone = int(np.flatnonzero(~round.looks[-1].alive)[0])
+    assert round.nearest(*round.assets.goal_xy[gone]) != gone
+
+
+@given(share=st.floats(0, 1), tick=st.integers(0, 20))
+@settings(max_examples=30, deadline=None)
+def test_between_two_ticks_everything_is_between_them(share: float, tick: int) -> None:
+    old, new = ROUND.looks[tick], ROUND.looks[tick + 1]
+    fields = between(old, new, share)
+    for k in (0, 1):
+        low, high = sorted((old.true[k], new.true[k]))
+        assert low - 1e-9 <= fields["true"][k] <= high + 1e-9
+    assert old.time_s <= fields["time_s"] <= new.time_s
+    assert fields["collected"] in (old.collected, new.collected)
+    frame = ROUND.frame(tick, {"revision": 3})
+    assert decode(frame.encode()).ghosts == pytest.approx(old.ghosts, abs=1e-4)
+
+
+ROUND = played(laid_out())

@@ -1,0 +1,120 @@
+"""What can be chosen on the page, and what is refused with which words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import parse_qs
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.sim.maps.generated import TEST_LEVEL
+from pacman_env.web.game import Refused
+from pacman_env.web.messages import Setup
+from pacman_env.web.rules import Choices, Rules
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+
+
+def test_every_choice_can_be_prepared() -> None:
+    choices = Choices()
+    facts = choices.facts()
+    for name in facts["maps"]:
+        choices.prepare(Rules(map=name), 0.3)
+    for setting in facts["settings"]:
+        config, _, _ = choices.prepare(Rules(preset="ideal", settings={setting["name"]: setting["value"]}), None)
+        assert config.value(setting["name"]) == setting["value"]
+        assert setting["type"] in ("number", "integer", "bool", "choice", "text")
+        assert setting["type"] != "choice" or setting["value"] in setting["options"]
+
+
+@pytest.mark.parametrize(
+    ("rules", "words"),
+    [
+        (Rules(map="/etc/passwd"), "map '/etc/passwd': choose one of house, loop"),
+        (Rules(policy="os:system"), "policy 'os:system': choose one of"),
+        (Rules(second="nobody"), "policy 'nobody': choose one of"),
+        (Rules(preset="dream"), "preset 'dream': choose one of"),
+        (Rules(ghosts=("policy",)), "behaviour 'policy': choose one of"),
+        (Rules(settings={"action": "velocity"}), "setting 'action': not one of those"),
+        (Rules(settings={"clyde.speed": 3}), "setting 'clyde.speed': not one of those"),
+        (Rules(settings={"robot.speed_mps": 9.0}), "robot.speed_mps"),
+        (Rules(level=3), "level 3: map 'house' has none"),
+        (Rules(map="generated", level=10**9), "level 1000000000: there are 0 to"),
+    ],
+)
+def test_what_cannot_be_chosen_is_refused_by_its_name(rules: Rules, words: str) -> None:
+    with pytest.raises(Refused, match=words):
+        Choices().prepare(rules, None)
+
+
+def test_levels_for_training_and_for_testing_are_those_of_the_generator() -> None:
+    for level in (5, TEST_LEVEL + 1):
+        _, source, _ = Choices().prepare(Rules(map="generated", level=level), None)
+        assert source.levels_of(np.arange(3, dtype=np.uint64)).tolist() == [level] * 3
+
+
+def test_a_setup_changes_what_it_names_and_a_new_map_forgets_the_level() -> None:
+    rules = Rules(map="generated", level=3, policy="nearest").changed(Setup(map="maze", ghosts=("chase",)))
+    assert rules == Rules(map="maze", level=None, policy="nearest", ghosts=("chase",))
+
+
+@given(seed=st.integers(0, 2**53 - 1), speed=st.floats(0.05, 2.0))
+def test_a_link_names_all_that_brings_the_round_back(seed: int, speed: float) -> None:
+    rules = Rules(map="a map & more", ghosts=("wander", "chase"), settings={"pellets.spacing_m": 1.5})
+    link = {name: values[0] for name, values in parse_qs(rules.link(seed, speed)).items()}
+    assert link["map"] == "a map & more"
+    assert link["ghosts"].split(",") == ["wander", "chase"]
+    assert int(link["seed"]) == seed
+    assert float(link["clyde"]) == speed
+    assert float(link["set.pellets.spacing_m"]) == 1.5
+
+
+def own_map(folder: Path) -> tuple[str, bytes]:
+    path = load_map("house").save(folder / "mine.yaml")
+    return path.read_text(), (folder / "mine.pgm").read_bytes()
+
+
+def test_a_map_of_ones_own_is_checked_and_can_be_chosen(tmp_path: Path) -> None:
+    choices = Choices()
+    text, image = own_map(tmp_path)
+    answer = choices.add_map("mine", text.replace("mine.pgm", "../../elsewhere.pgm"), image)
+    assert answer["map"] == "mine"
+    assert "pellets" in answer["words"]
+    assert "mine" in choices.facts()["maps"]
+    choices.prepare(Rules(map="mine"), None)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "image", "words"),
+    [
+        ("mine", "a: [", b"P5", "mine.yaml: no YAML"),
+        ("mine", "just words", b"P5", "must have the keys of map_server"),
+        ("mine", "image: x.pgm", b"GIF89a", "must be a PGM or a PNG"),
+        ("mine", "image: x.pgm\nresolution: 0.05\norigin: [0, 0, 0]", b"P5 nothing", "mine.yaml"),
+        ("mine", "image: x.pgm\nresolution: 0\norigin: [0, 0, 0]", b"P5\n2 2\n255\nabcd", "is missing"),
+        ("house", None, None, "a map that ships has this name"),
+    ],
+)
+def test_a_map_that_cannot_be_used_is_refused_with_the_reason(
+    name: str, text: str | None, image: bytes | None, words: str, tmp_path: Path
+) -> None:
+    whole = own_map(tmp_path)
+    with pytest.raises(Refused, match=words) as refused:
+        Choices().add_map(name, text or whole[0], image or whole[1])
+    assert "/tmp" not in str(refused.value)
+
+
+def test_a_map_without_room_is_refused(tmp_path: Path) -> None:
+    walls = OccupancyMap.from_pixels("walls", np.zeros((40, 40), dtype=np.uint8), 0.05, (0.0, 0.0, 0.0))
+    path = walls.save(tmp_path / "walls.yaml")
+    with pytest.raises(Refused, match="the map walls cannot be played on"):
+        Choices().add_map("walls", path.read_text(), (tmp_path / "walls.pgm").read_bytes())
+
+
+def test_files_named_at_the_start_can_be_chosen_by_the_page(tmp_path: Path) -> None:
+    load_map("house").save(tmp_path / "flat.yaml")
+    assert "flat" in Choices(maps=[str(tmp_path / "flat.yaml")]).facts()["maps"]
+    with pytest.raises(ValueError, match="nobody"):
+        Choices(policies=["nobody"])
