@@ -26,7 +26,7 @@ def test_a_right_message_comes_out_as_it_went_in(word: str) -> None:
 
 
 @given(texts)
-@settings(max_examples=1000)
+@settings(max_examples=400)
 def test_whatever_is_said_is_a_message_or_a_value_error(text: str) -> None:
     try:
         message = parse(text)
