@@ -612,8 +612,8 @@ class SimulatedGame:
                 self._tell([{"why": played.why_now()}])
 
     def _not_long_ago(self, began_s: float) -> float:
-        """The beginning of a tick; late, time is not made good."""
-        return max(began_s, time.monotonic() - self._tick_s)
+        """The beginning of a tick: late, time is not made good; held, nothing of it is shown yet."""
+        return max(began_s, time.monotonic() - self._tick_s, self._stood_s or 0.0)
 
     def _orders_now(self) -> Orders:
         orders = Orders(robot="robot" in self._seats, goal=self._goals.get("robot"))

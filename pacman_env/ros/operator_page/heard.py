@@ -86,10 +86,10 @@ class Heard(BaseNode):
         self._odometry: Pose | None = None
         self._odometry_s = -math.inf
         self._origin: Pose | None = None  # where a simulated robot's odometry began
-        self._clock: tuple[float, float, float] | None = None  # wall s and robot's s a while ago, and robot's s now
+        self._robot_clock: tuple[float, float, float] | None = None  # wall s and robot's s a while ago, and robot's s now
         self._rate = 1.0
         self._static: dict[str, tuple[str, Pose]] = {}
-        self._watched: dict[topics.Topic, Any] = {}
+        self._watched: dict[str, Any] = {}  # subscriptions
         self._listen_to_all()
 
     def _listen_to_all(self) -> None:
@@ -149,7 +149,7 @@ class Heard(BaseNode):
     @property
     def robot_s(self) -> float:
         """The time by the robot's clock."""
-        return self._clock[2] if self._clock is not None else time.time()
+        return self._robot_clock[2] if self._robot_clock is not None else time.time()
 
     @property
     def round_time_s(self) -> float:
@@ -186,10 +186,10 @@ class Heard(BaseNode):
 
     def watch(self, topic: topics.Topic, wanted: bool) -> None:
         """Listen to what costs something only while somebody looks at it."""
-        if wanted and topic not in self._watched:
-            self._watched[topic] = self._hear(topic, self._take_why if topic is WHY else self._take_scan)
-        elif not wanted and topic in self._watched:
-            subscription = self._watched.pop(topic)
+        if wanted and topic.name not in self._watched:
+            self._watched[topic.name] = self._hear(topic, self._take_why if topic is WHY else self._take_scan)
+        elif not wanted and topic.name in self._watched:
+            subscription = self._watched.pop(topic.name)
             if subscription is not None:
                 self.destroy_subscription(subscription)
             self.scan = np.zeros(0) if topic is topics.SCAN else self.scan
@@ -252,13 +252,13 @@ class Heard(BaseNode):
 
     def _take_clock(self, message: Any, waited_s: float) -> None:
         now, said = time.monotonic() - waited_s, seconds_of(message.clock)
-        if self._clock is None or said < self._clock[2]:
-            self._clock = now, said, said
+        if self._robot_clock is None or said < self._robot_clock[2]:
+            self._robot_clock = now, said, said
             return
-        since, from_s, _ = self._clock
-        self._clock = since, from_s, said
+        since, from_s, _ = self._robot_clock
+        self._robot_clock = since, from_s, said
         if now - since >= 2.0:
-            self._rate, self._clock = (said - from_s) / (now - since), (now, said, said)
+            self._rate, self._robot_clock = (said - from_s) / (now - since), (now, said, said)
 
     def _take_origin(self, message: Any) -> None:
         self._origin = pose_of(message)

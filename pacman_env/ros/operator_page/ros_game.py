@@ -94,6 +94,7 @@ class RosGame:
         self._there: bool | None = None  # the referee; None: nobody has looked yet
         self._state: str | None = None
         self._looked_s = self._cancelled_s = 0.0
+        self._error = ""  # the last
         self._closed = threading.Event()
         self._doctors = threading.Lock()
         self._context = rclpy.Context()
@@ -152,9 +153,13 @@ class RosGame:
 
     def stop(self, person: str) -> None:
         """Zero velocity, no goal, and no other until the release; from any thread."""
-        self._wheels.stop()
-        self._operator.say(True, person)
-        self._cancel_goals()
+        try:
+            self._wheels.stop()
+        finally:  # each way for itself, whatever becomes of the others
+            try:
+                self._operator.say(True, person)
+            finally:
+                self._cancel_goals()
 
     def release(self, person: str) -> None:
         """The game goes on where it stands."""
@@ -228,8 +233,11 @@ class RosGame:
             except Exception as error:
                 if self._closed.is_set():
                     return
-                _LOG.exception("the operator's page goes on after an error")
-                self._news.add(words=f"internal error: {type(error).__name__}: {error}"[:300])
+                words = f"internal error: {type(error).__name__}: {error}"[:300]
+                if words != self._error:
+                    self._error = words
+                    _LOG.exception("the operator's page goes on after an error")
+                    self._news.add(words=words)
 
     def _look(self) -> None:
         node, now = self._node, time.monotonic()

@@ -1,0 +1,274 @@
+"""The page over a game of real nodes: what it shows, what it asks for, and its STOP."""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.web import messages
+from pacman_env.web.frame import decode
+from pacman_env.web.game import Refused
+from tests.ros.operator_page.page_game import PageGame
+from tests.ros.system import Probe, System
+
+STOPS = 20
+BOUND_S = 2.0  # on a machine that does other things too
+
+
+@pytest.fixture(scope="module")
+def whole(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageGame]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        with System(tmp_path_factory.mktemp("system")) as system, Probe(system) as probe:
+            game = PageGame(probe, system)
+            try:
+                game.start_all()
+                yield game
+            finally:
+                game.close()
+
+
+@pytest.fixture
+def game(whole: PageGame) -> PageGame:
+    whole.page.release("guest-1")
+    whole.page.watched(why=False, lidar=False)
+    whole.tell(messages.Arm(on=False))
+    return whole
+
+
+def test_the_scene_is_the_map_with_its_pellets_and_the_robot_stands_at_home(game: PageGame) -> None:
+    game.menu()
+    scene = game.page.scene()
+    facts = scene.facts
+    picture = cv2.imdecode(np.frombuffer(scene.picture, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (facts["map"]["height"], facts["map"]["width"])
+    assert {0, 254} <= set(np.unique(picture).tolist()) <= {0, 205, 254}
+    assert facts["map"]["url"] == f"/map/{scene.revision}.png"
+    assert facts["map"]["name"] == "loop"
+    assert facts["policy"] == "nearest"
+    assert facts["settings"] == {"clyde.speed_mps": 0.02, "show.start_s": 1, "show.death_s": 1}
+    assert facts["preset"] == "robot"
+    assert facts["pellets"] == facts["candidates"][: facts["first_refuge"]]
+    frame = decode(game.frame.encode())
+    assert frame.revision == scene.revision
+    assert frame.alive.all()
+    assert frame.alive.shape == (len(facts["pellets"]),)
+    assert frame.believed is not None
+    assert frame.true is not None
+    assert math.dist(frame.believed[:2], frame.true[:2]) < 0.3
+    assert [ghost["name"] for ghost in facts["ghosts"]] == ["clyde"]
+
+
+def test_a_start_leads_to_a_score_and_the_frames_show_the_choice(game: PageGame) -> None:
+    game.menu()
+    game.page.watched(why=True, lidar=True)
+    number, after = game.frame.number, game.news_number()
+    game.tell(messages.Start())
+    game.wait(lambda: game.frame.score > 0, "a pellet")
+    game.wait(lambda: game.frame.goal >= 0 and np.isfinite(game.frame.scores).any(), "a choice")
+    game.wait(lambda: np.isfinite(game.frame.scan).any(), "a scan")
+    game.wait(lambda: any("why" in one for one in game.page.news(after)), "reasons")
+    frame, facts = game.frame, game.page.scene().facts
+    assert frame.number > number
+    assert frame.state == "running"
+    assert frame.time_s > 0.0
+    assert len(frame.scores) == len(facts["candidates"]) + 1
+    assert int((~frame.alive).sum()) >= 1
+    assert frame.ring is not None
+    said = game.page.news(after)
+    assert {"starting", "running"} <= {one["state"] for one in said if "state" in one}
+    assert {"pellet"} <= {one["event"] for one in said if "event" in one}
+    game.page.watched(why=False, lidar=False)
+    game.wait(lambda: not len(game.frame.scan), "no scan")
+    with pytest.raises(Refused, match="the game is in state"):
+        game.tell(messages.Start())
+
+
+def test_stop_is_quick_holds_and_lets_go(game: PageGame, capsys: pytest.CaptureFixture[str]) -> None:
+    said, stood = [], []
+    for _ in range(STOPS):
+        game.round()
+        to_wire, to_standstill = game.stop_measured()
+        said.append(to_wire)
+        stood.append(to_standstill)
+        game.wait(lambda: game.frame.stopped and game.stands, "the page to show it")
+        game.page.release("guest-1")
+        game.wait(lambda: not game.frame.stopped, "the release")
+    with capsys.disabled():
+        for name, times in (("zero velocity on the wire", said), ("standstill by odometry", stood)):
+            middle, worst = statistics.median(times), max(times)
+            print(f"\nSTOP to {name}: median {middle:.3f} s, longest {worst:.3f} s, {len(times)} stops")
+    assert max(said) < BOUND_S
+    assert max(stood) < BOUND_S
+
+
+def test_a_stopped_game_stays_so_whatever_is_asked(game: PageGame) -> None:
+    game.round()
+    game.page.stop("guest-2")
+    game.wait(lambda: game.stands, "the robot to stand")
+    with pytest.raises(Refused, match="stopped by guest-2"):
+        game.tell(messages.Start())
+    place = game.frame.true
+    client = game.probe.action_client(topics.NAVIGATE_TO_POSE)
+    goal = topics.NAVIGATE_TO_POSE.type.Goal()
+    goal.pose.header.frame_id = "map"
+    goal.pose.pose.position.x, goal.pose.pose.orientation.w = 3.0, 1.0
+    answer = client.send_goal_async(goal)  # of RViz, say
+    game.wait(answer.done, "the answer to a goal")
+    if answer.result().accepted:
+        ended = answer.result().get_result_async()
+        game.wait(ended.done, "its end")
+        assert ended.result().status == 5
+    game.probe.spin(1.0)
+    assert game.frame.state == "running"
+    assert place is not None
+    assert game.frame.true is not None
+    assert math.dist(place[:2], game.frame.true[:2]) < 0.1
+    game.page.release("guest-1")
+    game.wait(lambda: game.drives, "the round to go on")
+
+
+def test_a_goal_selector_that_is_started_again_stays_stopped(game: PageGame) -> None:
+    game.round()
+    game.page.stop("guest-1")
+    game.wait(lambda: game.stands, "the robot to stand")
+    place = game.frame.true
+    game.kill("goal_selector")
+    game.probe.forget()
+    game.start("goal_selector")
+
+    def condition() -> dict[str, object]:
+        return json.loads((game.probe.values(DIAGNOSTICS) or ["{}"])[-1])
+
+    game.wait(lambda: condition().get("active") and condition().get("task") == "play", "the goal selector")
+    game.wait(lambda: condition().get("stopped"), "it to have heard of the stop")
+    assert condition()["goals_sent"] == 0
+    game.probe.spin(1.0)
+    assert place is not None
+    assert game.frame.true is not None
+    assert math.dist(place[:2], game.frame.true[:2]) < 0.05
+    game.page.release("guest-1")
+    game.wait(lambda: game.drives, "the round to go on")
+
+
+def test_by_hand_the_robot_drives_in_the_menu_alone_and_stands_when_nothing_more_is_said(game: PageGame) -> None:
+    game.menu()
+    with pytest.raises(Refused, match="seat"):
+        game.tell(messages.Drive(v=0.2, omega=0.0))
+    game.tell(messages.Seat(who="robot"))
+    with pytest.raises(Refused, match="somebody else"):
+        game.page.tell("guest-2", messages.Seat(who="robot"))
+    game.tell(messages.Drive(v=0.0, omega=9.0))
+    game.wait(lambda: game.tell(messages.Drive(v=0.0, omega=9.0)) or game.frame.velocity[1] > 1.0, "a turn")
+    assert game.frame.velocity[1] < 2.0
+    game.wait(lambda: game.stands, "the dead man's time")
+    game.page.stop("guest-2")
+    with pytest.raises(Refused, match="stopped by guest-2"):
+        game.tell(messages.Drive(v=0.2, omega=0.0))
+    game.page.release("guest-1")
+    game.tell(messages.Start())
+    game.wait(lambda: game.frame.state != "menu", "the start")
+    with pytest.raises(Refused, match="the game drives"):
+        game.tell(messages.Drive(v=0.2, omega=0.0))
+
+
+def test_clyde_is_placed_in_the_menu_alone(game: PageGame) -> None:
+    game.menu()
+    x, y = game.page.scene().facts["pellets"][-1]
+    game.tell(messages.PlaceClyde(x=x, y=y))
+    game.wait(lambda: math.dist(game.frame.ghosts[0], (x, y)) < 0.5, "Clyde")
+    with pytest.raises(Refused, match="wide enough"):
+        game.tell(messages.PlaceClyde(x=x + 50.0, y=y))
+    with pytest.raises(Refused, match="Clyde alone"):
+        game.tell(messages.PlaceClyde(x=x, y=y, ghost=1))
+    game.round()
+    with pytest.raises(Refused, match="menu"):
+        game.tell(messages.PlaceClyde(x=x, y=y))
+
+
+def test_events_move_the_robot_only_when_armed(game: PageGame) -> None:
+    game.menu()
+    after = game.news_number()
+    game.probe.forget()
+    game.tell(messages.Event(word="death"))
+    game.wait(lambda: {"event", "light", "sound"} <= {key for one in game.page.news(after) for key in one}, "the show")
+    game.wait(lambda: game.frame.ring is not None, "the ring")
+    game.probe.spin(0.5)
+    assert not any(message.twist.angular.z for message in game.probe.messages(topics.CMD_VEL))
+    game.tell(messages.Arm(on=True))
+    game.tell(messages.Event(word="start theatrical"))
+    game.wait(lambda: any(m.twist.angular.z for m in game.probe.messages(topics.CMD_VEL)), "the spin")
+    game.tell(messages.Arm(on=False))
+    game.wait(lambda: not game.probe.messages(topics.CMD_VEL)[-1].twist.angular.z, "its end")
+    for what, word in (("light", "pink"), ("sound", "win")):
+        after = game.news_number()
+        game.tell(messages.Event(word=word, what=what))
+        game.wait(
+            lambda after=after, what=what, word=word: (
+                {what: word}.items() <= dict(item for one in game.page.news(after) for item in one.items()).items()
+            ),
+            word,
+        )
+    with pytest.raises(Refused, match="there is none"):
+        game.tell(messages.Event(word="dance"))
+
+
+def test_speed_and_policy_change_and_what_cannot_says_why(game: PageGame) -> None:
+    game.menu()
+    game.tell(messages.ClydeSpeed(mps=0.03))
+    game.wait(lambda: game.page.scene().facts["clyde_speed_mps"] == pytest.approx(0.03), "the speed")
+    game.tell(messages.Setup(policy="lookahead"))
+    game.wait(lambda: game.page.scene().facts["policy"] == "lookahead", "the policy")
+    game.tell(messages.Setup(policy="nearest"))
+    game.wait(lambda: game.page.scene().facts["policy"] == "nearest", "the policy")
+    for message, words in (
+        (messages.Setup(policy="brave"), "brave"),
+        (messages.Setup(map="house"), "only the policy"),
+        (messages.Pause(on=True), "STOP"),
+        (messages.Speed(times=2), "--speed"),
+        (messages.Seat(who="ghost-0"), "ghosts"),
+        (messages.Goal(candidate=1), "arrow keys"),
+        (messages.Why(story=1, tick=1), "record"),
+    ):
+        with pytest.raises(Refused, match=words):
+            game.tell(message)
+    with pytest.raises(Refused, match="map"):
+        game.page.add_map("mine", "", b"")
+    assert game.tell(messages.Stories()) == []
+    assert game.page.story(1) is None
+
+
+def test_the_readiness_list_is_the_doctors_with_who_obeys_a_stop(game: PageGame) -> None:
+    rows = {row["name"]: row for row in game.tell(messages.Ready())}
+    assert {row["state"] for row in rows.values()} <= {"ok", "warning", "bad"}
+    for name in ("domain", "base", "map", "pose", "Nav2", "game's nodes", "configuration", "STOP"):
+        assert rows[name]["state"] == "ok", rows[name]
+    assert all(row["cure"] for row in rows.values() if row["state"] == "bad")
+
+
+def test_a_referee_who_is_gone_and_back_is_said(game: PageGame) -> None:
+    game.menu()
+    after = game.news_number()
+    game.kill("game_controller")
+    game.wait(lambda: any("the game is gone" in words for words in game.words(after)), "its end to be said")
+    with pytest.raises(Refused, match="game_controller"):
+        game.tell(messages.Start())
+    game.page.stop("guest-1")  # works all the same
+    game.wait(lambda: game.frame.stopped, "the stop")
+    game.page.release("guest-1")
+    game.start("game_controller")
+    game.wait(lambda: any("is there" in words for words in game.words(after)), "it to be back")
+    game.wait(lambda: game.frame.state == "menu", "the menu")
+    game.wait(lambda: game.obeyed, "the referee to know the page")
+    game.round()
