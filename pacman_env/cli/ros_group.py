@@ -50,6 +50,14 @@ def _add_up(group: Any) -> None:
     )
     up.add_argument("--start", action="store_true", help="begin the first round as soon as everything is there")
     up.add_argument("--play-on", action="store_true", help="begin every round by itself; only with --sim")
+    up.add_argument(
+        "--web",
+        nargs="?",
+        const=8000,
+        type=whole_number(1, 65535),
+        metavar="PORT",
+        help="the operator's page too, for browsers on this machine (port 8000)",
+    )
     up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
     _add_where(up)
     up.set_defaults(run=_up)
@@ -63,6 +71,7 @@ def _up(arguments: argparse.Namespace) -> int:
         *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
         *(arguments.preset, arguments.execution, tuple(arguments.set)),
         home=None if arguments.home is None else tuple(arguments.home),
+        web=arguments.web,
     )
     return up(setup, arguments.domain_id, arguments.logs, arguments.start, arguments.play_on)
 

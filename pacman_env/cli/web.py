@@ -70,9 +70,10 @@ def _web(arguments: argparse.Namespace) -> int:
 def _robots_game(arguments: argparse.Namespace) -> Any:
     from pacman_env.cli.ros_group import what_ros_needs
 
-    with what_ros_needs():
+    with what_ros_needs():  # of ROS, the call imports more than its module
         from pacman_env.ros.operator_page import open_game
-    return open_game(arguments.namespace, arguments.domain_id, arguments.sim)
+
+        return open_game(arguments.namespace, arguments.domain_id, arguments.sim)
 
 
 def _simulated_game(arguments: argparse.Namespace) -> Any:

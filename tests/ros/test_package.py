@@ -22,7 +22,7 @@ import yaml
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.selector.goal_scores import SCORES
-from pacman_env.ros.supervisor.game_nodes import NODES, SELECTOR, STOP_ORDER, module_of
+from pacman_env.ros.supervisor.game_nodes import NODES, PAGE, SELECTOR, STOP_ORDER, module_of
 
 ROOT = Path(__file__).resolve().parents[2]
 VIEW = ROOT / "config" / "game.rviz"
@@ -105,7 +105,7 @@ def test_every_node_is_a_command_of_the_ros_package_and_a_module(monkeypatch: py
     assert nodes == [f"{name} = {module_of(name)}:main" for name in NODES]
     for name in NODES:
         assert "def main(" in (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), name
-    assert set(STOP_ORDER) <= set(NODES)
+    assert set(STOP_ORDER) <= {*NODES, PAGE}
 
 
 # colcon, the real one, with the setuptools of Ubuntu 24.04

@@ -86,7 +86,7 @@ class Heard(BaseNode):
         self._odometry: Pose | None = None
         self._odometry_s = -math.inf
         self._origin: Pose | None = None  # where a simulated robot's odometry began
-        self._robot_clock: tuple[float, float, float] | None = None  # wall s and robot's s a while ago, and robot's s now
+        self._robot_clock: tuple[float, float, float] | None = None  # wall s and its s a while ago, its s now
         self._rate = 1.0
         self._static: dict[str, tuple[str, Pose]] = {}
         self._watched: dict[str, Any] = {}  # subscriptions

@@ -95,6 +95,7 @@ class RosGame:
         self._state: str | None = None
         self._looked_s = self._cancelled_s = 0.0
         self._error = ""  # the last
+        self._notice = ""  # what a page shows in the place of a game
         self._closed = threading.Event()
         self._doctors = threading.Lock()
         self._context = rclpy.Context()
@@ -270,24 +271,22 @@ class RosGame:
         """Whether a referee is there, who says how the game stands; a change is told."""
         node = self._node
         there = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
-        if there == self._there:
-            return
         where = f"{self._where}, ROS domain {self._domain}"
-        if there:
+        was, self._there = self._there, there
+        self._notice = "" if there else f"no game is heard in {where}: is 'pacman-env ros up' running there?"
+        if there and not was:
             self._news.add(words=f"the game in {where} is there")
-        else:
-            words = f"no game is heard in {where}: is 'pacman-env ros up' running there?"
-            self._news.add(words=words if self._there is None else f"the game is gone: {words}")
+        elif was and not there:
+            self._news.add(words=f"the game is gone: {self._notice}")
             self._wheels.let_go()
             node.state = None
-            if not node.alive:
-                node.forget_robot()
-        self._there = there
+        if not there and not node.alive:
+            node.forget_robot()
 
     def _set_scene(self) -> None:
         node = self._node
         ids, _ = pellets_of_scene(node)
-        facts = facts_of(node)
+        facts = {**facts_of(node), "notice": self._notice}
         picture = node.map
         key = json.dumps([facts, ids, id(picture)])
         if key == self._scene_key:

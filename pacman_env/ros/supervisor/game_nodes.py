@@ -15,6 +15,7 @@ SIMULATOR = "sim_robot"
 WAIT = "wait_for_amcl_pose"
 SELECTOR = "goal_selector"
 REFEREE = "game_controller"
+PAGE = "operator_page"  # no node of the game: it is left out unless asked for
 #: Those that only listen and answer, in the order of their start.
 GAME = (
     "pellet_manager",
@@ -29,7 +30,7 @@ NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
 _WITH_MAP = (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR)
 _FOLDERS = {SIMULATOR: "simulated_robot", SELECTOR: "selector"}  # all others are in ``nodes``
 #: What moves the robot stops first, then the lights: the others may take their time.
-STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", "audio_node", REFEREE)
+STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
 
 QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by the process that started it
 
@@ -54,6 +55,7 @@ class GameSetup:
     settings: tuple[str, ...] = ()  # name=value
     home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: where the robot is in the menu
     extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: further parameters
+    web: int | None = None  # the operator's page on this port of this machine
 
     def __post_init__(self) -> None:
         from pacman_env.config import make_config, parse_settings
@@ -96,7 +98,10 @@ class GameSetup:
         return found | self.extra.get(node, {})
 
     def command(self, node: str) -> list[str]:
-        """What follows ``python -m`` to start ``node``: its module and arguments."""
+        """What follows ``python -m`` to start ``node``, or the page: its module and arguments."""
+        if node == PAGE:
+            words = ["pacman_env.ros.operator_page", "--namespace", self.namespace, "--map", self.map]
+            return [*words, "--port", str(self.web), *(["--sim"] if self.sim else [])]
         words = [module_of(node), "--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
         for name, value in self.parameters(node).items():
             words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map may be called 1e3

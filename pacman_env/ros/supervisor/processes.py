@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -47,6 +47,7 @@ class ProcessGroup:
         logs: folder for one file per node, with all that it prints.
         environment: of the processes.
         say: called with one line about what happens.
+        spare: names of those without which the others go on: they are given up instead of lost.
     """
 
     def __init__(
@@ -55,7 +56,9 @@ class ProcessGroup:
         logs: Path,
         environment: dict[str, str],
         say: Callable[[str], None],
+        spare: Collection[str] = (),
     ) -> None:
+        self._spare = spare
         self._command = command
         self._logs = logs
         self._environment = environment
@@ -114,10 +117,13 @@ class ProcessGroup:
                 member.process = None
                 member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
                 words = self.last_words(member.name)
-                if status == BAD_START:
-                    raise Lost(f"{member.name} does not start: {words}")
-                if len(member.deaths) >= MANY:
-                    raise Lost(f"{member.name} died {MANY} times within {SOON_S:.0f} s: {words}")
+                if status == BAD_START or len(member.deaths) >= MANY:
+                    how = "does not start" if status == BAD_START else f"died {MANY} times within {SOON_S:.0f} s"
+                    if member.name not in self._spare:
+                        raise Lost(f"{member.name} {how}: {words}")
+                    self._say(f"{member.name} {how}: {words}; it is given up, the rest goes on")
+                    member.due_s = None
+                    continue
                 pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1))
                 member.due_s = now + pause
                 self._say(f"{member.name} ended with status {status}: {words}; again in {pause:.0f} s")

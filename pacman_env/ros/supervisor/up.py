@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TextIO
 
@@ -23,7 +24,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros.discovery import join, stay_on_this_machine
 from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import warm_up
-from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, STOP_ORDER, WAIT, GameSetup, full_namespace
+from pacman_env.ros.supervisor.game_nodes import PAGE, REFEREE, SELECTOR, STOP_ORDER, WAIT, GameSetup, full_namespace
 from pacman_env.ros.supervisor.keyboard import Keyboard
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from pacman_env.ros.supervisor.status_line import StatusLine, fitted
@@ -46,6 +47,7 @@ LOOK_S = 1.0  # for other games, before anything is started
 GOING_S = 8.0  # a game that is just being stopped is waited for so long
 NEXT_ROUND_S = 2.0  # in the menu, where round follows round
 KEYS = {"s": START_GAME, "r": RESET_GAME}
+_WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
 _CLEAR = "\r\x1b[K"
 
 
@@ -134,11 +136,13 @@ def up(
             state_file.unlink(missing_ok=True)  # a game of an earlier command is not gone on with
             referee = {"state_file": str(state_file), **setup.extra.get(REFEREE, {})}
             setup = dataclasses.replace(setup, extra={**setup.extra, REFEREE: referee})
-            processes = ProcessGroup(setup.command, logs, dict(os.environ), writer.say)
+            processes = ProcessGroup(setup.command, logs, dict(os.environ), writer.say, spare=(PAGE,))
             with Keyboard() as keyboard:
                 keys = "; keys: s start, r reset, space stop, g go on, q quit" if keyboard.there else ""
                 writer.say(f"game on {full_namespace(setup.namespace)}{keys}")
                 writer.say(f"logs in {logs}")
+                if setup.web is not None:
+                    writer.say(f"page: http://127.0.0.1:{setup.web}/ on this computer")
                 return _Play(setup, processes, status_line, writer, stop, keyboard).play(start or play_on, play_on)
         finally:
             status_line.close()
@@ -150,6 +154,8 @@ def check(setup: GameSetup, play_on: bool = False) -> None:
     Raises:
         ValueError: a map, policy or number that cannot be played.
     """
+    if setup.web is not None and (missing := [name for name in _WEB if find_spec(name) is None]):
+        raise ValueError(f"--web needs {', '.join(missing)}: pip install 'pacman_env[web]'")
     if play_on and not setup.sim:
         raise ValueError("--play-on: only with --sim; beside a real robot somebody starts each round")
     make_config(setup.preset, setup.execution, **parse_settings(setup.settings))
@@ -241,6 +247,8 @@ class _Play:
         try:
             for name in self._setup.first_nodes:
                 processes.start(name)
+            if self._setup.web is not None:
+                processes.start(PAGE)
             while not self._stop.asked:
                 self._status_line.spin(POLL_S)
                 if WAIT in processes and (ended := processes.status(WAIT)) is not None:

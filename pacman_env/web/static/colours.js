@@ -1,7 +1,7 @@
 // The colours of the map, dark and light; those of the page are in style.css.
 
 const DARK = {
-  page: "#0d1018", floor: [27, 34, 51], wall: [112, 141, 255], pellet: "#ffd54a", eaten: "#3b465f", refuge: "#4fd1b5",
+  page: "#0d1018", floor: [27, 34, 51], wall: [98, 122, 220], pellet: "#ffd54a", eaten: "#3b465f", refuge: "#4fd1b5",
   home: "#9fb0d0", robot: "#ffcc1f", rim: "#10141f", believed: "#d59bff", plan: "#7fa9ff", trail: "#ffcc1f", score: "#4fd1b5",
   lidar: "#ff7a9c", ink: "#eef1f8", halo: "#0d1018", grid: "#232c40", shadow: "#c9d3e8", goal: "#ffffff", ghost: "#ffffff",
 };

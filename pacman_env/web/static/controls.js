@@ -51,7 +51,7 @@ export function setUpControls(connection) {
       write($("speed-value"), `×${slider.value}`);
     }
     write($("hint"), live.stopped ? "Stopped: press Release to go on." : live.state === "menu" && !state.story
-      ? "Press Start: the robot collects the pellets, the ghosts wander." : "");
+      ? (state.seat === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.") : "");
   });
   on("scene", () => {
     if (state.scene?.preparing) write($("state"), "Preparing");
@@ -145,9 +145,6 @@ export function setUpResult() {
     }
     if (!now && over && frame.state === "running") $("result").hidden = true;
     over = now;
-  });
-  on("news", (items) => {
-    for (const item of items) if (item.story) notice(`The round has ended. ${item.words}`);
   });
   on("story", () => {
     if (state.story) $("result").hidden = true;

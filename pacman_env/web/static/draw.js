@@ -1,6 +1,6 @@
 // What the two canvases show: below the map and what stands still, above it what moves.
 
-import { css } from "./dom.js";
+import { css, titled } from "./dom.js";
 
 const FULL = 2 * Math.PI;
 
@@ -146,8 +146,12 @@ function scores(context, view, scene, frame, colours) {
     if (!place || !Number.isFinite(score) || k === frame.goal) return;
     const [x, y] = view.toScreen(...place);
     const share = 0.06 + 0.94 * ((score - low) / span);
-    context.globalAlpha = 0.3 + 0.6 * share;
     context.strokeStyle = colours.score;
+    context.globalAlpha = 0.16;
+    context.beginPath();
+    context.arc(x, y, radius, 0, FULL);
+    context.stroke();
+    context.globalAlpha = 0.35 + 0.6 * share;
     context.beginPath();
     context.arc(x, y, radius, -Math.PI / 2, -Math.PI / 2 + FULL * share);
     context.stroke();
@@ -262,7 +266,7 @@ function ghost(context, view, place, facts, layers, colours, mine) {
     context.fillStyle = "#14203c";
     context.fill();
   }
-  if (layers.names) words(context, facts.name ?? "", [x, y], size + 14, colours);
+  if (layers.names) words(context, titled(facts.name ?? ""), [x, y], size + 14, colours);
 }
 
 function words(context, text, [x, y], below, colours) {

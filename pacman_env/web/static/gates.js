@@ -16,7 +16,7 @@ export function refresh() {
       if (why) element.title = why;
       else if (element.dataset.title !== element.title) element.title = element.dataset.title ?? "";
     }
-    for (const element of document.querySelectorAll("[data-only]")) element.hidden = Boolean(state.hello) && state.hello.source !== element.dataset.only;
+    for (const element of document.querySelectorAll("[data-only]")) element.hidden = Boolean(state.hello) && (state.hello.source ?? "simulator") !== element.dataset.only;
     const why = state.connected ? obstacle(["control"]) : "";
     write($("reason"), why);
     $("reason").hidden = !why;

@@ -2,7 +2,7 @@
 
 import { $, make } from "./dom.js";
 
-const SHOWN_MS = 6000;
+const SHOWN_MS = 3500;
 
 export function notice(words, { bad = false, buttons = [], key = "", stays = false } = {}) {
   if (!words) return null;

@@ -1,6 +1,6 @@
 // Play it yourself: seats, goals by click and by key, velocities by keys and by stick.
 
-import { $, css, isTyping, make, write } from "./dom.js";
+import { $, css, isTyping, make, titled, write } from "./dom.js";
 import { robotPose } from "./frame.js";
 import { refresh } from "./gates.js";
 import { notice, told } from "./notices.js";
@@ -11,7 +11,6 @@ const STEP_M = 0.2;
 const BACKWARDS = 0.5; // share of the speed
 const KEYS = { ArrowUp: "up", KeyW: "up", ArrowDown: "down", KeyS: "down", ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right" };
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
-const titled = (name) => name.charAt(0).toUpperCase() + name.slice(1);
 
 export class Seats {
   #held = new Set();

@@ -1,6 +1,6 @@
 // What the next round is: a form, a map of one's own, Clyde's speed and place.
 
-import { $, css, fill, make, throttled, write } from "./dom.js";
+import { $, css, fill, make, throttled, titled, write } from "./dom.js";
 import { refresh } from "./gates.js";
 import { notice, told } from "./notices.js";
 import { Settings } from "./settings.js";
@@ -8,7 +8,6 @@ import { on, state, tell } from "./state.js";
 
 const GHOSTS = [["clyde", [255, 80, 0]], ["blinky", [255, 0, 0]], ["pinky", [255, 60, 180]], ["inky", [0, 0, 255]]];
 const MOST_UPLOAD = 5.5e6;
-const titled = (name) => name.charAt(0).toUpperCase() + name.slice(1);
 
 export class Setup {
   #edited = new Set(); // fields that the person has changed since the last scene

@@ -3,7 +3,6 @@
 import { $, make, write } from "./dom.js";
 import { on, shownScene, state, tell } from "./state.js";
 
-const HIDDEN = new Set(["score"]); // of a policy that says more than that
 const words = (name) => name.replaceAll("_", " ");
 
 function value(term) {
@@ -16,11 +15,13 @@ function value(term) {
 
 export class Why {
   #shown = "";
+  #facts = null;
 
   constructor(connection) {
     this.connection = connection;
     on("why", () => this.show());
     on("candidate", () => this.#light());
+    $("why-full").addEventListener("change", () => this.show(true));
   }
 
   // The terms of one policy that tell its candidates apart, and those that are the same for all.
@@ -33,20 +34,21 @@ export class Why {
       if (values.size > 1 || rows.length === 1) columns.push(name);
       else if (!values.has("–")) same.push(`${words(name)} ${[...values][0]}`);
     }
-    const doubled = columns.includes("total") && columns.includes("score");
-    return { columns: columns.filter((name) => !(doubled && HIDDEN.has(name))), same };
+    return { columns, same };
   }
 
-  show() {
+  show(again = false) {
     const { why } = state;
     if ($("panel-why").hidden) return;
     const key = JSON.stringify(why);
-    if (key === this.#shown) return;
+    if (key === this.#shown && !again) return;
     this.#shown = key;
     const table = $("why-table");
     $("why-scroll").hidden = !why?.rows?.length;
     if (!why?.rows?.length) {
       table.replaceChildren();
+      this.#facts = null;
+      this.#one();
       $("why-words").replaceChildren(why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.");
       write($("why-same"), "");
       return;
@@ -65,31 +67,49 @@ export class Why {
       parted ? make("span", { class: "parted", text: "The policies part. " }) : "",
       `At ${why.time_s.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${name(chosen[policy])}.`).join(" "),
     );
+    const full = $("why-full").checked;
     const about = Object.fromEntries(policies.map((policy) => [policy, this.#terms(rows, policy)]));
-    const groups = policies.filter((policy) => about[policy].columns.length);
-    const sorted = [...rows].sort((a, b) => this.#rank(b, policies[0]) - this.#rank(a, policies[0]));
-    const places = Object.fromEntries(policies.map((policy) => [policy, new Map([...rows].sort((a, b) => this.#rank(b, policy) - this.#rank(a, policy)).map((row, k) => [row.candidate, k]))]));
+    const columns = Object.fromEntries(policies.map((policy) => [policy, full ? [...about[policy].columns, "rank"] : [this.#main(about[policy].columns), "rank"]]));
+    const order = (policy) => [...rows].sort((a, b) => this.#rank(b, policy) - this.#rank(a, policy));
+    const ranks = Object.fromEntries(policies.map((policy) => [policy, new Map(order(policy).map(({ candidate }, k) => [candidate, k + 1]))]));
     const head = make("thead", {},
-      make("tr", {}, make("td", {}), ...groups.map((policy, k) => make("th", { scope: "colgroup", colSpan: about[policy].columns.length, class: k ? "second" : "", text: policy }))),
-      make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...groups.flatMap((policy, g) => about[policy].columns.map((column, k) => make("th", { scope: "col", class: g && !k ? "second" : "", text: words(column) })))));
-    const body = make("tbody", {}, ...sorted.map((row) => {
-      const { candidate, terms } = row;
-      const point = (on_) => () => tell("candidate", (state.candidate = on_ && row.kind !== "hold" ? candidate : -1));
-      const differs = policies.length > 1 && (policies.some((policy) => chosen[policy] === candidate) ? parted : Math.abs(places[policies[0]].get(candidate) - places[policies[1]].get(candidate)) > 2);
-      const marks = policies.filter((policy) => chosen[policy] === candidate);
-      return make("tr", { class: differs ? "parts" : "", data: { candidate }, onmouseenter: point(true), onmouseleave: point(false) },
-        make("th", { scope: "row" }, make("button", { type: "button", text: (marks.length ? "★ " : "") + name(candidate), title: marks.length ? `chosen by ${marks.join(" and ")}` : "Show on the map",
-          onfocus: point(true), onblur: point(false), onclick: () => this.#go(candidate, row.kind) })),
-        ...groups.flatMap((policy, g) => about[policy].columns.map((column, k) => make("td", {
-          class: [g && !k ? "second" : "", chosen[policy] === candidate ? "chosen" : "", differs ? "differs" : "", value(terms[policy]?.[column]) === "–" ? "none" : ""].filter(Boolean).join(" "),
-          text: value(terms[policy]?.[column]) }))));
+      make("tr", {}, make("td", {}), ...policies.map((policy, k) => make("th", { scope: "colgroup", colSpan: columns[policy].length, class: k ? "second" : "", text: policy }))),
+      make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...policies.flatMap((policy, g) => columns[policy].map((column, k) => make("th", { scope: "col", class: g && !k ? "second" : "", text: words(column) })))));
+    const body = make("tbody", {}, ...order(policies[0]).map((row) => {
+      const { candidate, terms, kind } = row;
+      const point = (on_) => () => tell("candidate", (state.candidate = on_ && kind !== "hold" ? candidate : -1));
+      const by = policies.filter((policy) => chosen[policy] === candidate);
+      const apart = policies.length > 1 && Math.abs(ranks[policies[0]].get(candidate) - ranks[policies[1]].get(candidate)) > 2;
+      return make("tr", { class: parted && by.length ? "parts" : "", data: { candidate }, onmouseenter: point(true), onmouseleave: point(false) },
+        make("th", { scope: "row" }, make("button", { type: "button", text: (by.length ? "★ " : "") + name(candidate), title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
+          onfocus: point(true), onblur: point(false), onclick: () => this.#go(candidate, kind) })),
+        ...policies.flatMap((policy, g) => columns[policy].map((column, k) => {
+          const said = column === "rank" ? String(ranks[policy].get(candidate)) : value(terms[policy]?.[column]);
+          const names = [g && !k ? "second" : "", chosen[policy] === candidate ? "chosen" : "", column === "rank" && apart ? "apart" : "", said === "–" ? "none" : ""];
+          return make("td", { class: names.filter(Boolean).join(" "), text: said });
+        })));
     }));
+    this.#facts = { rows, policies, name, goal: chosen[policies[0]] };
     const active = document.activeElement?.closest?.("#why-table tr")?.dataset.candidate;
     table.replaceChildren(make("caption", { class: "hidden", text: "Candidates and their terms, the best of the first policy first" }), head, body);
     if (active !== undefined) table.querySelector(`tr[data-candidate="${active}"] button`)?.focus();
     const same = policies.filter((policy) => about[policy].same.length).map((policy) => `${policy}: ${about[policy].same.join(", ")}`);
     write($("why-same"), same.length ? `The same for all. ${same.join(". ")}.` : "");
     this.#light();
+  }
+
+  // All terms of one candidate, the policies beside each other.
+  #one() {
+    const { rows, policies, name, goal } = this.#facts ?? {};
+    const row = rows?.find(({ candidate }) => candidate === state.candidate) ?? rows?.find(({ candidate }) => candidate === goal);
+    $("why-one").hidden = !row;
+    if (!row) return;
+    $("why-one").replaceChildren(make("strong", { text: name(row.candidate) }), make("div", { class: "pair" }, ...policies.map((policy) => make("div", {}, make("span", { class: "quiet", text: policy }),
+      make("dl", { class: "facts" }, ...Object.entries(row.terms[policy] ?? {}).flatMap(([term, said]) => [make("dt", { text: words(term) }), make("dd", { text: value(said) })]))))));
+  }
+
+  #main(columns) {
+    return columns.find((name) => name === "score") ?? columns.find((name) => name === "total") ?? columns[0] ?? "score";
   }
 
   // The higher the better; a policy that gives costs has "total".
@@ -104,6 +124,8 @@ export class Why {
   }
 
   #light() {
+    if ($("panel-why").hidden) return;
+    this.#one();
     for (const row of $("why-table").querySelectorAll("tr[data-candidate]")) row.classList.toggle("lit", Number(row.dataset.candidate) === state.candidate);
   }
 }

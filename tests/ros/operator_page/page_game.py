@@ -27,25 +27,21 @@ OWN: dict[str, dict[str, Any]] = {
 T = TypeVar("T")
 
 
-class PageGame:
-    """All nodes, a probe, and what the server would ask."""
+class Nodes:
+    """All nodes of a game, and a probe."""
 
-    def __init__(self, probe: Probe, system: System, speed: float = 1.0) -> None:
-        self.probe, self.system, self.speed = probe, system, speed
+    def __init__(self, probe: Probe, system: System) -> None:
+        self.probe, self.system = probe, system
         self.processes: dict[str, Process] = {}
-        self.page: Any = open_game(NAMESPACE, sim=True, map=MAP)
         probe.record(topics.CMD_VEL, topics.ODOMETRY, topics.OPERATOR_STOP, topics.GAME_STATE, DIAGNOSTICS)
 
     def start(self, name: str) -> None:
-        more: dict[str, Any] = {"speed": self.speed} if name == SIMULATOR else {}
-        self.processes[name] = self.system.start(
-            module_of(name), use_sim_time=True, settings=SETTINGS, **OWN.get(name, {}), **more
-        )
+        own = OWN.get(name, {})
+        self.processes[name] = self.system.start(module_of(name), use_sim_time=True, settings=SETTINGS, **own)
 
     def start_all(self) -> None:
         for name in (SIMULATOR, *GAME, SELECTOR):
             self.start(name)
-        self.wait(lambda: self.ready, "the game", START_S)
 
     def kill(self, name: str) -> None:
         """As a crash does it: nothing is said."""
@@ -54,10 +50,45 @@ class PageGame:
         process.popen.wait()
         self.system.processes.remove(process)
 
+    def wait(self, condition: Callable[[], T], what: str, timeout_s: float = PATIENCE_S) -> T:
+        return self.probe.wait_for(condition, timeout_s, what)
+
     def close(self) -> None:
-        self.page.close()
         for name in list(self.processes):
             self.kill(name)
+
+    def first_still(self, topic: topics.Topic, twist: Callable[[Any], Any], since: float) -> float | None:
+        """When a topic first said after an instant that nothing turns; ``time.monotonic`` s."""
+        for heard in self.probe.heard(topic):
+            it = twist(heard.message)
+            if heard.at > since and abs(it.linear.x) < STILL_MPS and abs(it.angular.z) < STILL_RADPS:
+                return heard.at
+        return None
+
+    def measured(self, stop: Callable[[], object]) -> tuple[float, float]:
+        """From a call to the first zero velocity on the wire, and to the wheels' standstill by odometry; s."""
+        self.probe.forget()
+        began = time.monotonic()
+        stop()
+        said = self.wait(lambda: self.first_still(topics.CMD_VEL, lambda m: m.twist, began), "zero velocity")
+        stood = self.wait(lambda: self.first_still(topics.ODOMETRY, lambda m: m.twist.twist, began), "a standstill")
+        return said - began, stood - began
+
+
+class PageGame(Nodes):
+    """With what the server would ask, in this process."""
+
+    def __init__(self, probe: Probe, system: System) -> None:
+        super().__init__(probe, system)
+        self.page: Any = open_game(NAMESPACE, sim=True, map=MAP)
+
+    def start_all(self) -> None:
+        super().start_all()
+        self.wait(lambda: self.ready, "the game", START_S)
+
+    def close(self) -> None:
+        self.page.close()
+        super().close()
 
     @property
     def ready(self) -> bool:
@@ -79,9 +110,6 @@ class PageGame:
     def tell(self, message: messages.Message) -> Any:
         """As guest-1, once a service knows this page: one that was started just now may drop its answer."""
         return self.page.tell("guest-1", message)
-
-    def wait(self, condition: Callable[[], T], what: str, timeout_s: float = PATIENCE_S) -> T:
-        return self.probe.wait_for(condition, timeout_s, what)
 
     def words(self, after: int = 0) -> list[str]:
         return [one["words"] for one in self.page.news(after) if "words" in one]
@@ -115,18 +143,5 @@ class PageGame:
         return abs(v) < STILL_MPS and abs(omega) < STILL_RADPS
 
     def stop_measured(self) -> tuple[float, float]:
-        """From the call to the first zero velocity on the wire, and to the wheels' standstill by odometry; s."""
-        self.probe.forget()
-        began = time.monotonic()
-        self.page.stop("guest-1")
-
-        def first(topic: topics.Topic, twist: Callable[[Any], Any]) -> float | None:
-            for heard in self.probe.heard(topic):
-                it = twist(heard.message)
-                if heard.at > began and abs(it.linear.x) < STILL_MPS and abs(it.angular.z) < STILL_RADPS:
-                    return heard.at - began
-            return None
-
-        said = self.wait(lambda: first(topics.CMD_VEL, lambda m: m.twist), "zero velocity")
-        stood = self.wait(lambda: first(topics.ODOMETRY, lambda m: m.twist.twist), "a standstill")
-        return said, stood
+        """See ``measured``."""
+        return self.measured(lambda: self.page.stop("guest-1"))
