@@ -33,6 +33,7 @@ MODULES = {
     "node-load": ("eval.benchmarks.node_load", "what the game's nodes cost a computer (ROS)"),
     "cold-start": ("eval.benchmarks.cold_start", "how long workers take that start together on a cold cache"),
     "start-stop": ("eval.benchmarks.start_stop", "how long a game takes to start and to stop (ROS)"),
+    "web-load": ("eval.benchmarks.web_load", "what the operator's page costs with many viewers"),
     "validation": ("eval.checks.validation", "the simulator beside the ten real trials"),
     "navigation": ("eval.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
     "houses": ("eval.checks.generated_levels", "whether generated houses can be played, judged independently"),

@@ -43,6 +43,7 @@ class Page:
         )
         self.texts: list[dict[str, Any]] = []
         self.frames: list[tuple[float, bytes]] = []
+        self.patience_s = PATIENCE_S
         self._id = 0
         try:
             self.hello = self.wait("hello")
@@ -66,9 +67,9 @@ class Page:
     def name(self) -> str:
         return str(self.hello["you"])
 
-    def read(self, timeout_s: float = PATIENCE_S) -> dict[str, Any] | None:
+    def read(self, timeout_s: float | None = None) -> dict[str, Any] | None:
         """One more message; a text is returned."""
-        message = self.socket.recv(timeout=timeout_s)
+        message = self.socket.recv(timeout=self.patience_s if timeout_s is None else timeout_s)
         if isinstance(message, bytes):
             self.frames.append((time.monotonic(), message))
             return None
@@ -77,12 +78,12 @@ class Page:
 
     def wait(self, kind: str, is_it: Callable[[dict[str, Any]], bool] = lambda text: True) -> dict[str, Any]:
         """The next text of a kind, that is yet to come."""
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + self.patience_s
         while time.monotonic() < end:
             text = self.read()
             if text is not None and text["kind"] == kind and is_it(text):
                 return text
-        raise TimeoutError(f"no {kind} in {PATIENCE_S:g} s; {self.texts[-5:]}")
+        raise TimeoutError(f"no {kind} in {self.patience_s:g} s; {self.texts[-5:]}")
 
     def people(self, **wanted: Any) -> dict[str, Any]:
         """Until the people are so."""

@@ -1,0 +1,76 @@
+"""The server over the real simulator: what one person asks keeps nobody waiting."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import httpx
+import pytest
+
+from pacman_env.web.frame import decode
+from pacman_env.web.server import WebServer
+from pacman_env.web.simulated import SimulatedGame
+from tests.web.pages import Page, at
+
+COMPILED_S = 300.0  # time enough for kernels that have to be compiled
+
+
+@pytest.fixture
+def game() -> Iterator[SimulatedGame]:
+    game = SimulatedGame(seed=1)
+    end = time.monotonic() + COMPILED_S
+    while game.frame() is None and time.monotonic() < end:
+        time.sleep(0.05)
+    yield game
+    game.close()
+
+
+def test_a_round_is_set_up_begun_seen_and_stopped(
+    serve: Callable[..., WebServer], game: SimulatedGame, web: httpx.Client
+) -> None:
+    server = serve(game)
+    with Page(server) as page:
+        page.patience_s = COMPILED_S
+        assert page.ask("setup", map="loop", seed=5, policy="nearest")["ok"]
+        page.listen(0.3)
+        scene = [text for text in page.texts if text["kind"] == "scene"][-1]
+        assert web.get(at(server.url, scene["map"]["url"].removeprefix("/"))).content.startswith(b"\x89PNG")
+        assert page.ask("start")["ok"]
+        page.listen(0.5)
+        number, frame = len(page.frames), decode(page.frames[-1][1])
+        assert frame.revision == scene["revision"]
+        assert frame.state != "menu"
+        assert page.ask("stop")["ok"]
+        page.listen(0.3)
+        assert decode(page.frames[-1][1]).stopped
+        assert page.ask("release")["ok"]
+        page.listen(0.3)
+        assert len(page.frames) > number
+        assert not decode(page.frames[-1][1]).stopped
+
+
+def test_a_round_that_is_finished_at_once_keeps_no_other_page_waiting(
+    serve: Callable[..., WebServer], game: SimulatedGame, web: httpx.Client
+) -> None:
+    server = serve(game)
+    with Page(server) as one, Page(server) as other:
+        finished = one.say("setup", map="house", seed=3, finish=True)
+        asked = time.monotonic()
+        assert other.ask("ping")["ok"]
+        assert time.monotonic() - asked < 1.0
+        one.patience_s = COMPILED_S
+        story = one.wait("answer", lambda text: text["id"] == finished)["data"]["story"]
+        frames = web.get(at(server.url, f"story/{story}.bin")).content
+        first = decode(frames[4 : 4 + int.from_bytes(frames[:4], "little")])
+        assert first.time_s == 0.0
+
+
+def test_a_file_that_is_no_map_is_refused_with_the_checkers_words(
+    serve: Callable[..., WebServer], game: SimulatedGame, web: httpx.Client
+) -> None:
+    server = serve(game)
+    answer = web.post(at(server.url, "map"), json={"name": "mine", "yaml": "image: mine.pgm", "image": "UDUK"})
+    assert answer.status_code == 200
+    assert not answer.json()["ok"]
+    assert answer.json()["words"]
