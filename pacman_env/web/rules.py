@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -201,15 +200,3 @@ def _loaded(name: str, text: str, image: bytes) -> OccupancyMap:
     if loaded.grey.size > _MOST_PIXELS:
         raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")
     return loaded
-
-
-def image_of(data: str) -> bytes:
-    """Bytes from base64.
-
-    Raises:
-        Refused: it is none.
-    """
-    try:
-        return base64.b64decode(data, validate=True)
-    except ValueError as error:
-        raise Refused("the image: no base64") from error

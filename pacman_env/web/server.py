@@ -260,7 +260,8 @@ async def _body(request: Request) -> bytes | None:
 
 
 def _map_answer(status: int, words: str) -> Response:
-    return JSONResponse({"ok": False, "words": words, "map": None}, status)
+    headers = {"connection": "close"} if status in (408, 413) else {}  # the rest of it is not waited for
+    return JSONResponse({"ok": False, "words": words, "map": None}, status, headers)
 
 
 def _cached(request: Request, content: bytes, kind: str) -> Response:

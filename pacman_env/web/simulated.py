@@ -5,22 +5,18 @@ from __future__ import annotations
 import collections
 import logging
 import queue
-import struct
 import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as Late
-from dataclasses import replace
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 
 from pacman_env import __version__
 from pacman_env.config import Config
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import GHOST_COLOURS
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import feedback, messages
 from pacman_env.web.feedback import Feedback
@@ -29,9 +25,10 @@ from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
 from pacman_env.web.played_round import Look, Orders, PlayedRound, between
 from pacman_env.web.rules import Choices, Rules
+from pacman_env.web.scenes import PREPARING, link_to, scene_of
+from pacman_env.web.stories import Stories, in_words
 
 _LOG = logging.getLogger(__name__)
-_STORIES = 10  # rounds that are kept
 _NEWS = 100
 _HAND_S = 0.5  # after so long without a velocity the robot stands (Create 3)
 _PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
@@ -75,7 +72,7 @@ class SimulatedGame:
         self._next_seed: int | None = seed
         self._speed, self._paused, self._stopped = speed, False, False
         self._round: PlayedRound | None = None
-        self._scene = Scene(1, {**self._blank()})
+        self._scene = PREPARING
         self._before: Look | None = None
         self._now: Look | None = None
         self._tick_began_s = time.monotonic()
@@ -84,8 +81,7 @@ class SimulatedGame:
         self._last_key: Any = None
         self._news: collections.deque[dict[str, Any]] = collections.deque(maxlen=_NEWS)
         self._told = 0
-        self._stories: collections.OrderedDict[int, tuple[PlayedRound, dict[str, Any]]] = collections.OrderedDict()
-        self._story_count = 0
+        self._stories = Stories()
         self._why, self._lidar = False, False
         self._why_told_s = 0.0
         self._seats: dict[str, str] = {}  # person by seat
@@ -215,15 +211,7 @@ class SimulatedGame:
     def story(self, number: int) -> bytes | None:
         """The frames of a round that has ended."""
         with self._lock:
-            if number not in self._stories:
-                return None
-            played, facts = self._stories[number]
-        frames = [
-            played.frame(tick, {"revision": facts["revision"], "spawned": facts["spawned"], "round": facts["round"]})
-            for tick in range(played.ticks + 1)
-        ]
-        encoded = [frame.encode() for frame in frames]
-        return b"".join(struct.pack("<I", len(one)) + one for one in encoded)
+            return self._stories.frames(number)
 
     # The thread
 
@@ -353,9 +341,9 @@ class SimulatedGame:
             case messages.Arm(on=on):
                 self._feedback.armed = on
             case messages.Why(story=story, tick=tick):
-                return self._explain(story, tick)
+                return self._stories.why(story, tick)
             case messages.Stories():
-                return [facts for _, facts in reversed(self._stories.values())]
+                return self._stories.all()
             case messages.Ready():
                 return self._ready()
             case _:
@@ -395,7 +383,7 @@ class SimulatedGame:
             played.step(Orders())
         self._keep_story(played)
         self._lay_out(played.seed)
-        return {"story": self._story_count}
+        return {"story": self._stories.count}
 
     def _place(self, ghost: int, x: float, y: float) -> None:
         played = self._require_round()
@@ -447,15 +435,6 @@ class SimulatedGame:
             self._goals[seat] = None if candidate in (-1, played.hold) else candidate
         if "robot" in seats:
             self._hand = None
-
-    def _explain(self, story: int, tick: int) -> dict[str, Any]:
-        if story not in self._stories:
-            raise Refused(f"story {story}: not kept")
-        played, _ = self._stories[story]
-        try:
-            return played.why(tick)
-        except IndexError:
-            raise Refused(f"tick {tick}: the round has {played.ticks}") from None
 
     def _ready(self) -> list[dict[str, str]]:
         played = self._round
@@ -525,61 +504,8 @@ class SimulatedGame:
         self._before = self._now = played.looks[-1]
         self._changed()
 
-    def _blank(self) -> dict[str, Any]:
-        return {"map": None, "preparing": True}
-
     def _set_scene(self) -> None:
-        played, rules = self._require_round(), self._rules
-        occupancy, config = played.assets.occupancy, played.config
-        revision = self._scene.revision % 65535 + 1
-        clyde = config.clyde
-        xy = np.round(played.assets.goal_xy, 4).tolist()
-        pellets = played.assets.pellets
-        facts = {
-            "map": {
-                "name": rules.map,
-                "url": f"/map/{revision}.png",
-                "resolution": occupancy.resolution,
-                "width": occupancy.grey.shape[1],
-                "height": occupancy.grey.shape[0],
-                "origin": list(occupancy.origin),
-                "hash": occupancy.hash,
-            },
-            "home": played.assets.grid.home.tolist(),
-            "pellets": xy[:pellets],
-            "refuges": xy[pellets:],
-            "candidates": xy,
-            "first_refuge": pellets,
-            "ghosts": [
-                {
-                    "name": GHOST_NAMES[k],
-                    "behaviour": behaviour,
-                    "colour": list(GHOST_COLOURS[GHOST_NAMES[k]]),
-                    "catch_m": config.execution.death_radius_m,
-                }
-                for k, behaviour in enumerate(rules.ghosts)
-            ],
-            "robot": {"radius_m": config.robot.radius_m, "speed_mps": config.robot.speed_mps},
-            "wheels_mps": config.robot.wheel_speed_mps,
-            "turn_radps": config.robot.omega_radps,
-            "policy": rules.policy,
-            "second": rules.second,
-            "preset": rules.preset,
-            "seed": played.seed,
-            "level": played.level,
-            "settings": dict(rules.settings),
-            "clyde_speed_mps": clyde.speed_mps,
-            "link": self._link(played),
-            "preparing": False,
-        }
-        self._scene = Scene(revision, facts, cv2.imencode(".png", occupancy.grey)[1].tobytes())
-
-    def _link(self, played: PlayedRound) -> str:
-        """Empty where names and numbers alone do not bring the round back."""
-        if played.placed or played.by_person or played.seats:
-            return ""
-        rules = self._rules if played.level is None else replace(self._rules, level=played.level)
-        return rules.link(played.seed, played.config.clyde.speed_mps)
+        self._scene = scene_of(self._require_round(), self._rules, self._scene.revision % 65535 + 1)
 
     def _tick(self) -> None:
         """The next tick of the clock, of the round too where one is played."""
@@ -699,40 +625,11 @@ class SimulatedGame:
             self._tell([{"words": str(refused)}])
 
     def _keep_story(self, played: PlayedRound) -> None:
-        self._story_count += 1
-        choices = np.array(played.choices)
-        changes = np.flatnonzero(np.diff(choices[:, 0], prepend=-1)) if len(choices) else np.zeros(0, dtype=int)
-        parts = choices[:, 1] != choices[:, 2] if len(choices) else np.zeros(0, dtype=bool)
-        begins = np.flatnonzero(parts & ~np.concatenate([[False], parts[:-1]]))
-        last = played.looks[-1]
         facts = {
-            "story": self._story_count,
-            "result": played.outcome,
-            "seed": played.seed,
-            "collected": last.collected,
-            "spawned": len(last.alive),
-            "time_s": round(last.time_s, 2),
-            "ticks": played.ticks,
-            "parts": begins.tolist(),
-            "decisions": changes.tolist(),
-            "player": "person" if played.by_person else "policy",
-            "policies": list(played.names),
             "map": self._rules.map,
             "round": self._controller.round,
             "revision": self._scene.revision,
-            "link": self._link(played),
-            "second": played.shadow_result() if played.by_person else None,
+            "link": link_to(played, self._rules),
         }
-        self._stories[self._story_count] = played, facts
-        while len(self._stories) > _STORIES:
-            self._stories.popitem(last=False)
-        self._tell([{"story": self._story_count, "words": _told(facts)}])
-
-
-def _told(facts: dict[str, Any]) -> str:
-    """One line of a round that has ended."""
-    what = f"{facts['result']}: {facts['collected']} of {facts['spawned']} pellets in {facts['time_s']:g} s"
-    if facts["second"] is None:
-        return what
-    other = facts["second"]
-    return f"{what}; {facts['policies'][0]} {other['result']}, {other['collected']} in {other['time_s']:g} s"
+        told = self._stories.keep(played, facts)
+        self._tell([{"story": told["story"], "words": in_words(told)}])

@@ -1,0 +1,118 @@
+// What part of the world the canvas shows, and the gestures that change it.
+
+const TAP_PX = 9;
+const TAP_MS = 700;
+
+export class View {
+  constructor() {
+    this.scale = 40; // pixels of the page a metre
+    this.x = 0;
+    this.y = 0;
+    this.width = 1;
+    this.height = 1;
+    this.bounds = [-5, -5, 5, 5];
+    this.fitted = true;
+    this.following = false;
+  }
+
+  toScreen(x, y) {
+    return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale];
+  }
+
+  toWorld(px, py) {
+    return [this.x + (px - this.width / 2) / this.scale, this.y - (py - this.height / 2) / this.scale];
+  }
+
+  #fitScale() {
+    const [x0, y0, x1, y1] = this.bounds;
+    const margin = this.width < 600 ? 14 : 36;
+    return Math.max(4, Math.min((this.width - 2 * margin) / (x1 - x0), (this.height - 2 * margin) / (y1 - y0)));
+  }
+
+  fit() {
+    const [x0, y0, x1, y1] = this.bounds;
+    [this.x, this.y] = [(x0 + x1) / 2, (y0 + y1) / 2];
+    this.scale = this.#fitScale();
+    this.fitted = true;
+  }
+
+  resize(width, height) {
+    [this.width, this.height] = [width, height];
+    if (this.fitted) this.fit();
+  }
+
+  zoom(times, px = this.width / 2, py = this.height / 2) {
+    const fixed = this.toWorld(px, py);
+    this.scale = Math.min(400, Math.max(0.5 * this.#fitScale(), this.scale * times));
+    const moved = this.toWorld(px, py);
+    if (!this.following) {
+      this.x += fixed[0] - moved[0];
+      this.y += fixed[1] - moved[1];
+    }
+    this.fitted = false;
+  }
+
+  pan(dx, dy) {
+    this.x -= dx / this.scale;
+    this.y += dy / this.scale;
+    this.fitted = false;
+  }
+}
+
+// Pan with one pointer, pinch with two, wheel; a tap and a hover are passed on.
+export function setUpGestures(canvas, view, { changed, tapped, hovered, panned }) {
+  const pointers = new Map();
+  let begun = null;
+  const place = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  const spread = () => {
+    const [a, b] = [...pointers.values()];
+    return { length: Math.hypot(a[0] - b[0], a[1] - b[1]), middle: [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2] };
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.button > 0) return;
+    canvas.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, place(event));
+    begun = pointers.size === 1 ? { at: place(event), time: performance.now() } : null;
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const now = place(event);
+    const before = pointers.get(event.pointerId);
+    if (!before) {
+      hovered(now);
+      return;
+    }
+    if (begun && Math.hypot(now[0] - begun.at[0], now[1] - begun.at[1]) < TAP_PX) return;
+    if (begun) canvas.classList.add("grabbed");
+    begun = null;
+    if (pointers.size === 1) {
+      view.pan(now[0] - before[0], now[1] - before[1]);
+      pointers.set(event.pointerId, now);
+      panned();
+    } else if (pointers.size === 2) {
+      const old = spread();
+      pointers.set(event.pointerId, now);
+      const { length, middle } = spread();
+      view.pan(middle[0] - old.middle[0], middle[1] - old.middle[1]);
+      if (old.length > 0) view.zoom(length / old.length, ...middle);
+    }
+    changed();
+  });
+  const ended = (event) => {
+    if (!pointers.delete(event.pointerId)) return;
+    canvas.classList.remove("grabbed");
+    if (event.type === "pointerup" && begun && performance.now() - begun.time < TAP_MS) tapped(place(event));
+    begun = null;
+  };
+  canvas.addEventListener("pointerup", ended);
+  canvas.addEventListener("pointercancel", ended);
+  canvas.addEventListener("pointerleave", () => hovered(null));
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const lines = event.deltaMode === 1 ? 30 : 1;
+    view.zoom(Math.exp(-Math.max(-120, Math.min(120, event.deltaY * lines)) * 0.0022), ...place(event));
+    changed();
+  }, { passive: false });
+}

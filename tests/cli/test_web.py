@@ -1,0 +1,94 @@
+"""The command that serves the page: a real process."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pacman_env import __version__
+from pacman_env.cli.main import main
+
+pytest.importorskip("starlette")
+
+
+@pytest.fixture
+def server() -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "pacman_env.cli.main", "web", "--port", "0", "--speed", "50", "--seed", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_it_prints_where_the_page_is_serves_it_and_ends_by_ctrl_c(server: subprocess.Popen[str]) -> None:
+    assert server.stdout is not None
+    said = server.stdout.readline()
+    found = re.search(r"http://127\.0\.0\.1:\d+/", said)
+    assert found, said
+    assert "token" not in said  # on this machine alone none is needed
+    with urllib.request.urlopen(f"{found[0]}health", timeout=60) as answer:
+        assert json.load(answer) == {"ok": True, "version": __version__}
+    server.send_signal(signal.SIGINT)
+    _, errors = server.communicate(timeout=120)
+    assert server.returncode == 0
+    assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--map", "nowhere"], "nowhere"),
+        (["--policy", "nobody"], "policy 'nobody': choose one of"),
+        (["--ghosts", "policy"], "behaviour 'policy': choose one of"),
+        (["--set", "robot.speed_mps=9"], "robot.speed_mps"),
+        (["--set", "action=velocity"], "setting 'action'"),
+        (["--host", "192.0.2.1"], "192.0.2.1 is no address of this computer"),
+    ],
+)
+def test_what_cannot_be_served_is_one_line(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["web", "--port", "0", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert len(said.splitlines()) == 1
+
+
+def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(["web", "--port", str(port)]) == 2
+    assert f"port {port} of 127.0.0.1 is taken" in capsys.readouterr().err
+
+
+def test_a_map_and_a_policy_of_ones_own_can_be_chosen(tmp_path: Path) -> None:
+    from pacman_env.cli.web import _simulated_game
+    from pacman_env.world.maps.occupancy import load_map
+
+    load_map("loop").save(tmp_path / "mine.yaml")
+    import argparse
+
+    arguments = argparse.Namespace(
+        map=str(tmp_path / "mine.yaml"),
+        preset="ideal",
+        policy="nearest",
+        second="lookahead",
+        ghosts=["chase", "wander"],
+        set=["pellets.spacing_m=1.5"],
+        seed=1,
+        speed=50.0,
+    )
+    game = _simulated_game(arguments)
+    try:
+        assert "mine" in game.hello()["choices"]["maps"]
+    finally:
+        game.close()

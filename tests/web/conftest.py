@@ -1,0 +1,46 @@
+"""A server over a game, with a few files for a page, on this machine's own address."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from pacman_env.web.server import WebServer
+from tests.web.pages import FILES
+
+
+@pytest.fixture
+def said() -> list[str]:
+    """The log of the servers."""
+    return []
+
+
+@pytest.fixture(scope="session")
+def web() -> Iterator[httpx.Client]:
+    with httpx.Client(trust_env=False) as client:
+        yield client
+
+
+@pytest.fixture
+def serve(tmp_path: Path, said: list[str]) -> Iterator[Callable[..., WebServer]]:
+    """Starts a server over a game."""
+    folder = tmp_path / "static"
+    folder.mkdir()
+    for name, content in FILES.items():
+        (folder / name).write_bytes(content)
+    (tmp_path / "secret.js").write_text("secret")
+    started: list[WebServer] = []
+
+    def start(game: Any, **settings: Any) -> WebServer:
+        server = WebServer(game, **{"static": folder, "say": said.append, **settings})
+        started.append(server)
+        server.start()
+        return server
+
+    yield start
+    for server in started:
+        server.close()

@@ -1,0 +1,109 @@
+"""A page, as far as the server sees it: for the tests."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+from pacman_env.web.server import WebServer
+
+PATIENCE_S = 10.0
+FILES = {"index.html": b"<!doctype html>", "page.js": b"export {}", "page.css": b"a{}", "light.svg": b"<svg/>"}
+
+
+def at(url: str, path: str = "") -> str:
+    """The address of a path of the page, with its token; ``ws`` for the websocket's."""
+    base, _, query = url.partition("?")
+    base = base.replace("http:", "ws:", 1) if path.startswith("ws") else base
+    return base + path + (("&" if "?" in path else "?") + query if query else "")
+
+
+def eventually(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> None:
+    """Wait until it is so."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+class Page:
+    """Connects, and keeps the texts that come; ``frames`` are when they came and what they were."""
+
+    def __init__(self, server: WebServer, url: str = "", again: str = ""):
+        address = at(url or server.url, "ws" + (f"?again={again}" if again else ""))
+        self._opened = ExitStack()
+        self.socket: ClientConnection = self._opened.enter_context(
+            connect(address, compression=None, max_size=None, max_queue=None)
+        )
+        self.texts: list[dict[str, Any]] = []
+        self.frames: list[tuple[float, bytes]] = []
+        self._id = 0
+        try:
+            self.hello = self.wait("hello")
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Go away."""
+        self._opened.close()
+
+    @property
+    def name(self) -> str:
+        return str(self.hello["you"])
+
+    def read(self, timeout_s: float = PATIENCE_S) -> dict[str, Any] | None:
+        """One more message; a text is returned."""
+        message = self.socket.recv(timeout=timeout_s)
+        if isinstance(message, bytes):
+            self.frames.append((time.monotonic(), message))
+            return None
+        self.texts.append(json.loads(message))
+        return self.texts[-1]
+
+    def wait(self, kind: str, is_it: Callable[[dict[str, Any]], bool] = lambda text: True) -> dict[str, Any]:
+        """The next text of a kind, that is yet to come."""
+        end = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end:
+            text = self.read()
+            if text is not None and text["kind"] == kind and is_it(text):
+                return text
+        raise TimeoutError(f"no {kind} in {PATIENCE_S:g} s; {self.texts[-5:]}")
+
+    def people(self, **wanted: Any) -> dict[str, Any]:
+        """Until the people are so."""
+        return self.wait("people", lambda text: all(text[name] == value for name, value in wanted.items()))
+
+    def say(self, do: str, **fields: Any) -> int:
+        """Say something that is answered; returns its id."""
+        self._id += 1
+        self.socket.send(json.dumps({"do": do, "id": self._id, **fields}))
+        return self._id
+
+    def ask(self, do: str, **fields: Any) -> dict[str, Any]:
+        """Say it and read the answer."""
+        number = self.say(do, **fields)
+        return self.wait("answer", lambda text: text["id"] == number)
+
+    def listen(self, seconds: float) -> None:
+        """Read what comes."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            try:
+                self.read(left)
+            except TimeoutError:
+                return

@@ -1,0 +1,185 @@
+"""Who is let in: tokens, Host and Origin; and what browsers are told to do with what they get."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.web.access import HEADERS, Access, Guard, Tokens, host_name, is_loopback, is_same_origin, names_of
+from pacman_env.web.said import Said, WithoutTokens
+
+TOKENS = Tokens("operator-0123456789abcdef", "viewer-0123456789abcdef")
+ADDRESS = "192.0.2.7"
+
+
+def ask(
+    access: Access, path: str = "/", query: str = "", kind: str = "http", address: str = ADDRESS, **headers: str
+) -> tuple[int, dict[str, Any], list[str]]:
+    """Status, the scope as the application had it (empty: refused), and what the log had."""
+    said: list[str] = []
+    passed: dict[str, Any] = {}
+    sent: list[Any] = []
+
+    async def application(scope: Any, receive: Any, send: Any) -> None:
+        passed.update(scope)
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def send(event: Any) -> None:
+        sent.append(event)
+
+    scope = {
+        "type": kind,
+        "path": path,
+        "query_string": query.encode(),
+        "server": (address, 8000),
+        "extensions": {"websocket.http.response": {}},
+        "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
+    }
+    hidden = (access.tokens.operator, access.tokens.viewer) if access.tokens else ()
+    asyncio.run(Guard(application, access, Said(said.append, hidden))(scope, None, send))  # type: ignore[arg-type]
+    assert dict(sent[0]["headers"])[b"content-security-policy"]
+    return sent[0]["status"], passed, said
+
+
+def with_tokens(*names: str) -> Access:
+    return Access(TOKENS, names_of(ADDRESS, ADDRESS) + names)
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/ws", "/map", "/map/1.png", "/story/1.bin", "/nothing", "/staticx", "//static/"]
+)
+def test_without_a_token_nothing_is_seen(path: str) -> None:
+    status, passed, _ = ask(with_tokens(), path, host=f"{ADDRESS}:8000")
+    assert (status, passed) == (401, {})
+
+
+@pytest.mark.parametrize("path", ["/health", "/static/page.js"])
+def test_files_and_health_need_no_token(path: str) -> None:
+    status, passed, _ = ask(with_tokens(), path, host=f"{ADDRESS}:8000")
+    assert (status, passed["access"]) == (200, None)
+
+
+@pytest.mark.parametrize(("token", "access"), [(TOKENS.operator, "operator"), (TOKENS.viewer, "viewer")])
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_a_token_lets_in_and_is_not_handed_on(token: str, access: str, kind: str) -> None:
+    for query, headers in ((f"a=1&token={token}", {}), ("a=1", {"authorization": f"Bearer {token}"})):
+        status, passed, said = ask(with_tokens(), "/ws", query, kind, host=f"{ADDRESS}:8000", **headers)
+        assert (status, passed["access"], passed["query_string"]) == (200, access, b"a=1")
+        assert token not in repr(passed)
+        assert said == []
+
+
+@given(st.text(max_size=40) | st.sampled_from([TOKENS.operator[:-1], TOKENS.operator + "x", TOKENS.operator.upper()]))
+def test_a_wrong_token_is_for_nothing(token: str) -> None:
+    assert Access(TOKENS).who(token) is None
+
+
+def test_on_this_machine_alone_nobody_needs_one() -> None:
+    access = Access(None, names_of("localhost", "127.0.0.1"))
+    for host in ("127.0.0.1:8000", "localhost:8000", "LOCALHOST", "localhost."):
+        assert ask(access, host=host, address="127.0.0.1")[1]["access"] == "operator"
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8000", f"{ADDRESS}.evil.example", "", "[", ":8000", "localhost:8000x", "a b"]
+)
+def test_a_foreign_host_is_refused_whatever_the_token(host: str) -> None:
+    status, passed, _ = ask(with_tokens(), query=f"token={TOKENS.operator}", host=host)
+    assert (status, passed) == (421, {})
+
+
+def test_no_host_is_refused_too() -> None:
+    assert ask(with_tokens(), query=f"token={TOKENS.operator}")[0] == 421
+
+
+def test_a_name_of_ones_own_is_let_in() -> None:
+    assert ask(with_tokens("robot.example"), query=f"token={TOKENS.viewer}", host="Robot.example:80")[0] == 200
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+@pytest.mark.parametrize(
+    "origin",
+    ["http://evil.example", "null", f"http://{ADDRESS}:8001", f"http://{ADDRESS}", f"ftp://{ADDRESS}:8000", ""],
+)
+def test_a_page_of_another_origin_is_refused_whatever_the_token(kind: str, origin: str) -> None:
+    query = f"token={TOKENS.operator}"
+    status, passed, _ = ask(with_tokens(), "/ws", query, kind, host=f"{ADDRESS}:8000", origin=origin)
+    assert (status, passed) == (403, {})
+
+
+def test_its_own_page_is_let_in() -> None:
+    for scheme in ("http", "https"):  # https: something before the server does it
+        headers = {"host": f"{ADDRESS}:8000", "origin": f"{scheme}://{ADDRESS}:8000"}
+        assert ask(with_tokens(), "/ws", f"token={TOKENS.operator}", "websocket", **headers)[0] == 200
+    assert is_same_origin("http://LOCALHOST:1", "localhost:1")
+
+
+def test_a_token_is_never_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    said: list[str] = []
+    log = Said(said.append, (TOKENS.operator, TOKENS.viewer))
+    log("a", f"GET /?token={TOKENS.operator}\nmore")
+    log.error("b", ValueError(f"token={TOKENS.viewer}"))
+    logger = logging.getLogger("pacman_env.test_tokens")
+    logger.addFilter(WithoutTokens(log))
+    with caplog.at_level(logging.DEBUG):
+        logger.debug("GET %s", f"/?token={TOKENS.operator}")
+        try:
+            raise ValueError(TOKENS.viewer)
+        except ValueError:
+            logger.exception("an error %d", 5)
+    assert [line.count("\n") for line in said] == [0, 0]
+    assert "GET /?token=... more" in said[0]
+    for text in (*said, caplog.text):
+        assert TOKENS.operator not in text
+        assert TOKENS.viewer not in text
+    assert "an error 5" in caplog.text
+
+
+def test_the_log_has_each_kind_once_a_minute() -> None:
+    said: list[str] = []
+    now = 0.0
+    log = Said(said.append, clock=lambda: now)
+    for k in range(1000):
+        now = 0.1 * k
+        log("refused", f"refused {k}")
+    assert said == ["refused 0", "refused 600 (and 599 more)"]
+
+
+def test_tokens_cannot_be_guessed() -> None:
+    drawn = [Tokens.new() for _ in range(100)]
+    assert len({token for both in drawn for token in (both.operator, both.viewer)}) == 200
+    assert all(len(both.operator) >= 32 for both in drawn)
+    for bad in (("", ""), ("short", "also-short"), ("x" * 20, "x" * 20)):
+        with pytest.raises(ValueError, match="tokens"):
+            Tokens(*bad)
+
+
+@pytest.mark.parametrize(
+    ("address", "loopback"),
+    [("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("0.0.0.0", False), ("::", False), (ADDRESS, False)],
+)
+def test_this_machines_own_addresses_are_known(address: str, loopback: bool) -> None:
+    assert is_loopback(address) is loopback
+    assert ("localhost" in names_of(address, address)) is loopback
+
+
+@given(st.text(max_size=30))
+def test_any_host_header_has_a_name_or_none(host: str) -> None:
+    name = host_name(host)
+    assert name is None or name == name.lower()
+
+
+def test_a_host_may_have_a_port_and_brackets() -> None:
+    assert [host_name(host) for host in ("a:1", "[::1]:80", "[::1]", "A.b.")] == ["a", "::1", "::1", "a.b"]
+
+
+def test_nothing_comes_from_elsewhere_and_nothing_is_inline() -> None:
+    policy = HEADERS["content-security-policy"]
+    assert policy.startswith("default-src 'none'")
+    assert {word for part in policy.split("; ") for word in part.split()[1:]} == {"'none'", "'self'"}

@@ -1,0 +1,414 @@
+"""Who means harm, or is broken: refused, said once, and the game and the others notice nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import logging
+import socket
+import struct
+import time
+from collections.abc import Callable, Iterator
+from random import Random
+from typing import Any
+
+import httpx
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from websockets.asyncio.client import connect as connect_async
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from pacman_env.web import messages
+from pacman_env.web.access import Tokens
+from pacman_env.web.server import WebServer
+from tests.web.pages import Page, at, eventually
+from tests.web.said_by_pages import RIGHT, as_said, is_right, texts
+from tests.web.scripted_game import ScriptedGame
+
+
+def status(url: str, **headers: str) -> int:
+    """With which a websocket is refused; 101: it is not."""
+    try:
+        with connect(url, additional_headers=headers, compression=None):
+            return 101
+    except InvalidStatus as error:
+        return error.response.status_code
+
+
+def wire(server: WebServer, *lines: str, receive_bytes: int = 0) -> socket.socket:
+    """A connection that says these lines of a request, and perhaps no more."""
+    there = socket.socket()
+    if receive_bytes:
+        there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
+    there.settimeout(10.0)
+    there.connect(("127.0.0.1", server.port))
+    there.sendall("".join(f"{line}\r\n" for line in lines).encode())
+    return there
+
+
+def upgrade(server: WebServer, receive_bytes: int = 0) -> socket.socket:
+    """A websocket, by hand."""
+    host = f"host: 127.0.0.1:{server.port}"
+    lines = (
+        "upgrade: websocket",
+        "connection: upgrade",
+        "sec-websocket-version: 13",
+        f"sec-websocket-key: {'A' * 22}==",
+    )
+    return wire(server, "GET /ws HTTP/1.1", host, *lines, "", receive_bytes=receive_bytes)
+
+
+def rest(there: socket.socket) -> bytes:
+    """What else comes, until the server ends it."""
+    parts = []
+    with contextlib.suppress(ConnectionError):
+        while part := there.recv(1 << 16):
+            parts.append(part)
+    there.close()
+    return b"".join(parts)
+
+
+@contextlib.contextmanager
+def undisturbed(server: WebServer, most_s: float = 1.0) -> Iterator[Page]:
+    """Another's page meanwhile: no two of its frames are far apart, and it is answered at the end."""
+    with Page(server) as page:
+        page.wait("scene")
+        yield page
+        page.listen(0.2)
+        assert page.ask("ping")["ok"]
+        times = [at_s for at_s, _ in page.frames]
+        # Frames wait unread meanwhile, and how long each took is not seen; that all have come is.
+        numbers = [struct.unpack_from("<I", frame, 8)[0] for _, frame in page.frames]
+        assert len(times) > 2
+        assert numbers == sorted(numbers)
+
+
+def test_without_a_token_with_a_wrong_one_or_from_elsewhere_one_is_refused_and_it_is_said_once(
+    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+) -> None:
+    game = ScriptedGame()
+    server = serve(game, tokens=Tokens.new())
+    assert server.tokens is not None
+    base = server.url.partition("?")[0]
+    ws = at(base, "ws")
+    host = f"127.0.0.1:{server.port}"
+    with undisturbed(server):
+        for _ in range(20):
+            assert status(ws) == 401
+            assert status(f"{ws}?token=wrong") == 401
+            assert status(f"{ws}?token={server.tokens.operator[:-1]}") == 401
+            assert status(at(server.url, "ws"), Origin="http://evil.example") == 403
+            assert status(at(server.url, "ws"), Origin="null") == 403
+            assert web.get(base).status_code == 401
+            assert web.get(server.url, headers={"host": "evil.example"}).status_code == 421
+            assert web.post(at(server.url, "map"), headers={"origin": "http://evil.example"}).status_code == 403
+        assert status(at(server.url, "ws"), Origin=f"http://{host}") == 101
+        assert status(at(server.viewer_url, "ws")) == 101
+    assert len(said) == 3
+    assert game.told == []
+
+
+def test_on_this_machine_a_page_from_elsewhere_is_refused_too(serve: Callable[..., WebServer]) -> None:
+    server = serve(ScriptedGame())
+    assert status(at(server.url, "ws"), Origin="http://evil.example") == 403
+    there = wire(server, "GET / HTTP/1.1", f"host: evil.example:{server.port}", "connection: close", "")
+    assert rest(there).startswith(b"HTTP/1.1 421")
+    assert status(at(server.url, "ws"), Origin=f"http://127.0.0.1:{server.port}") == 101
+
+
+def test_a_token_is_in_no_log_whatever_is_done_with_it(
+    serve: Callable[..., WebServer], said: list[str], web: httpx.Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name in ("httpx", "httpcore", "websockets"):  # the clients
+        caplog.set_level(logging.CRITICAL, name)
+    caplog.set_level(logging.DEBUG)
+    game = ScriptedGame()
+    server = serve(game, tokens=Tokens.new())
+    assert server.tokens is not None
+    logging.getLogger("uvicorn.error").setLevel(logging.DEBUG)
+    logging.getLogger("uvicorn.access").setLevel(logging.DEBUG)
+    with Page(server) as page:
+        game.fails = {"tell", "hello"}
+        page.ask("start")
+        with contextlib.suppress(ConnectionClosed):
+            Page(server).close()
+        web.get(server.url)
+        web.get(server.url, headers={"authorization": f"Bearer {server.tokens.operator}"})
+        web.get(at(server.url, "story/1.bin"))
+        rest(wire(server, f"GET /?token={server.tokens.operator} HTTP/1.1", "host: a b", "bad header", ""))
+        rest(wire(server, f"GET /?token={server.tokens.operator}&a=\x01 HTTP/1.1", ""))
+        status(at(server.url, "ws"), Origin="http://evil.example")
+    server.close()
+    for token in (server.tokens.operator, server.tokens.viewer):
+        assert token not in caplog.text
+        assert token not in "\n".join(said)
+    assert "token=..." in caplog.text  # the library has told of it, and been corrected
+
+
+def drawn_wrong(count: int) -> list[str]:
+    """Messages that are none: drawn over the schema, and those again with a piece cut out, doubled or exchanged."""
+    drawn: list[str] = []
+
+    @given(st.lists(texts, min_size=50, max_size=50))
+    @settings(max_examples=12, suppress_health_check=list(HealthCheck), derandomize=True, database=None, deadline=None)
+    def draw(batch: list[str]) -> None:
+        drawn.extend(batch)
+
+    draw()
+    random = Random(1)
+    right = [as_said(word) for word in RIGHT]
+    while len(drawn) < 2 * count:
+        text = random.choice(random.choice((drawn, right)))
+        first, last = sorted(random.choices(range(len(text) + 1), k=2))
+        other = random.choice(right)
+        drawn.append(
+            text[:first] + random.choice(("", 2 * text[first:last], other[first:last], "\0", "é")) + text[last:]
+        )
+    return [text for text in drawn if len(text) < 2000 and not is_right(text)][:count]
+
+
+def test_ten_thousand_malformed_messages_change_nothing(serve: Callable[..., WebServer], said: list[str]) -> None:
+    game = ScriptedGame()
+    server = serve(game, messages_per_s=1e9)
+    wrong = drawn_wrong(10_000)
+    assert len(wrong) == 10_000
+    with undisturbed(server), Page(server) as page:
+        for k, text in enumerate(wrong):
+            page.socket.send(text)
+            if k % 32 == 31:  # who does not hear what he is answered is sent away
+                assert page.ask("ping")["ok"]
+        assert page.ask("ping")["ok"]
+        assert sum(text["kind"] == "refused" for text in page.texts) == 10_000
+    assert (game.told, said) == ([], [])
+    assert {call[0] for call in game.calls} <= {"watched", "left"}
+
+
+def test_bytes_are_refused_with_words(serve: Callable[..., WebServer]) -> None:
+    with Page(serve(ScriptedGame())) as page:
+        page.socket.send(b'{"do":"start"}')
+        assert "bytes are not" in page.wait("refused")["words"]
+
+
+def test_a_message_of_10_mb_ends_the_connection_of_who_sent_it(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with undisturbed(server):
+        for message in ("x" * 10_000_000, ("x" * 10_000 for _ in range(1000))):  # at once, and in parts
+            page = Page(server)
+            with contextlib.suppress(ConnectionClosed):
+                page.socket.send(message)
+            with pytest.raises(ConnectionClosed):
+                page.listen(10.0)
+            with contextlib.suppress(ConnectionClosed):
+                page.close()
+    assert game.told == []
+
+
+def test_a_flood_of_messages_is_refused_once_a_second_and_ended_and_stop_is_heard_all_the_same(
+    serve: Callable[..., WebServer],
+) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with undisturbed(server), Page(server) as page:
+        for _ in range(200):
+            page.socket.send('{"do":"reset"}')
+        assert page.ask("stop")["ok"]
+        assert 0 < len(game.told) < 120
+        with contextlib.suppress(ConnectionClosed):
+            for _ in range(2000):
+                page.socket.send('{"do":"reset"}')
+        with pytest.raises(ConnectionClosed):
+            page.listen(5.0)
+        kinds = [text["kind"] for text in page.texts]
+        assert 1 <= kinds.count("refused") <= 5
+        assert page.texts[-1] == {"kind": "bye", "words": "too many messages"}
+
+
+def test_slow_requests_are_ended_and_others_let_in_meanwhile(serve: Callable[..., WebServer]) -> None:
+    server = serve(ScriptedGame(), headers_s=0.5, body_s=0.5)
+    host = f"host: 127.0.0.1:{server.port}"
+    began = time.monotonic()
+    with undisturbed(server):
+        slow = [wire(server) for _ in range(20)]
+        slow += [wire(server, "GET / HTTP/1.1", host) for _ in range(20)]
+        answered = wire(server, "GET /health HTTP/1.1", host, "")
+        assert answered.recv(1 << 16).startswith(b"HTTP/1.1 200")
+        answered.sendall(b"GET /health HTTP/1.1\r\n")  # and half a second one
+        body = wire(server, "POST /map HTTP/1.1", host, "content-length: 1000", "", "{")
+        for there in (*slow, answered):
+            assert rest(there) == b""
+        assert rest(body).startswith(b"HTTP/1.1 408")
+    assert time.monotonic() - began < 5.0
+
+
+def test_who_sends_a_byte_now_and_then_has_no_more_time_than_others(serve: Callable[..., WebServer]) -> None:
+    server = serve(ScriptedGame(), headers_s=0.5)
+    there = wire(server, "GET / HTTP/1.1")
+    began = time.monotonic()
+    with contextlib.suppress(ConnectionError):
+        while time.monotonic() - began < 5.0:
+            there.sendall(b"a")
+            time.sleep(0.05)
+            there.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                if there.recv(10) == b"":
+                    break
+            there.settimeout(10.0)
+    there.close()
+    assert 0.4 < time.monotonic() - began < 2.0
+
+
+def test_a_thousand_connections_are_refused_beyond_the_limit_and_make_room_again(
+    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+) -> None:
+    server = serve(ScriptedGame(), most_viewers=20)  # and 50 connections for files
+    with undisturbed(server), contextlib.ExitStack() as them:
+        many = [them.enter_context(wire(server)) for _ in range(1000)]
+        eventually(lambda: sum(_is_cut(there) for there in many) >= 1000 - 2 * 70)
+        full = next(there for there in reversed(many) if not _is_cut(there))
+        full.sendall(b"GET / HTTP/1.1\r\n")
+        assert rest(full).startswith(b"HTTP/1.1 503")
+    eventually(lambda: _answers(web, server))
+    with Page(server) as page:
+        page.wait("scene")
+    assert said == []
+
+
+def _is_cut(there: socket.socket) -> bool:
+    there.setblocking(False)
+    try:
+        return there.fileno() < 0 or there.recv(1, socket.MSG_PEEK) == b""
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    finally:
+        if there.fileno() >= 0:
+            there.settimeout(10.0)
+
+
+def _answers(web: httpx.Client, server: WebServer) -> bool:
+    try:
+        return web.get(f"{server.url}health").status_code == 200
+    except httpx.HTTPError:
+        return False
+
+
+def test_more_viewers_than_may_be_are_refused_and_operators_still_come_in(
+    serve: Callable[..., WebServer], said: list[str]
+) -> None:
+    server = serve(ScriptedGame(), tokens=Tokens.new(), most_viewers=30)
+
+    async def crowd() -> tuple[int, list[int]]:
+        async with contextlib.AsyncExitStack() as them:
+            refused = []
+            for _ in range(60):
+                try:
+                    await them.enter_async_context(connect_async(at(server.viewer_url, "ws"), compression=None))
+                except InvalidStatus as error:
+                    refused.append(error.response.status_code)
+            operator = await them.enter_async_context(connect_async(at(server.url, "ws"), compression=None))
+            hello = json.loads(await operator.recv())
+            assert hello["access"] == "operator"
+            return 60 - len(refused), refused
+
+    accepted, refused = asyncio.run(crowd())
+    assert (accepted, set(refused)) == (30, {503})
+    assert len(said) == 1
+
+
+def test_one_who_reads_nothing_is_sent_away_and_makes_nobody_late(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as page, contextlib.ExitStack() as them:
+        for _ in range(5):
+            them.enter_context(upgrade(server, receive_bytes=4096))
+        page.people(viewers=6)
+        page.frames.clear()
+        words = "x" * 300_000
+        while page.texts[-1].get("viewers") != 1:  # they had too much to take
+            game.happens(words=words)
+            page.listen(0.04)
+            assert len(game.entries) < 200
+        times = [at_s for at_s, _ in page.frames]
+        assert max(after - before for before, after in itertools.pairwise(times)) < 0.5
+
+
+def test_one_who_has_pings_answered_and_reads_nothing_is_cut_off(serve: Callable[..., WebServer]) -> None:
+    server = serve(ScriptedGame())
+    with undisturbed(server):
+        there = upgrade(server, receive_bytes=4096)
+        ping = struct.pack("!BB4s", 0x89, 0x80 | 125, bytes(4)) + bytes(125)
+        sent = 0
+        with contextlib.suppress(OSError):
+            while sent < 100e6:
+                there.sendall(ping * 500)
+                sent += 500 * len(ping)
+        there.close()
+        assert sent < 100e6
+
+
+def test_an_upload_that_breaks_off_leaves_the_way_free(
+    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    for _ in range(3):
+        there = wire(server, "POST /map HTTP/1.1", f"host: 127.0.0.1:{server.port}", "content-length: 9", "", "{")
+        there.close()
+    body = {"name": "a", "yaml": "b", "image": ""}
+    eventually(lambda: web.post(f"{server.url}map", json=body).status_code == 200)
+    assert said == []
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=100, suppress_health_check=list(HealthCheck), derandomize=True, database=None)
+def _any_bytes(server: WebServer, data: bytes) -> None:
+    with contextlib.suppress(OSError):
+        there = wire(server)
+        there.sendall(data + b"\r\n\r\n")
+        there.shutdown(socket.SHUT_WR)
+        rest(there)
+
+
+def test_whatever_bytes_come_the_server_stays(
+    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+) -> None:
+    server = serve(ScriptedGame(), headers_s=0.2)
+    with undisturbed(server):
+        _any_bytes(server)
+    assert _answers(web, server)
+    assert said == []
+
+
+def test_a_phone_that_is_gone_without_a_word_is_noticed(
+    serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pacman_env.web import server as module
+
+    monkeypatch.setattr(module, "PING_S", 0.2)
+    monkeypatch.setattr(module, "PONG_S", 0.3)
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as page:
+        dead = upgrade(server)
+        page.people(viewers=2)
+        page.people(viewers=1)
+        assert ("left", "guest-2") in game.calls
+        dead.close()
+
+
+def test_one_who_looks_gets_no_further_by_any_message(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game, tokens=Tokens.new(), messages_per_s=1e9)
+    said_by: Any = {}
+    with Page(server, server.viewer_url) as page:
+        for word, fields in RIGHT.items():
+            said_by[word] = page.ask(word, **fields)["ok"]
+    allowed = {kind.__struct_config__.tag for kind in messages.FOR_ALL}
+    assert {word for word, ok in said_by.items() if ok} == allowed
+    assert {type(message) for _, message in game.told} <= set(messages.FOR_ALL)

@@ -1,0 +1,470 @@
+"""The server over real sockets: what is answered, in which order, and who may do what."""
+
+from __future__ import annotations
+
+import base64
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from pacman_env import __version__
+from pacman_env.web import control, messages, viewers
+from pacman_env.web.access import Tokens
+from pacman_env.web.game import Refused
+from pacman_env.web.messages import Message
+from pacman_env.web.server import MOST_UPLOAD, WebServer, map_name
+from tests.web.pages import FILES, Page, at, eventually
+from tests.web.scripted_game import PICTURE, ScriptedGame
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def blocking() -> tuple[ScriptedGame, threading.Event, threading.Event]:
+    """A game whose ``start`` takes until the second event, after setting the first."""
+    begun, go_on = threading.Event(), threading.Event()
+
+    def tell(person: str, message: Message) -> Any:
+        if isinstance(message, messages.Start):
+            begun.set()
+            assert go_on.wait(20.0)
+        return {"did": type(message).__name__}
+
+    return ScriptedGame(tell), begun, go_on
+
+
+# over HTTP
+
+
+def test_the_page_and_its_files_are_served_by_their_kind_and_asked_for_anew_only_when_changed(
+    serve: Callable[..., WebServer],
+    web: httpx.Client,
+) -> None:
+    url = serve(ScriptedGame()).url
+    page = web.get(url)
+    assert (page.content, page.headers["content-type"]) == (FILES["index.html"], "text/html; charset=utf-8")
+    for name, kind in {"page.js": "text/javascript", "page.css": "text/css", "light.svg": "image/svg+xml"}.items():
+        file = web.get(f"{url}static/{name}")
+        assert file.content == FILES[name]
+        assert file.headers["content-type"].split(";")[0] == kind
+        assert file.headers["cache-control"] == "no-cache"
+        again = web.get(f"{url}static/{name}", headers={"if-none-match": file.headers["etag"]})
+        assert (again.status_code, again.content) == (304, b"")
+    assert web.get(f"{url}health").json() == {"ok": True, "version": __version__}
+
+
+@pytest.mark.parametrize("path", ["", "no.js", "../secret.js", "%2e%2e/secret.js", "..%2fsecret.js", "a%00.js", "."])
+def test_other_files_are_not_there(serve: Callable[..., WebServer], path: str) -> None:
+    server = serve(ScriptedGame())
+    with socket.create_connection(("127.0.0.1", server.port)) as wire:  # as it stands: a client would tidy it up
+        head = f"GET /static/{path} HTTP/1.1\r\nhost: localhost:{server.port}\r\nconnection: close\r\n\r\n"
+        wire.sendall(head.encode())
+        answer = b"".join(iter(lambda: wire.recv(4096), b""))
+    assert answer.startswith(b"HTTP/1.1 404")
+    assert b"content-security-policy" in answer
+    assert b"secret" not in answer
+
+
+def test_maps_and_rounds_are_fetched_with_the_token(serve: Callable[..., WebServer], web: httpx.Client) -> None:
+    game = ScriptedGame()
+    game.stories[3] = bytes(range(256)) * 1000
+    server = serve(game, tokens=Tokens.new())
+    assert server.tokens is not None
+    with Page(server) as page:
+        scene = page.wait("scene")
+        where = scene["map"]["url"].removeprefix("/")
+        assert web.get(at(server.viewer_url, where)).content == PICTURE
+        headers = {"authorization": f"Bearer {server.tokens.viewer}"}
+        base = server.url.partition("?")[0]
+        assert web.get(f"{base}story/3.bin", headers=headers).content == game.stories[3]
+        assert web.get(f"{base}story/3.bin").status_code == 401
+        for path in ("story/4.bin", "map/9.png", f"story/{10**30}.bin", "nothing"):
+            assert web.get(base + path, headers=headers).status_code == 404
+
+
+def upload(web: httpx.Client, url: str, **changed: Any) -> httpx.Response:
+    body = {"name": "My house!", "yaml": "image: a.pgm", "image": base64.b64encode(b"P5 picture").decode(), **changed}
+    return web.post(at(url, "map"), json=body)
+
+
+def test_a_map_of_ones_own_is_handed_to_the_game(serve: Callable[..., WebServer], web: httpx.Client) -> None:
+    game = ScriptedGame()
+    url = serve(game).url
+    assert upload(web, url).json() == {"ok": True, "words": "12 pellets", "map": "my-house"}
+    assert game.maps == {"my-house": ("image: a.pgm", b"P5 picture")}
+    refused = upload(web, url, yaml="refuse")
+    assert (refused.status_code, refused.json()) == (200, {"ok": False, "words": "nowhere to drive", "map": None})
+
+
+NO_MAPS = (b"", b"{", b"[]", b'{"name":"a"}', b'{"name":1,"yaml":"","image":""}', b"\xff", b"[" * 9000, b"null")
+
+
+def test_what_is_no_map_is_refused(serve: Callable[..., WebServer], web: httpx.Client, said: list[str]) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    for body in NO_MAPS:
+        answer = web.post(f"{server.url}map", content=body)
+        assert (answer.status_code, answer.json()["ok"]) == (400, False)
+    assert web.post(f"{server.url}map", content=b'{"name":"a","yaml":"b","image":"%%%"}').status_code == 400
+    assert upload(web, server.url, extra=1).status_code == 400
+    assert (game.calls, said) == ([], [])
+
+
+def test_a_map_too_large_or_of_one_who_looks_is_refused(serve: Callable[..., WebServer], web: httpx.Client) -> None:
+    game = ScriptedGame()
+    server = serve(game, tokens=Tokens.new())
+    assert upload(web, server.url, image="A" * (MOST_UPLOAD + 4)).status_code == 413
+    assert upload(web, server.viewer_url).status_code == 403
+    assert web.post(server.url.partition("?")[0] + "map", json={}).status_code == 401
+    assert game.calls == []
+    assert upload(web, server.url).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [("../../etc/passwd", "etc-passwd"), ("", "map"), ("Ünï", "n"), ("A b_c-9", "a-b_c-9"), ("x" * 99, "x" * 40)],
+)
+def test_names_of_maps_are_small_letters_digits_and_dashes(name: str, safe: str) -> None:
+    assert map_name(name) == safe
+
+
+# the websocket
+
+
+def test_one_who_comes_is_told_all_there_is_and_shown_at_most_20_frames_a_second(
+    serve: Callable[..., WebServer],
+) -> None:
+    with Page(serve(ScriptedGame())) as page:
+        assert page.hello["access"] == "operator"
+        assert page.hello["source"] == "simulator"
+        assert page.hello["choices"] == {"maps": ["house"]}
+        page.listen(1.5)
+        assert [text["kind"] for text in page.texts] == ["hello", "scene", "people"]
+        assert page.texts[1]["home"] == [0.0, 0.0, None]  # JSON has no NaN
+        assert 10 <= len(page.frames) <= 31
+
+
+def test_what_is_said_is_done_and_answered(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame(lambda person, message: {"nan": float("nan"), "by": person})
+    with Page(serve(game)) as page:
+        answer = page.ask("start")
+        assert answer == {"kind": "answer", "id": 1, "ok": True, "words": "", "data": {"nan": None, "by": page.name}}
+        assert game.told == [(page.name, messages.Start(id=1))]
+        assert page.ask("ping")["ok"]
+        assert page.people(operator=page.name)["viewers"] == 1
+
+
+def test_what_the_game_refuses_is_answered_with_its_words(serve: Callable[..., WebServer]) -> None:
+    with Page(serve(ScriptedGame())) as page:
+        answer = page.ask("place_clyde", x=1, y=2)
+        assert (answer["ok"], answer["words"]) == (False, "not in the menu")
+        page.say("place_clyde", x=1, y=2, id=0)
+        assert page.wait("refused")["words"] == "not in the menu"
+
+
+def test_an_error_in_the_game_is_one_line_of_the_log_and_the_server_goes_on(
+    serve: Callable[..., WebServer], web: httpx.Client, said: list[str]
+) -> None:
+    game = ScriptedGame()
+    with Page(serve(game)) as page:
+        game.fails = {"tell", "stop", "frame", "watched", "add_map", "left"}
+        for _ in range(3):
+            assert page.ask("start")["words"] == "internal error"
+            assert page.ask("stop")["words"] == "internal error"
+        page.listen(0.3)
+        assert not upload(web, at(page_url(page)), yaml="x").json()["ok"]
+        game.fails = set()
+        assert page.ask("start")["ok"]
+        seen = len(page.frames)
+        page.listen(0.3)
+        assert len(page.frames) > seen
+    assert len(said) == 4
+    assert all("is broken" in line and "\n" not in line for line in said)
+
+
+def page_url(page: Page) -> str:
+    host, port = page.socket.remote_address[:2]
+    return f"http://{host}:{port}/"
+
+
+def test_an_answer_that_is_no_json_is_an_internal_error(serve: Callable[..., WebServer]) -> None:
+    with Page(serve(ScriptedGame(lambda person, message: object()))) as page:
+        assert page.ask("start")["words"] == "internal error"
+
+
+def test_a_game_that_cannot_say_hello_is_said_and_the_page_may_try_again(
+    serve: Callable[..., WebServer], said: list[str]
+) -> None:
+    game = ScriptedGame()
+    game.fails = {"hello"}
+    server = serve(game)
+    with pytest.raises(ConnectionClosed):
+        Page(server)
+    assert len(said) == 1
+    game.fails = set()
+    Page(server).close()
+
+
+def test_what_one_person_says_is_done_in_order_and_waits_for_nobody_else(serve: Callable[..., WebServer]) -> None:
+    game, begun, go_on = blocking()
+    server = serve(game)
+    with Page(server) as one, Page(server) as other:
+        last = [one.say("start"), *(one.say("clyde_speed", mps=k / 10) for k in range(1, 20))][-1]
+        assert begun.wait(10.0)
+        assert other.ask("stories")["data"] == {"did": "Stories"}
+        assert [type(message) for _, message in game.told] == [messages.Start, messages.Stories]
+        go_on.set()
+        one.wait("answer", lambda text: text["id"] == last)
+        speeds = [message.mps for _, message in game.told if isinstance(message, messages.ClydeSpeed)]
+        assert speeds == [k / 10 for k in range(1, 20)]
+
+
+def test_stop_goes_before_all_else_that_one_has_said(serve: Callable[..., WebServer]) -> None:
+    game, begun, go_on = blocking()
+    with Page(serve(game)) as page:
+        page.say("start")
+        assert begun.wait(10.0)
+        for _ in range(200):  # more than may wait, and more than the rate
+            page.say("clyde_speed", mps=1.0)
+        said_at = time.monotonic()
+        page.say("stop")
+        eventually(lambda: game.stopped_at)
+        assert game.stopped_at[0] - said_at < 0.2
+        assert not go_on.is_set()
+        go_on.set()
+
+
+def test_a_release_does_not_undo_a_stop_that_came_after_it(serve: Callable[..., WebServer]) -> None:
+    game, begun, go_on = blocking()
+    with Page(serve(game)) as page:
+        page.say("start")
+        assert begun.wait(10.0)
+        release = page.say("release")
+        stop = page.say("stop")
+        page.wait("answer", lambda text: text["id"] == stop)
+        go_on.set()
+        assert page.wait("answer", lambda text: text["id"] == release)["words"] == "stopped again meanwhile"
+        assert ("release", page.name) not in game.calls
+        assert page.ask("release")["ok"]
+        assert ("release", page.name) in game.calls
+
+
+def test_more_than_may_wait_is_refused(serve: Callable[..., WebServer]) -> None:
+    game, begun, go_on = blocking()
+    with Page(serve(game, messages_per_s=1e6)) as page:
+        page.say("start")
+        assert begun.wait(10.0)
+        for _ in range(viewers.MOST_TEXTS):
+            page.say("reset")
+        assert "too much at once" in page.wait("answer")["words"]
+        go_on.set()
+
+
+# who may do what
+
+
+def test_one_who_looks_may_stop_and_ask_and_nothing_else(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game, tokens=Tokens.new())
+    with Page(server, server.viewer_url) as page:
+        assert page.hello["access"] == "viewer"
+        for do, fields in {"start": {}, "control": {"what": "take"}, "seat": {"who": "robot"}, "release": {}}.items():
+            answer = page.ask(do, **fields)
+            assert (answer["ok"], answer["words"]) == (False, "your link is for looking, and for STOP")
+        assert game.told == []
+        assert page.ask("stop")["ok"]
+        assert page.ask("stories")["ok"]
+        assert ("stop", page.name) in game.calls
+
+
+def test_one_has_control_at_a_time_and_may_give_it(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as one, Page(server) as other:
+        assert one.ask("start")["ok"]
+        refused = other.ask("start")
+        assert (refused["ok"], refused["words"]) == (False, f"{one.name} has control: ask for it")
+        assert other.ask("stop")["ok"]
+        assert not other.ask("release")["ok"]
+        assert other.ask("control", what="ask")["ok"]
+        one.people(operator=one.name, asking=[other.name])
+        assert one.ask("control", what="give")["ok"]
+        other.people(operator=other.name, asking=[])
+        assert other.ask("release")["ok"]
+        assert not one.ask("start")["ok"]
+
+
+def test_control_is_free_some_time_after_the_page_went_away(
+    serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "KEPT_S", 0.5)
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as other:
+        with Page(server) as one:
+            one.ask("control", what="take")
+            one.ask("seat", who="robot")
+            other.people(operator=one.name)
+        gone = time.monotonic()
+        eventually(lambda: ("left", one.name) in game.calls)
+        assert time.monotonic() - gone < 0.4  # what he drives stands at once
+        assert not other.ask("start")["ok"]
+        other.people(operator=None)
+        assert time.monotonic() - gone >= 0.5
+        assert other.ask("start")["ok"]
+        assert other.ask("seat", who="robot")["ok"]
+
+
+def test_a_page_that_comes_back_has_its_name_control_and_seat_again(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as one:
+        one.ask("control", what="take")
+        one.ask("seat", who="ghost-1")
+    eventually(lambda: ("left", one.name) in game.calls)
+    with Page(server, again=one.hello["again"]) as back, Page(server, again=one.hello["again"]) as thief:
+        assert back.name == one.name
+        assert thief.name != one.name  # a key is good once
+        seats = thief.people(operator=one.name)["seats"]
+        assert seats["ghost-1"] == one.name
+        eventually(lambda: game.told.count((one.name, messages.Seat(who="ghost-1"))) == 1)
+        assert back.ask("start")["ok"]
+
+
+def test_a_page_that_comes_back_before_its_loss_is_noticed_ends_the_old_connection(
+    serve: Callable[..., WebServer],
+) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as one:
+        one.ask("control", what="take")
+        with Page(server, again=one.hello["again"]) as back:
+            assert back.name == one.name
+            assert "anew" in one.wait("bye")["words"]
+            assert back.ask("start")["ok"]
+            assert back.people(viewers=1) if not back.texts[-1].get("viewers") else True
+
+
+def test_a_seat_has_one_person_and_only_he_plays_it(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    with Page(server) as one, Page(server) as other:
+        assert one.ask("goal", candidate=1)["words"] == "take a seat first"
+        assert one.ask("seat", who="robot")["ok"]
+        assert other.ask("seat", who="robot")["words"] == f"{one.name} has the seat robot"
+        assert other.ask("seat", who="ghost-0")["ok"]
+        assert other.ask("drive", v=1, omega=0)["words"] == "take the robot's seat first"
+        assert one.ask("drive", v=1, omega=0)["ok"]
+        assert other.ask("goal", x=1, y=2)["ok"]
+        assert one.ask("seat", who="none")["ok"]
+        assert other.ask("seat", who="robot")["ok"]
+        people = other.people(operator=None)
+        assert people["seats"]["robot"] == other.name or other.people(operator=None)["seats"]["robot"] == other.name
+
+
+def test_a_seat_that_the_game_refuses_is_not_had(serve: Callable[..., WebServer]) -> None:
+    def tell(person: str, message: Message) -> None:
+        if isinstance(message, messages.Seat) and message.who == "ghost-3":
+            raise Refused("there are 3 ghosts")
+
+    with Page(serve(ScriptedGame(tell))) as page:
+        assert page.ask("seat", who="robot")["ok"]
+        assert page.ask("seat", who="ghost-3")["words"] == "there are 3 ghosts"
+        assert page.ask("drive", v=1, omega=0)["ok"]  # he has the one he had
+
+
+def test_on_the_robot_its_seat_needs_control_and_goes_with_it(serve: Callable[..., WebServer]) -> None:
+    game = ScriptedGame(source="ros")
+    server = serve(game)
+    with Page(server) as one, Page(server) as other:
+        assert one.ask("seat", who="robot")["ok"]
+        one.people(operator=one.name)
+        assert not other.ask("seat", who="robot")["ok"]
+        other.ask("control", what="ask")
+        assert one.ask("control", what="give")["ok"]
+        assert not one.ask("drive", v=0.1, omega=0)["ok"]
+        assert other.ask("seat", who="robot")["ok"]
+        assert (one.name, messages.Seat(who="none")) in game.told
+
+
+# beginning and end
+
+
+def test_the_end_is_said_to_all_and_takes_less_than_two_seconds(serve: Callable[..., WebServer]) -> None:
+    server = serve(ScriptedGame())
+    with Page(server) as page, socket.create_connection(("127.0.0.1", server.port)) as idle:
+        began = time.monotonic()
+        threading.Thread(target=server.close).start()
+        assert page.wait("bye")["words"] == "the server ends"
+        with pytest.raises(ConnectionClosed) as closed:
+            page.listen(5.0)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1001
+        eventually(lambda: server._thread is None)
+        assert time.monotonic() - began < 2.0
+        assert idle.recv(100) == b""
+
+
+def test_a_server_that_is_back_has_its_pages_again(serve: Callable[..., WebServer]) -> None:
+    first = serve(ScriptedGame())
+    with Page(first) as page:
+        first.close()
+    again = serve(ScriptedGame(), port=first.port)
+    with Page(again, again=page.hello["again"]) as page:
+        assert page.name == "guest-1"
+        page.wait("scene")
+
+
+def test_what_cannot_be_had_is_one_line(serve: Callable[..., WebServer]) -> None:
+    taken = serve(ScriptedGame()).port
+    for host, port, words in (
+        ("127.0.0.1", taken, f"port {taken} of 127.0.0.1 is taken"),
+        ("no-such-name.invalid", 0, "no-such-name.invalid: no such address"),
+        ("192.0.2.1", 0, "192.0.2.1 is no address of this computer"),
+    ):
+        with pytest.raises(OSError, match=words):
+            WebServer(ScriptedGame(), host, port).start()
+
+
+def test_the_newer_kind_of_address_will_do(serve: Callable[..., WebServer], web: httpx.Client) -> None:
+    try:
+        server = serve(ScriptedGame(), host="::1")
+    except OSError:
+        pytest.skip("no IPv6 here")
+    assert server.url == f"http://[::1]:{server.port}/"
+    with Page(server) as page:
+        assert page.ask("start")["ok"]
+
+
+SERVES = """
+from pacman_env.web.server import serve
+from tests.web.scripted_game import ScriptedGame
+game = ScriptedGame()
+serve(game, port=0, tell=lambda words: print(words, flush=True))
+print("ended", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_within_two_seconds(number: signal.Signals) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [sys.executable, "-c", SERVES], stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stdout is not None
+        assert "http://127.0.0.1:" in process.stdout.readline()
+        began = time.monotonic()
+        process.send_signal(number)
+        assert process.stdout.read() == "ended\n"
+        assert process.wait(10) == 0
+        assert time.monotonic() - began < 2.0

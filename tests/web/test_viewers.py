@@ -1,0 +1,192 @@
+"""What waits for a viewer stays small, and he sees the newest; how much he may say."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.web.frame import decode
+from pacman_env.web.viewers import MOST_PICTURES, MOST_TEXTS, PATIENCE, Audience, Bucket, Place, Viewer
+from tests.web.scripted_game import ScriptedGame
+
+
+def viewer(name: str = "ann", rate: float = 50.0) -> Viewer:
+    return Viewer(name, "operator", Place(), Bucket(rate, 0.0))
+
+
+def taken(one: Viewer | Place) -> list[Any]:
+    """What waits: texts as objects, frames as frames."""
+    place = one.place if isinstance(one, Viewer) else one
+    assert place is not None
+
+    async def take() -> list[str | bytes]:
+        return await asyncio.wait_for(place.take(), 1.0)
+
+    try:
+        things = asyncio.run(take())
+    except TimeoutError:
+        return []
+    return [json.loads(thing) if isinstance(thing, str) else thing for thing in things]
+
+
+def kinds(things: list[Any]) -> list[str]:
+    return [thing["kind"] if isinstance(thing, dict) else "frame" for thing in things]
+
+
+def audience(game: ScriptedGame, *here: Viewer, most: int = 100) -> Audience:
+    there = Audience(game, most, lambda: {"viewers": len(there.here)})
+    for one in here:
+        there.welcome(one)
+    return there
+
+
+def tick(there: Audience) -> None:
+    there.show(there.look(there.wanted()))
+
+
+def test_of_frames_the_newest_alone_waits_and_texts_keep_their_order() -> None:
+    place = Place()
+    for k in range(1000):
+        place.put_frame(b"%d" % k)
+        if k % 100 == 0:
+            place.put_text(json.dumps({"kind": str(k)}))
+    assert taken(place) == [*({"kind": str(k)} for k in range(0, 1000, 100)), b"999"]
+
+
+def test_who_takes_nothing_is_told_good_bye_and_nothing_else() -> None:
+    for texts in (["{}"] * (MOST_TEXTS + 1), ["x" * (3 << 20)] * 2):
+        place = Place()
+        for text in texts:
+            place.put_text(text)
+        place.put_frame(b"frame")
+        assert place.ended.is_set()
+        things = taken(place)
+        assert kinds(things) == ["bye"]
+        assert "slow" in things[0]["words"]
+        assert taken(place) == []
+
+
+def test_one_waits_for_what_is_not_there_yet() -> None:
+    async def run() -> list[str | bytes]:
+        place = Place()
+        taking = asyncio.ensure_future(place.take())
+        await asyncio.sleep(0)
+        assert not taking.done()
+        place.put_frame(b"now")
+        return await taking
+
+    assert asyncio.run(run()) == [b"now"]
+
+
+@given(st.lists(st.floats(0, 2), max_size=300), st.sampled_from([1.0, 5.0, 50.0]))
+def test_within_any_time_no_more_passes_than_the_rate(steps: list[float], rate: float) -> None:
+    bucket, now, passed = Bucket(rate, 0.0), 0.0, 0
+    for step in steps:
+        now += step
+        passed += bucket.spend(now)
+        assert passed <= rate * (now + 1.0) + 1e-6
+
+
+def test_who_says_too_much_is_told_so_once_a_second_and_then_sent_away() -> None:
+    one, heard, now, words = viewer(), 0, 0.0, []
+    assert one.place is not None
+    while not one.place.ended.is_set() and now < 60.0:
+        now += 0.005  # 200 a second
+        heard += one.allow(now)
+        if one.place._texts:
+            words += kinds(taken(one))
+    assert one.over == PATIENCE
+    assert heard <= 50 * (now + 1)
+    assert words[-1] == "bye"
+    assert 1 <= words.count("refused") == len(words) - 1 <= now + 1
+
+
+def test_who_says_a_little_too_much_now_and_then_stays() -> None:
+    one = viewer()
+    assert one.place is not None
+    for second in range(0, 600, 3):
+        for _ in range(60):
+            one.allow(float(second))
+        one.place._texts.clear()
+    assert not one.place.ended.is_set()
+
+
+def test_all_are_shown_the_same_bytes_and_the_frame_is_made_once() -> None:
+    people = [viewer(str(k)) for k in range(50)]
+    game = ScriptedGame()
+    there = audience(game, *people)
+    tick(there)
+    shown = [taken(one) for one in people]
+    assert all(kinds(things) == ["scene", "people", "frame"] for things in shown)
+    assert len({id(things[-1]) for things in shown}) == 1
+    assert decode(shown[0][-1]).number == game.number
+
+
+def test_a_game_that_stands_still_is_not_shown_again_but_to_newcomers() -> None:
+    first, second = viewer("ann"), viewer("bob")
+    there = audience(ScriptedGame(moves=False), first)
+    tick(there)
+    assert kinds(taken(first)) == ["scene", "people", "frame"]
+    tick(there)
+    there.welcome(second)
+    tick(there)
+    assert kinds(taken(second)) == ["scene", "people", "frame"]
+    assert kinds(taken(first)) == ["people"]
+
+
+def test_a_new_scene_comes_before_its_frames_and_the_last_pictures_are_kept() -> None:
+    game, one = ScriptedGame(), viewer()
+    there = audience(game, one)
+    for revision in range(1, 10):
+        game.revision = revision
+        tick(there)
+        things = taken(one)
+        assert things[0]["revision"] == decode(things[-1]).revision == revision
+        assert things[0]["map"]["url"] == f"/map/{revision}.png"
+    assert list(there.pictures) == list(range(10 - MOST_PICTURES, 10))
+
+
+def test_news_are_told_once_and_not_those_from_before_one_came() -> None:
+    game, one = ScriptedGame(), viewer()
+    game.happens(event="before")
+    there = audience(game, one)
+    tick(there)
+    assert "news" not in kinds(taken(one))
+    game.happens(event="start")
+    game.happens(why={"rows": []})
+    tick(there)
+    (news,) = [thing for thing in taken(one) if kinds([thing]) == ["news"]]
+    assert [item["event"] for item in news["items"]] == ["start"]
+    tick(there)
+    assert "news" not in kinds(taken(one))
+
+
+def test_the_terms_are_asked_for_and_told_only_while_somebody_looks_at_them() -> None:
+    game, ann, bob = ScriptedGame(), viewer("ann"), viewer("bob")
+    there = audience(game, ann, bob)
+    ann.why = True
+    tick(there)
+    game.happens(why={"rows": []})
+    tick(there)
+    assert "news" in kinds(taken(ann))
+    assert "news" not in kinds(taken(bob))
+    there.farewell(ann)
+    tick(there)
+    assert [call for call in game.calls if call[0] == "watched"] == [
+        ("watched", True, False),
+        ("watched", False, False),
+    ]
+    there.farewell(bob)
+    number = game.number
+    tick(there)
+    assert game.number == number  # nobody is here: it is left alone
+
+
+def test_a_crowd_does_not_keep_an_operator_out() -> None:
+    there = audience(ScriptedGame(), *(viewer(str(k)) for k in range(3)), most=3)
+    assert not there.has_room("viewer")
+    assert there.has_room("operator")
