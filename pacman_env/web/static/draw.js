@@ -252,8 +252,8 @@ function ghost(context, view, place, facts, layers, colours, mine) {
   context.closePath();
   context.fillStyle = colour;
   context.fill();
-  context.strokeStyle = mine ? colours.goal : colours.rim;
-  context.lineWidth = mine ? 2.5 : 1.2;
+  context.strokeStyle = mine ? colours.goal : colours.ghost;
+  context.lineWidth = mine ? 3 : 1.2;
   context.stroke();
   for (const side of [-1, 1]) {
     const eye = x + side * 0.4 * size;

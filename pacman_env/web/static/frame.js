@@ -1,6 +1,6 @@
 // A frame from its bytes: docs/web_protocol.md, "a frame".
 
-export const STATES = ["menu", "returning_home", "starting", "running", "dying", "complete"];
+const STATES = ["menu", "returning_home", "starting", "running", "dying", "complete"];
 const PAUSED = 1, STOPPED = 2, BELIEVED = 4, TRUE = 8, SHADOW = 16, OVER = 32, RING = 64;
 const HEAD = 104;
 

@@ -16,7 +16,7 @@ export async function copyLink(link) {
   }
 }
 
-export function readLink(hash, settings) {
+function readLink(hash, settings) {
   const words = new URLSearchParams(hash.replace(/^#/, ""));
   if (!words.has("seed")) return null;
   const message = { do: "setup", finish: true, seed: Number(words.get("seed")), settings: {} };

@@ -2,7 +2,7 @@
 
 const MOST_PIXELS = 4e6;
 
-export class MapPicture {
+class MapPicture {
   constructor(image, map) {
     this.map = map;
     const { width, height } = image;

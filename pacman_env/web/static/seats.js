@@ -47,7 +47,9 @@ export class Seats {
   async #sit(who) {
     this.#release();
     const answer = await this.connection.ask({ do: "seat", who });
-    if (told(answer) && answer.data?.words) notice(`The seat is ${answer.data.words}.`);
+    if (!told(answer)) return;
+    if (answer.data?.words) notice(`The seat is ${answer.data.words}.`);
+    if (who !== "none" && matchMedia("(max-width: 820px)").matches) document.querySelector(".panel").classList.remove("open"); // there is the map
   }
 
   #show() {
@@ -103,8 +105,8 @@ export class Seats {
   #duel() {
     const frame = state.frame;
     const robot = state.people.seats?.robot;
-    const beside = Boolean(frame?.shadow) && !state.story;
-    const words = beside ? `${robot === me() || !robot ? "you" : robot} ${frame.collected}, ${state.scene?.policy ?? "policy"} ${frame.shadow_collected}` : "";
+    const beside = Boolean(frame?.shadow && robot) && !state.story;
+    const words = beside ? `${robot === me() ? "you" : robot} ${frame.collected}, ${state.scene?.policy ?? "policy"} ${frame.shadow_collected}` : "";
     write($("duel"), words);
     $("duel").hidden = !words;
   }

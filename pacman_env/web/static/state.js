@@ -28,7 +28,6 @@ export function tell(topic, value) {
 
 export const shown = () => (state.story ? state.story.frames[state.story.index] : state.frame);
 export const shownScene = () => state.story?.scene ?? state.scene;
-export const isSimulator = () => state.hello?.source !== "ros";
 export const me = () => state.hello?.you ?? null;
 export const inControl = () => state.people.operator !== null && state.people.operator === me();
 
