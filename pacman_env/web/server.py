@@ -96,6 +96,7 @@ class Pages:
         self._upload = asyncio.Semaphore(1)  # their size is bounded: so is that of all together
         self.connected: set[asyncio.Task[Any]] = set()
         self.ending = False
+        self._arriving = 0
 
     def application(self) -> Starlette:
         """The paths."""
@@ -137,7 +138,7 @@ class Pages:
 
     async def _story(self, request: Request) -> Response:
         number = request.path_params["number"]
-        story = await asyncio.to_thread(self._game.story, number) if number < 2**31 else None
+        story = await self._desk.in_thread(self._game.story, number) if number < 2**31 else None
         if story is None:
             return PlainTextResponse("no such round\n", 404)
 
@@ -164,7 +165,7 @@ class Pages:
             if body is None:
                 return _map_answer(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
             try:
-                added = await asyncio.to_thread(self._add, body)
+                added = await self._desk.in_thread(self._add, body)
             except msgspec.DecodeError as error:
                 return _map_answer(400, f"no map: {error}")
             except Refused as refused:  # asked rightly: the page shows the words, the browser no error
@@ -186,18 +187,23 @@ class Pages:
 
     async def _socket(self, socket: WebSocket) -> None:
         access = socket.scope["access"]
-        if self.ending or not self._desk.audience.has_room(access):
+        if self.ending or not self._desk.audience.has_room(access, self._arriving):
             words = "no room: there are as many viewers as may be"
             self._said("full", f"refused: {words}")
             await refuse(socket.scope, socket.send, 503, words)
             return
-        await socket.accept()
+        self._arriving += 1
         try:
+            await socket.accept()
             viewer = await self._desk.arrive(access, socket.query_params.get("again", ""))
+        except WebSocketDisconnect:
+            return
         except Exception as error:
             self._said.error("the game cannot be shown", error)
             await socket.close(1011, "internal error")
             return
+        finally:
+            self._arriving -= 1
         task = asyncio.current_task()
         assert task is not None
         self.connected.add(task)
