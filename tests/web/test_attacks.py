@@ -306,15 +306,17 @@ def test_more_viewers_than_may_be_are_refused_and_operators_still_come_in(
 ) -> None:
     server = serve(ScriptedGame(), tokens=Tokens.new(), most_viewers=30)
 
+    options: dict[str, Any] = {"compression": None, "max_queue": None, "close_timeout": 1.0}
+
     async def crowd() -> tuple[int, list[int]]:
         async with contextlib.AsyncExitStack() as them:
             refused = []
             for _ in range(60):
                 try:
-                    await them.enter_async_context(connect_async(at(server.viewer_url, "ws"), compression=None))
+                    await them.enter_async_context(connect_async(at(server.viewer_url, "ws"), **options))
                 except InvalidStatus as error:
                     refused.append(error.response.status_code)
-            operator = await them.enter_async_context(connect_async(at(server.url, "ws"), compression=None))
+            operator = await them.enter_async_context(connect_async(at(server.url, "ws"), **options))
             hello = json.loads(await operator.recv())
             assert hello["access"] == "operator"
             return 60 - len(refused), refused
