@@ -34,6 +34,7 @@ _HAND_S = 0.5  # after so long without a velocity the robot stands (Create 3)
 _PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
 _STEPS = 64  # of a tick that frames tell apart
 _HOME_S = 2.0  # real time after a round, in which its end is looked at
+_REHEARSED = 6  # ticks: the planner plans, goals begin
 _WHY_S = 0.25  # between two tellings of the terms
 
 
@@ -219,8 +220,9 @@ class SimulatedGame:
         try:
             self._tell([{"words": "preparing the first round; its rules are compiled if they have not been before"}])
             try:
+                self._rehearse()
                 self._lay_out()
-            except Refused as refused:  # of the command line: nobody else has chosen yet
+            except ValueError as refused:  # of the command line: nobody else has chosen yet
                 self._tell([{"words": str(refused)}])
             while not self._closed:
                 self._take_order(self._wait_s())
@@ -495,6 +497,16 @@ class SimulatedGame:
             self._feedback.turned = 0.0
             self._show(played)
             self._set_scene()
+
+    def _rehearse(self) -> None:
+        """Some ticks of a round that nobody sees: what has to be compiled is compiled now, not while one is played."""
+        config, source, ghosts = self._choices.prepare(self._rules, None)
+        played = PlayedRound(config, source, ghosts, (self._rules.policy, self._rules.second), 0)
+        for _ in range(_REHEARSED):
+            played.step(Orders())
+        played.why_now()
+        played.lidar()
+        played.step(Orders(robot=True, velocity=(0.1, 0.0)))
 
     def _base_mps(self, config: Config) -> float:
         """Clyde's speed of round 1, of a configuration that has that of this round."""

@@ -1,8 +1,8 @@
 // Run the game: Start, Pause, Reset, speed, STOP; what its state is; who has control.
 
-import { $, clock, setIcon, throttled, write } from "./dom.js";
+import { $, clock, make, setIcon, throttled, write } from "./dom.js";
 import { notice, told, unnotice } from "./notices.js";
-import { inControl, isSimulator, me, on, shown, state } from "./state.js";
+import { inControl, me, on, shown, state } from "./state.js";
 
 const WORDS = { menu: "Menu", returning_home: "Driving home", starting: "Starting", running: "Running", dying: "Caught", complete: "Complete" };
 const STOP_PATIENCE_MS = 900;
@@ -35,7 +35,7 @@ export function setUpControls(connection) {
     const word = state.story ? "Recording" : frame.stopped ? "Stopped" : frame.paused && frame.state === "running" ? "Paused" : WORDS[frame.state];
     write(label, word);
     label.dataset.state = state.story ? "story" : frame.stopped ? "stopped" : frame.state;
-    write($("score"), String(frame.score));
+    write($("score"), state.story ? "–" : String(frame.score));
     write($("pellets"), frame.spawned ? `${frame.collected}/${frame.spawned}` : "–");
     write($("time"), clock(frame.time_s));
     write($("round"), String(frame.round));
@@ -134,17 +134,17 @@ function setUpLease(connection) {
   });
 }
 
-// The result of a round, seen and spoken.
+// The result of a round, seen and spoken: as soon as the game says so, and when its recording is there.
+const RESULTS = { complete: "All pellets collected", caught: "Caught", timeout: "The time is up" };
+
 export function setUpResult() {
-  let over = false;
-  on("frame", (frame) => {
-    const now = frame.state === "complete" || frame.state === "dying" || frame.over;
-    if (now && !over) {
-      const words = frame.state === "complete" || frame.collected === frame.spawned ? "All pellets collected" : frame.state === "dying" ? "Caught" : "The time is up";
-      showResult(words, `${frame.collected} of ${frame.spawned} pellets in ${clock(frame.time_s)}`);
-    }
-    if (!now && over && frame.state === "running") $("result").hidden = true;
-    over = now;
+  let before = "";
+  on("frame", ({ state: now, collected, spawned, time_s }) => {
+    if (now === before) return;
+    if (now === "complete") showResult({ result: "complete", collected, spawned, time_s });
+    if (now === "dying") showResult({ result: "caught", collected, spawned, time_s });
+    if (now === "running") $("result").hidden = true;
+    before = now;
   });
   on("story", () => {
     if (state.story) $("result").hidden = true;
@@ -152,12 +152,13 @@ export function setUpResult() {
 }
 
 let hide = 0;
-function showResult(title, words) {
+export function showResult({ result, collected, spawned, time_s }) {
   const box = $("result");
-  box.replaceChildren(Object.assign(document.createElement("strong"), { textContent: title }), words);
+  const [title, words] = [RESULTS[result] ?? result, `${collected} of ${spawned} pellets in ${clock(time_s)}`];
+  if (box.textContent !== title + words) box.replaceChildren(make("strong", { text: title }), words);
   box.hidden = Boolean(state.story);
   clearTimeout(hide);
   hide = setTimeout(() => {
     box.hidden = true;
-  }, isSimulator() ? 6000 : 12000);
+  }, 10000);
 }

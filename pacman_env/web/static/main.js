@@ -2,12 +2,12 @@
 
 import { isLight, setUpTheme } from "./colours.js";
 import { Connection } from "./connection.js";
-import { setUpControls, setUpResult } from "./controls.js";
+import { setUpControls, setUpResult, showResult } from "./controls.js";
 import { $, clock, isTyping, make, write } from "./dom.js";
 import { decode, sameFrame } from "./frame.js";
 import { setUpGates } from "./gates.js";
 import { copyLink, followLink } from "./link.js";
-import { GameMap, layers } from "./map.js";
+import { GameMap, layers, view } from "./map.js";
 import { notice } from "./notices.js";
 import { setUpReady } from "./ready.js";
 import { Seats } from "./seats.js";
@@ -46,9 +46,12 @@ setUpReady(connection);
 const setup = new Setup(connection, token);
 const seats = new Seats(connection, map, setup);
 const why = new Why(connection);
-const stories = new Stories(connection, map, token, (entry) => seats.ended(entry));
+const stories = new Stories(connection, map, token, (entry) => {
+  showResult(entry);
+  seats.ended(entry);
+});
 const sounds = new Sounds(count);
-window.pacman = { count, state, sounds, connection };
+window.pacman = { count, state, sounds, connection, view };
 setUpTheme($("theme"), () => map.repaint());
 setUpTabs();
 setUpKeys();

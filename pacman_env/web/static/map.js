@@ -103,6 +103,13 @@ export class GameMap {
     this.redraw();
   }
 
+  // So many pixels at the bottom are covered.
+  cover(inset) {
+    view.inset = inset;
+    if (view.fitted) view.fit();
+    this.redraw();
+  }
+
   fit() {
     this.follow(false);
     view.fit();

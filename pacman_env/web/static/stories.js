@@ -103,6 +103,7 @@ export class Stories {
     write($("story-title"), `Round ${entry.story}: ${(NAMES[entry.result] ?? entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`);
     write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
     await this.map.show(scene);
+    this.map.cover($("story-bar").offsetHeight + 8);
     this.seek(tick);
     this.#list();
     requestAnimationFrame(() => this.#marks());
@@ -116,6 +117,7 @@ export class Stories {
     $("story-bar").hidden = true;
     $("ring").hidden = false;
     this.#list();
+    this.map.cover(0);
     tell("why");
     tell("story", null);
     this.map.show(state.scene).then(() => state.frame && this.map.take(state.frame, true));

@@ -10,6 +10,7 @@ export class View {
     this.y = 0;
     this.width = 1;
     this.height = 1;
+    this.inset = 0; // pixels at the bottom that something covers
     this.bounds = [-5, -5, 5, 5];
     this.fitted = true;
     this.following = false;
@@ -26,13 +27,14 @@ export class View {
   #fitScale() {
     const [x0, y0, x1, y1] = this.bounds;
     const margin = this.width < 600 ? 14 : 36;
-    return Math.max(4, Math.min((this.width - 2 * margin) / (x1 - x0), (this.height - 2 * margin) / (y1 - y0)));
+    return Math.max(4, Math.min((this.width - 2 * margin) / (x1 - x0), (this.height - this.inset - 2 * margin) / (y1 - y0)));
   }
 
   fit() {
     const [x0, y0, x1, y1] = this.bounds;
     [this.x, this.y] = [(x0 + x1) / 2, (y0 + y1) / 2];
     this.scale = this.#fitScale();
+    this.y -= this.inset / 2 / this.scale;
     this.fitted = true;
   }
 

@@ -84,8 +84,8 @@ export class Why {
         make("th", { scope: "row" }, make("button", { type: "button", text: (by.length ? "★ " : "") + name(candidate), title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
           onfocus: point(true), onblur: point(false), onclick: () => this.#go(candidate, kind) })),
         ...policies.flatMap((policy, g) => columns[policy].map((column, k) => {
-          const said = column === "rank" ? String(ranks[policy].get(candidate)) : value(terms[policy]?.[column]);
-          const names = [g && !k ? "second" : "", chosen[policy] === candidate ? "chosen" : "", column === "rank" && apart ? "apart" : "", said === "–" ? "none" : ""];
+          const said = column === "rank" ? (Number.isFinite(this.#rank(row, policy)) ? String(ranks[policy].get(candidate)) : "–") : value(terms[policy]?.[column]);
+          const names = [g && !k ? "second" : "", chosen[policy] === candidate ? "chosen" : "", column === "rank" && apart && said !== "–" ? "apart" : "", said === "–" ? "none" : ""];
           return make("td", { class: names.filter(Boolean).join(" "), text: said });
         })));
     }));

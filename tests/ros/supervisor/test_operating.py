@@ -8,12 +8,14 @@ import os
 import pty
 import re
 import signal
+import socket
 import struct
 import subprocess
 import sys
 import termios
 import threading
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -91,7 +93,10 @@ def ask(*words: str) -> subprocess.CompletedProcess[str]:
 def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Terminal]:
     logs = tmp_path_factory.mktemp("up") / "logs"
     words = ["--map", "house", "--policy", "nearest", "--sim", "--speed", "5", "--home", "0.5", "0", "1.5"]
-    terminal = Terminal([*COMMAND, "up", *words, "--logs", str(logs)])
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        port = one.getsockname()[1]
+    terminal = Terminal([*COMMAND, "up", *words, "--web", str(port), "--logs", str(logs)])
     try:
         yield terminal
     finally:
@@ -138,6 +143,47 @@ def test_another_terminal_starts_and_resets_the_game_and_says_how_it_stands(game
     assert ask("reset").returncode == 0
 
 
+def test_the_space_bar_stops_the_robot_until_g_and_so_does_another_terminal(game: Terminal) -> None:
+    game.wait_for(lambda: game.shows(r"^menu "), "the menu")
+    game.press("s")
+    game.wait_for(lambda: game.shows(r"^(starting|running) +round 1"), "the round")
+    since = len(game.lines)
+    game.press(" ")
+    game.wait_for(lambda: game.shows(r"^\w+ +round 1.*STOPPED", since), "the stop")
+    assert "until 'pacman-env ros release'" in ask("status").stdout
+    since = len(game.lines)
+    game.press("g")
+    game.wait_for(lambda: game.shows(r"^released$", since), "the release")
+    stopped = ask("stop")
+    assert (stopped.returncode, stopped.stderr) == (0, "")
+    for name in ("game_controller", "game_event_mapper", "goal_selector", "pacman_page"):
+        assert name in stopped.stdout
+    assert json.loads(ask("status", "--json").stdout)["goal_selector"]["stopped"]
+    released = ask("release")
+    assert released.returncode == 0
+    assert "goal_selector" in released.stdout
+    assert ask("release").stdout == "nothing was stopped\n"
+    assert ask("reset").returncode == 0
+
+
+def test_the_page_is_there_and_comes_back_when_it_was_killed(game: Terminal) -> None:
+    game.wait_for(lambda: game.shows(r"^page: http://127\.0\.0\.1:\d+/ on this computer$"), "the page's address")
+    (line,) = {line for line in game.lines if line.startswith("page: ")}
+    link = line.split()[1]
+
+    def there() -> bool:
+        try:
+            with urllib.request.urlopen(f"{link}health", timeout=5) as answer:
+                return bool(json.load(answer)["ok"])
+        except OSError:
+            return False
+
+    game.wait_for(there, "the page")
+    os.kill(pid_of("operator_page", game), signal.SIGKILL)
+    game.wait_for(lambda: game.shows(r"^operator_page ended with status -9"), "its death")
+    game.wait_for(there, "the page to be back")
+
+
 def test_a_second_game_in_the_namespace_is_refused_by_the_names_of_the_first(game: Terminal) -> None:
     game.wait_for(lambda: game.shows(r"^menu "), "the menu")
     second = ask("up", "--map", "house", "--policy", "nearest")
@@ -162,7 +208,9 @@ def test_the_key_q_stops_everything_and_says_what_is_being_stopped(game: Termina
     game.press("q")
     assert game.end() == 0
     assert game.shows(r"^stopping goal_selector, then \d+ more")
-    assert game.shows(r"^stopping sim_robot")
+    stopped = [line.split()[1].rstrip(",") for line in game.lines if line.startswith("stopping ") and "_" in line]
+    assert stopped[:3] == ["goal_selector", "game_event_mapper", "game_light_node"]
+    assert {"operator_page", "sim_robot"} <= set(stopped)
     assert game.lines[-1] == "stopped"
     nobody = ask("status", "--wait", "1")
     assert nobody.returncode == 3

@@ -126,6 +126,22 @@ def test_a_node_that_refuses_its_arguments_is_not_started_again(group: ProcessGr
     assert said == []
 
 
+def test_what_the_others_can_do_without_is_given_up_and_they_go_on(folder: Path, said: list[str]) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
+    command = lambda name: [f"nodes.{name}", str(folder / "order")]  # noqa: E731
+    group = ProcessGroup(command, folder, environment, said.append, spare=("refuses",))
+    group.start("first")
+    group.start("refuses")
+    ready(group, "first")
+    wait_for(lambda: group.tend() == ["refuses"], "its end")
+    assert said == [
+        f"refuses does not start: refuses: no such map ({folder / 'refuses.log'}); it is given up, the rest goes on"
+    ]
+    for _ in range(3):
+        assert group.tend() == []
+    assert group.stop() == []
+
+
 def test_a_node_whose_work_is_done_can_be_dismissed(group: ProcessGroup) -> None:
     group.start("done")
     wait_for(lambda: group.status("done") == 0, "done")

@@ -1,0 +1,163 @@
+"""A real browser at the operator's page: Chromium, driven by Playwright, over the server and the simulator."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from pacman_env.web.rules import Rules
+from pacman_env.web.server import WebServer
+from pacman_env.web.simulated import SimulatedGame
+
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--autoplay-policy=no-user-gesture-required"),
+)
+PATIENCE_S = 120.0  # of a machine that is busy
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+def missing(what: str) -> None:
+    """Say by name what a test lacks: a failure in CI, a skip elsewhere."""
+    if os.environ.get("CI"):
+        pytest.fail(f"missing: {what}")
+    pytest.skip(f"missing: {what}")
+
+
+@dataclass
+class Visitor:
+    """Somebody at a page; what goes wrong in it is kept."""
+
+    page: Any
+    url: str
+    allowed: tuple[str, ...] = ()  # beginnings of errors that belong to a test
+    errors: list[str] = field(default_factory=list)
+    foreign: list[str] = field(default_factory=list)
+
+    def watch(self) -> Visitor:
+        host = self.url.split("/")[2]
+        self.page.on("console", lambda said: said.type == "error" and self._wrong(said.text))
+        self.page.on("pageerror", lambda error: self._wrong(str(error)))
+        for kind in ("request", "websocket"):
+            self.page.on(kind, lambda asked: asked.url.split("/")[2] != host and self.foreign.append(asked.url))
+        return self
+
+    def _wrong(self, words: str) -> None:
+        if not words.startswith(self.allowed or ("\0",)):
+            self.errors.append(words)
+
+    def open(self, path: str = "", ready: bool = True) -> Visitor:
+        self.page.goto(self.url + path)
+        if ready:
+            self.wait("window.pacman?.state.frame && window.pacman.state.scene?.map")
+        return self
+
+    def value(self, expression: str) -> Any:
+        return self.page.evaluate(
+            f"(() => {{ const {{count, state, view}} = window.pacman ?? {{}}; return {expression} }})()"
+        )
+
+    def wait(self, expression: str, why: str = "") -> Any:
+        """Until an expression of the page is true."""
+        end = time.monotonic() + PATIENCE_S
+        while not (value := self.value(expression)):
+            if time.monotonic() > end:
+                raise AssertionError(f"never: {why or expression}\n{self.value('JSON.stringify(count)')}")
+            self.page.wait_for_timeout(25)
+        return value
+
+    def until(self, what: Callable[[], Any], why: str) -> None:
+        """Until something outside the page is true."""
+        end = time.monotonic() + PATIENCE_S
+        while not what():
+            assert time.monotonic() < end, f"never: {why}"
+            self.page.wait_for_timeout(25)
+
+    def press(self, *names: str) -> None:
+        """Buttons by id, one after the other."""
+        for name in names:
+            self.page.click(f"#{name}")
+
+    def slide(self, name: str, value: float) -> None:
+        self.page.locator(f"#{name}").fill(str(value))
+
+    def text(self, name: str) -> str:
+        return str(self.page.locator(f"#{name}").text_content()).strip()
+
+    def click_at(self, x: float, y: float) -> None:
+        """On the map, m."""
+        box = self.page.locator("#top").bounding_box()
+        left, top = self.value(f"view.toScreen({x}, {y})")
+        self.page.mouse.click(box["x"] + left, box["y"] + top)
+
+    def check(self) -> None:
+        said = [*self.errors, *(self.value("count?.errors ?? []") or [])]
+        said = [words for words in said if not words.startswith(self.allowed or ("\0",))]
+        assert not said, f"errors of the page: {said}"
+        assert not self.foreign, f"asked other hosts: {self.foreign}"
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    """The browser of the system."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ModuleNotFoundError:
+        missing("Playwright for Python")
+    program = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if program is None:
+        missing("Chromium (apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def simulated() -> Iterator[SimulatedGame]:
+    """A game with short rounds."""
+    game = SimulatedGame(Rules(settings={"time_limit_s": 90.0}), seed=3)
+    yield game
+    game.close()
+
+
+@pytest.fixture
+def page_server(simulated: SimulatedGame) -> Iterator[WebServer]:
+    with WebServer(simulated, say=lambda _: None) as server:
+        yield server
+
+
+@pytest.fixture
+def visit(chromium: Any, page_server: WebServer) -> Iterator[Callable[..., Visitor]]:
+    """Opens the page in a browser of its own; at the end nothing may have gone wrong in any."""
+    visitors: list[Visitor] = []
+    contexts = []
+
+    def opened(path: str = "", *, allowed: tuple[str, ...] = (), ready: bool = True, **settings: Any) -> Visitor:
+        context = chromium.new_context(**{"viewport": {"width": 1280, "height": 800}, **settings})
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_S * 1000)
+        page.add_init_script(
+            "let away = false;"
+            "Object.defineProperty(document, 'hidden', {get: () => away});"
+            "window.goAway = (on) => { away = on; document.dispatchEvent(new Event('visibilitychange')); };"
+        )
+        url = f"http://127.0.0.1:{page_server.port}/"
+        visitor = Visitor(page, url, allowed).watch()
+        visitors.append(visitor)
+        return visitor.open(path, ready)
+
+    yield opened
+    try:
+        for visitor in visitors:
+            visitor.check()
+    finally:
+        for context in contexts:
+            context.close()

@@ -1,0 +1,349 @@
+"""The operator's page as people use it, in a real browser over the server and the simulator."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import pytest
+
+from pacman_env.web.access import Tokens
+from pacman_env.web.server import STATIC, WebServer
+from pacman_env.web.simulated import SimulatedGame
+from pacman_env.world.maps.occupancy import shipped_maps
+from tests.web.browser import Visitor
+
+Visit = Callable[..., Visitor]
+MAPS = Path(__file__).parents[2] / "maps"
+FASTEST = 50
+
+
+def start(visitor: Visitor, speed: float = FASTEST) -> None:
+    visitor.slide("speed", speed)
+    visitor.press("start")
+    visitor.wait(f"state.frame.state === 'running' && Math.round(state.frame.speed) === {speed}")
+
+
+def test_first_minute_of_a_newcomer(visit: Visit) -> None:
+    page = visit()
+    assert page.text("state") == "Menu"
+    assert "Press Start" in page.text("hint")
+    page.press("tab-why")
+    start(page, 8)
+    assert page.text("lease-words") == "You have control"
+    page.wait("state.frame.score > 1")
+    assert page.page.locator("#why-table tbody tr").count() > 3
+    assert re.search(r"ppo: \w+ \d+.*clyde_aware: \w+", page.text("why-words"))
+    page.slide("speed", FASTEST)
+    page.wait("document.querySelectorAll('#stories li').length === 1", "the round has ended")
+    assert re.search(r"\d+ of 13 pellets", page.text("result"))
+    page.wait("state.frame.state === 'menu'")
+    assert page.value("count.frames_drawn") > 20
+
+
+def test_pause_speed_reset(visit: Visit) -> None:
+    page = visit()
+    start(page, 5)
+    page.wait("state.frame.time_s > 0.5")
+    page.press("pause")
+    page.wait("state.frame.paused")
+    assert page.text("state") == "Paused"
+    assert page.text("pause") == "Go on"
+    page.page.wait_for_timeout(200)
+    stood = page.value("state.frame.time_s")
+    page.page.wait_for_timeout(400)
+    assert page.value("state.frame.time_s") == stood
+    page.press("pause")
+    page.wait(f"!state.frame.paused && state.frame.time_s > {stood}")
+    page.press("reset")
+    page.wait("state.frame.state === 'menu'")
+
+
+def test_another_policy_other_ghosts_another_map(visit: Visit) -> None:
+    page = visit()
+    page.page.select_option("#setup-map", "loop")
+    page.page.select_option("#setup-policy", "nearest")
+    page.page.select_option("#setup-second", "lookahead")
+    page.press("setup-ghost-add")
+    page.page.locator("#setup-ghosts select").nth(1).select_option("chase")
+    page.page.fill("#setup-seed", "12")
+    page.page.click("#settings summary")
+    page.page.fill("#settings-search", "time_limit")
+    limit = page.page.locator("#settings-list input:visible")
+    assert limit.count() == 1
+    limit.fill("33")
+    limit.blur()
+    assert "1 changed" in page.text("settings-count")
+    page.press("setup-start")
+    scene = page.wait("state.scene.map?.name === 'loop' && state.scene")
+    assert (scene["policy"], scene["second"], scene["seed"]) == ("nearest", "lookahead", 12)
+    assert [ghost["behaviour"] for ghost in scene["ghosts"]] == ["wander", "chase"]
+    assert scene["settings"] == {"time_limit_s": 33}
+    page.wait("state.frame.state !== 'menu' && state.frame.ghosts.length === 2")
+    page.press("reset")
+    page.slide("clyde-speed", 0.6)
+    page.wait("state.scene.clyde_speed_mps === 0.6")
+    page.page.select_option("#setup-map", "generated")
+    page.page.fill("#setup-level", "5")
+    page.press("setup-only")
+    page.wait("state.scene.map?.name === 'generated' && state.scene.level === 5")
+
+
+def test_a_map_of_ones_own(visit: Visit, tmp_path: Path) -> None:
+    page = visit()
+    image, yaml = tmp_path / "flat.pgm", tmp_path / "flat.yaml"
+    image.write_bytes((MAPS / "loop.pgm").read_bytes())
+    yaml.write_text((MAPS / "loop.yaml").read_text().replace("loop.pgm", "flat.pgm"))
+    page.page.click("#upload summary")
+    page.page.set_input_files("#upload-files", [yaml])
+    page.press("upload-send")
+    assert "two files" in page.text("upload-words")
+    page.page.set_input_files("#upload-files", [yaml, image])
+    page.press("upload-send")
+    page.wait("document.querySelector('#setup-map').value === 'flat'", "the map is chosen")
+    assert "pellets" in page.text("upload-words")
+    page.press("setup-only")
+    page.wait("state.scene.map?.name === 'flat'")
+    image.write_bytes(b"P5\n3 3\n255\n" + bytes(9))
+    page.page.set_input_files("#upload-files", [yaml, image])
+    page.press("upload-send")
+    page.wait("!/pellets|Checking/.test(document.querySelector('#upload-words').textContent)", "it is refused")
+
+
+def test_place_clyde(visit: Visit) -> None:
+    page = visit()
+    x, y = page.value("state.scene.pellets[7]")
+    page.press("place")
+    page.click_at(x, y)
+    page.wait(f"Math.hypot(state.frame.ghosts[0][0] - {x}, state.frame.ghosts[0][1] - {y}) < 0.3")
+    assert page.value("state.placing") is False
+    page.press("place")
+    page.page.focus("#top")
+    for key in ("ArrowRight", "ArrowUp", "Enter"):
+        page.page.keyboard.press(key)
+    page.wait(f"Math.hypot(state.frame.ghosts[0][0] - {x}, state.frame.ghosts[0][1] - {y}) > 0.5")
+
+
+def test_every_event_is_seen_and_heard(visit: Visit) -> None:
+    page = visit()
+    page.press("tab-show", "sound")
+    page.wait("window.pacman.sounds.on")
+    feedback = page.value("state.hello.feedback")
+    words = sorted(feedback, key=lambda word: word == "start theatrical")  # the longest sound is not waited for
+    assert page.page.locator("#show-event button").count() == len(words)
+    off = page.page.locator('[data-what="light"][data-word="off"]')
+    for word in words:
+        off.click()
+        page.wait("!state.frame.ring?.some((led) => led.some(Boolean))", f"dark before {word}")
+        before = page.value("count.notes")
+        page.page.click(f'[data-what="event"][data-word="{word}"]')
+        if feedback[word]["light"] != "off":
+            page.wait("state.frame.ring?.some((led) => led.some(Boolean))", f"the light of {word}")
+            shown = "JSON.parse(document.querySelector('#ring').dataset.ring)?.flat().some(Boolean)"
+            page.wait(shown, f"the ring of {word}")
+        if feedback[word]["sound"]:
+            notes = len(page.value("state.hello.melodies")[feedback[word]["sound"]])
+            page.wait(f"count.notes >= {before + notes}", f"the notes of {word}")
+    assert page.page.locator("#show-light button").count() == len(page.value("state.hello.words.light"))
+    assert page.page.locator("#show-sound button").count() == len(page.value("state.hello.words.sound"))
+    assert not page.page.is_checked("#arm")
+    page.page.check("#arm")
+
+
+def test_a_round_played_by_clicks(visit: Visit) -> None:
+    page = visit()
+    page.press("tab-play")
+    page.page.click("[data-seat=robot]")
+    page.wait("state.seat === 'robot' && state.frame.shadow")
+    assert page.text("duel") == "you 0, ppo 0"
+    start(page, 12)
+    sent = -1
+    while page.value("state.frame.state === 'running' && state.frame.collected < 4"):
+        pellet = page.value(
+            "(() => { const {frame, scene} = state; const [x, y] = frame.true; let best = -1, least = Infinity;"
+            "scene.pellets.forEach(([a, b], k) => { const away = Math.hypot(a - x, b - y);"
+            "if (frame.alive[k] && away < least) [best, least] = [k, away]; }); return best; })()"
+        )
+        if pellet != sent and pellet >= 0:
+            page.click_at(*page.value(f"state.scene.pellets[{pellet}]"))
+            sent = pellet
+        page.page.wait_for_timeout(50)
+    assert page.value("state.frame.collected") > 0
+    assert re.match(r"you \d+, ppo \d+", page.text("duel"))
+    page.page.keyboard.press("1")
+    page.slide("speed", FASTEST)
+    page.wait("document.querySelector('#duel-words').textContent", "who was better")
+    assert re.search("You were better|ppo was better|It is a draw", page.text("duel-words"))
+    assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
+
+
+def test_two_seats_from_two_browsers(visit: Visit) -> None:
+    robot, ghost = visit(), visit()
+    robot.press("tab-play")
+    robot.page.click("[data-seat=robot]")
+    ghost.press("tab-play")
+    ghost.page.click("[data-seat=ghost-0]")
+    robot.wait("state.people.seats['ghost-0'] && state.seat === 'robot'")
+    ghost.wait("state.people.seats.robot && state.seat === 'ghost-0'")
+    assert ghost.page.is_disabled("[data-seat=robot]")
+    start(robot, 3)
+    x, y, _ = robot.value("state.frame.true")
+    ghost.wait("state.frame.state === 'running'")
+    gx, gy = ghost.value("state.frame.ghosts[0]")
+    robot.page.locator("#map").focus()
+    robot.page.keyboard.down("ArrowUp")
+    ghost.click_at(*ghost.value("state.scene.pellets[0]"))
+    far = "Math.hypot(state.frame.true[0] - {}, state.frame.true[1] - {}) > 0.25"
+    robot.wait(far.format(x, y), "the robot drives")
+    robot.page.keyboard.up("ArrowUp")
+    robot.wait("Math.abs(state.frame.velocity[0]) < 0.02", "it stands when the key is up")
+    ghost.wait(f"Math.hypot(state.frame.ghosts[0][0] - {gx}, state.frame.ghosts[0][1] - {gy}) > 0.2", "Clyde goes")
+    assert ghost.page.is_disabled("#reset")
+    assert "has control" in ghost.text("reason")
+    ghost.press("lease-ask")
+    robot.page.click(".notice button:has-text('Give')")
+    ghost.wait("state.people.operator === state.hello.you")
+    ghost.press("reset")
+    robot.wait("state.frame.state === 'menu'")
+
+
+def test_a_finished_round(visit: Visit) -> None:
+    link = "#map=house&preset=robot&policy=ppo&second=clyde_aware&ghosts=wander&clyde=0.25&seed=11&tick=25"
+    page = visit(link)
+    page.wait("state.story?.index === 25", "the moment of the link")
+    story = page.value("state.story.entry")
+    assert story["ticks"] + 1 == page.value("state.story.frames.length")
+    page.press("tab-why")
+    page.wait("document.querySelectorAll('#why-table tbody tr').length > 3")
+    page.press("story-next")
+    marks = story["parts"] or story["decisions"]
+    following = next(tick for tick in marks if tick > 25)
+    assert page.value("state.story.index") == following
+    if story["parts"]:
+        page.wait("document.querySelector('#why-words .parted')")
+    page.press("story-previous")
+    assert page.value("state.story.index") < following
+    page.slide("story-range", 40)
+    assert page.value("state.story.index") == 40
+    assert page.text("story-at").startswith("0:")
+    page.page.focus("#top")
+    page.page.keyboard.press("ArrowRight")
+    assert page.value("state.story.index") == 41
+    page.press("story-play")
+    page.wait("state.story.index > 43")
+    page.press("story-play", "story-share")
+    assert re.search(r"seed=11&tick=\d+$", page.page.url)
+    page.press("story-close", "tab-rounds")
+    assert page.value("state.story") is None
+    assert page.page.locator("#stories li").count() == 1
+
+
+def test_server_lost_and_back(visit: Visit, page_server: WebServer, simulated: SimulatedGame) -> None:
+    page = visit(allowed=("WebSocket connection to",))
+    page.slide("speed", 2)
+    page.press("start")
+    page.wait("state.frame.state === 'running'")
+    port = page_server.port
+    page_server.close()
+    page.wait("((lost) => !lost.hidden && lost.textContent.includes('No connection'))(document.querySelector('#lost'))")
+    assert page.page.is_disabled("#start")
+    page.page.keyboard.press("Escape")
+    page.wait("document.querySelector('#lost').textContent.includes('NOT delivered')")
+    with WebServer(simulated, port=port, say=lambda _: None):
+        page.wait("state.connected && document.querySelector('#lost').hidden", "it is back by itself")
+        page.wait("state.frame.stopped", "the STOP that was owed arrives")
+        page.page.click("#release:visible:enabled")
+        page.wait("!state.frame.stopped")
+        page.press("stop")
+        page.wait("state.frame.stopped")
+
+
+def test_hidden_page_draws_nothing(visit: Visit) -> None:
+    page = visit()
+    start(page, 2)
+    page.wait("count.frames_drawn > 5")
+    page.page.evaluate("window.goAway(true)")
+    page.page.wait_for_timeout(150)
+    drawn, heard = page.value("[count.frames_drawn, count.frames]")
+    page.wait(f"count.frames > {heard + 5}")
+    assert page.value("count.frames_drawn") == drawn
+    page.page.evaluate("window.goAway(false)")
+    page.wait(f"count.frames_drawn > {drawn}")
+
+
+def test_still_page_draws_nothing(visit: Visit) -> None:
+    page = visit()
+    page.wait("count.frames_drawn > 0")
+    page.page.wait_for_timeout(400)
+    drawn = page.value("count.frames_drawn")
+    page.page.wait_for_timeout(600)
+    assert page.value("count.frames_drawn") == drawn
+
+
+def test_viewer_looks_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
+    tokens = Tokens(operator="o" * 32, viewer="v" * 32)
+    with WebServer(simulated, tokens=tokens, say=lambda _: None) as server:
+        page = visit(ready=False)
+        page.url = f"http://127.0.0.1:{server.port}/"
+        page.watch()
+        page.foreign.clear()
+        page.page.goto(f"{page.url}?token={'v' * 32}")
+        page.wait("state.frame")
+        page.foreign.clear()
+        for name in ("start", "reset", "setup-start", "clyde-speed", "place"):
+            assert page.page.is_disabled(f"#{name}"), name
+        assert "viewer" in page.text("reason")
+        page.press("stop")
+        page.wait("state.frame.stopped")
+        assert page.page.is_disabled("#release")
+        assert page.value("state.scene.map.url").startswith("/map/")
+
+
+@pytest.mark.parametrize("width", [390, 1024, 1920])
+def test_stop_is_in_reach(visit: Visit, width: int) -> None:
+    page = visit(viewport={"width": width, "height": 844 if width < 800 else 768}, has_touch=width < 800)
+    for tab in ("play", "why", "rounds", "show", "ready", "game"):
+        page.press(f"tab-{tab}")
+        assert page.page.is_visible(f"#panel-{tab}")
+        box = page.page.locator("#stop").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+        assert box["y"] + box["height"] <= page.page.viewport_size["height"]
+        assert min(box["width"], box["height"]) >= 44
+        assert page.value(f"document.elementFromPoint({box['x'] + 20}, {box['y'] + 20}).id") == "stop"
+    assert page.value("document.documentElement.scrollWidth") <= width
+    page.page.keyboard.press("Escape")
+    page.wait("state.frame.stopped")
+    page.press("release")
+    page.wait("!state.frame.stopped")
+
+
+def test_files_are_small_and_ask_nobody() -> None:
+    files = [path for path in STATIC.iterdir() if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 150_000
+    for path in files:
+        for address in re.findall(r"\w+://[^\s\"'`)]+", path.read_text()):
+            assert address.startswith(("http://www.w3.org/", "wss://${", "ws://${")), f"{path.name}: {address}"
+    page = (STATIC / "index.html").read_text()
+    assert not re.search(r"\son\w+=|\sstyle=|<style|<script(?![^>]*\ssrc=)", page)
+    named = set(re.findall(r"/static/([\w.]+)", page)) | {
+        name for path in files for name in re.findall(r"from \"\./([\w.]+)\"", path.read_text())
+    }
+    assert named <= {path.name for path in files}
+
+
+def test_content_security_policy(page_server: WebServer) -> None:
+    answer = httpx.get(f"http://127.0.0.1:{page_server.port}/", trust_env=False)
+    rules = dict(part.strip().split(" ", 1) for part in answer.headers["content-security-policy"].split(";"))
+    assert rules["default-src"] == "'none'"
+    assert rules["script-src"] == rules["style-src"] == rules["connect-src"] == "'self'"
+    assert "unsafe" not in json.dumps(rules)
+
+
+def test_every_map_has_a_place_in_the_form(visit: Visit) -> None:
+    page = visit()
+    names = page.value("[...document.querySelector('#setup-map').options].map(({value}) => value)")
+    assert {*shipped_maps(), "generated"} <= set(names)
