@@ -45,8 +45,9 @@ MOST_UPLOAD = 8 << 20
 BODY_S = 20.0  # for an upload
 REQUEST_S = 120.0  # for all else over HTTP
 GOODBYE_S = 0.5
-PING_S, PONG_S = 5.0, 10.0
-SPARE_CONNECTIONS = 50  # beside those of the viewers: for files and pictures
+PING_S, PONG_S = 3.0, 5.0  # a page that says nothing is gone after 8 s
+CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
+SPARE_CONNECTIONS = 50
 #: By the end of a file's name: not the system's list, which may be wrong or empty.
 TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -403,7 +404,7 @@ class WebServer:
         desk = Desk(self._game, said, self._most, self._rate)
         pages = Pages(self._game, desk, said, self._static, self._body_s)
         access = Access(self.tokens, (*names_of(self.host, self.address), *self._names))
-        door = Door(self._most + SPARE_CONNECTIONS, self._headers_s)
+        door = Door(CONNECTIONS * self._most + SPARE_CONNECTIONS, self._headers_s)
         guarded = Guard(_bounded(pages.application(), said), access, said)
         without_tokens = WithoutTokens(said)
         server = uvicorn.Server(_configuration(guarded, door))

@@ -24,7 +24,7 @@ from websockets.sync.client import connect
 
 from pacman_env.web import messages
 from pacman_env.web.access import Tokens
-from pacman_env.web.server import WebServer
+from pacman_env.web.server import CONNECTIONS, SPARE_CONNECTIONS, WebServer
 from tests.web.pages import Page, at, eventually
 from tests.web.said_by_pages import RIGHT, as_said, is_right, texts
 from tests.web.scripted_game import ScriptedGame
@@ -268,10 +268,10 @@ def test_who_sends_a_byte_now_and_then_has_no_more_time_than_others(serve: Calla
 def test_a_thousand_connections_are_refused_beyond_the_limit_and_make_room_again(
     serve: Callable[..., WebServer], said: list[str], web: httpx.Client
 ) -> None:
-    server = serve(ScriptedGame(), most_viewers=20)  # and 50 connections for files
+    server = serve(ScriptedGame(), most_viewers=20)
     with undisturbed(server), contextlib.ExitStack() as them:
         many = [them.enter_context(wire(server)) for _ in range(1000)]
-        eventually(lambda: sum(_is_cut(there) for there in many) >= 1000 - 2 * 70)
+        eventually(lambda: sum(_is_cut(there) for there in many) >= 1000 - 2 * (CONNECTIONS * 20 + SPARE_CONNECTIONS))
         full = next(there for there in reversed(many) if not _is_cut(there))
         full.sendall(b"GET / HTTP/1.1\r\n")
         assert rest(full).startswith(b"HTTP/1.1 503")
