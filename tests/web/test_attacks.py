@@ -73,18 +73,21 @@ def rest(there: socket.socket) -> bytes:
 
 
 @contextlib.contextmanager
-def undisturbed(server: WebServer, most_s: float = 1.0) -> Iterator[Page]:
-    """Another's page meanwhile: no two of its frames are far apart, and it is answered at the end."""
+def undisturbed(server: WebServer, most_s: float = 2.0) -> Iterator[Page]:
+    """Another's page meanwhile: the game is looked at all the time, the frames come to it, and it is answered."""
+    game = server._game
+    assert isinstance(game, ScriptedGame)
     with Page(server) as page:
         page.wait("scene")
+        first = len(game.looked_at)
         yield page
         page.listen(0.2)
         assert page.ask("ping")["ok"]
-        times = [at_s for at_s, _ in page.frames]
-        # Frames wait unread meanwhile, and how long each took is not seen; that all have come is.
+        looks = game.looked_at[first:]
+        assert max((after - before for before, after in itertools.pairwise(looks)), default=0.0) < most_s
         numbers = [struct.unpack_from("<I", frame, 8)[0] for _, frame in page.frames]
-        assert len(times) > 2
-        assert numbers == sorted(numbers)
+        assert numbers == sorted(set(numbers))
+        assert len(numbers) > len(looks) / 2  # of a busy machine
 
 
 def test_without_a_token_with_a_wrong_one_or_from_elsewhere_one_is_refused_and_it_is_said_once(
