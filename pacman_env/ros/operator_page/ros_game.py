@@ -106,6 +106,7 @@ class RosGame:
         self._velocity = topics.CMD_VEL.publisher(node)
         self._wheels = Wheels(self._publish_velocity)
         self._canceller = topics.NAVIGATE_TO_POSE.cancel_client(node)
+        self._motions = [topics.motion_canceller(node, name) for name in topics.MOTIONS]
         self._services = {
             service.name: service.client(node) for service in (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
         }
@@ -249,7 +250,8 @@ class RosGame:
             self._looked_s = now
             self._look_for_game()
             self._set_scene()
-        if self._operator.stopped and node.navigating and now - self._cancelled_s >= _CANCEL_AGAIN_S:
+        again_s = _CANCEL_AGAIN_S if node.navigating else _LOOK_S  # nobody tells of the base's own motions
+        if self._operator.stopped and now - self._cancelled_s >= again_s:
             self._cancel_goals()
         state = node.state
         if state != self._state:
@@ -343,10 +345,11 @@ class RosGame:
             self._wheels.release()
 
     def _cancel_goals(self) -> None:
-        """End every goal that Nav2 pursues, whoever sent it."""
-        if self._canceller.service_is_ready():
-            self._cancelled_s = time.monotonic()
-            self._canceller.call_async(self._canceller.srv_type.Request())  # all zero: every goal
+        """End every goal that Nav2 pursues and every motion of the base's own, whoever asked for it."""
+        self._cancelled_s = time.monotonic()
+        for canceller in (self._canceller, *self._motions):
+            if canceller.service_is_ready():
+                canceller.call_async(canceller.srv_type.Request())  # all zero: every goal
 
     def _publish_velocity(self, v: float, omega: float) -> None:
         self._velocity.publish(twist_message(v, omega, self._node.get_clock().now().to_msg()))
@@ -382,8 +385,8 @@ class RosGame:
         return answer.result()
 
     def _set_up(self, setup: messages.Setup) -> None:
-        """The policy alone can be changed while the game is up, in the menu."""
-        others = {name for name in setup.__struct_fields__ if name not in ("id", "policy")}
+        """The policy alone can be changed while the game is up, in the menu; no second one is asked beside it."""
+        others = {name for name in setup.__struct_fields__ if name not in ("id", "policy", "second")}
         if setup.policy is None or any(getattr(setup, name) not in (None, False) for name in others):
             raise Refused("on a robot only the policy can be changed here; all else is chosen by pacman-env ros up")
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=setup.policy)
