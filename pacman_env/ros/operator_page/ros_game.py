@@ -88,7 +88,7 @@ class RosGame:
         self._frame: Frame | None = None
         self._encoded, self._number = b"", 0
         self._seat: str | None = None
-        self._armed = False
+        self._armed: str | None = None  # by whom
         self._shows_until_s = 0.0  # a motion that an operator has asked for
         self._why = self._lidar = False
         self._there: bool | None = None  # the referee; None: nobody has looked yet
@@ -168,7 +168,9 @@ class RosGame:
         self._operator.say(False, person)
 
     def left(self, person: str) -> None:
-        """What he drove by hand stands."""
+        """What he drove by hand stands, and what he armed is not armed any more."""
+        if self._armed == person:
+            self._arm(None)
         if self._seat == person:
             self._seat = None
             self._wheels.let_go()
@@ -207,7 +209,7 @@ class RosGame:
             case messages.Event(word=word, what=what):
                 self._show(word, what)
             case messages.Arm(on=on):
-                self._arm(on)
+                self._arm(person if on else None)
             case messages.Ready():
                 return self._ready()
             case messages.Stories():
@@ -465,9 +467,9 @@ class RosGame:
     def _say(self, topic: topics.Topic, word: str) -> None:
         self._says[topic.name].publish(topic.type(data=word))
 
-    def _arm(self, on: bool) -> None:
-        self._armed = on
-        if not on and time.monotonic() < self._shows_until_s and self._node.state == "menu":
+    def _arm(self, by: str | None) -> None:
+        self._armed = by
+        if by is None and time.monotonic() < self._shows_until_s and self._node.state == "menu":
             self._say(topics.GAME_EVENT, "reset")  # ends the motion
         self._shows_until_s = 0.0
 
@@ -480,11 +482,10 @@ class RosGame:
                 found = find(doctor.evidence())
             finally:
                 doctor.close()
-        marks = {OK: "ok", BAD: "bad"}
         rows = [
             {
                 "name": one.check,
-                "state": marks.get(one.mark, "warning"),
+                "state": "bad" if one.mark == BAD else "ok" if one.mark == OK or not one.cure else "warning",
                 "words": one.seen,
                 "cure": ": ".join(filter(None, (one.cure, one.command))),
             }
