@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,6 +22,7 @@ FLAGS = (
     *("--disable-background-networking", "--disable-component-update", "--autoplay-policy=no-user-gesture-required"),
 )
 PATIENCE_S = 120.0  # of a machine that is busy
+AXE = "axe-core@4"
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
@@ -161,3 +164,21 @@ def visit(chromium: Any, page_server: WebServer) -> Iterator[Callable[..., Visit
     finally:
         for context in contexts:
             context.close()
+
+
+@pytest.fixture(scope="session")
+def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The source of axe-core, by npm; kept where ``AXE_CORE`` says, if it does."""
+    kept = os.environ.get("AXE_CORE")
+    folder = Path(kept) if kept else tmp_path_factory.mktemp("axe")
+    source = folder / "node_modules" / "axe-core" / "axe.min.js"
+    if not source.exists():
+        npm = shutil.which("npm")
+        if npm is None:
+            missing("npm, for axe-core")
+        folder.mkdir(parents=True, exist_ok=True)
+        command = [str(npm), "install", "--no-save", "--no-audit", "--no-fund", "--prefix", str(folder), AXE]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        if not source.exists():
+            missing(f"axe-core from npm ({done.stderr.strip()[-200:]})")
+    return source.read_text()

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from pacman_env.web.server import WebServer
-from tests.web.browser import chromium, page_server, simulated, visit  # noqa: F401 - fixtures
+from tests.web.browser import axe, chromium, page_server, simulated, visit  # noqa: F401 - fixtures
 from tests.web.pages import FILES
 
 

@@ -138,12 +138,14 @@ def test_every_event_is_seen_and_heard(visit: Visit) -> None:
     for word in words:
         off.click()
         page.wait("!state.frame.ring?.some((led) => led.some(Boolean))", f"dark before {word}")
+        page.wait("!window.pacman.sounds.sounding", "the sound before has ended")
+        page.page.wait_for_timeout(200)  # the game notices that it has
         before = page.value("count.notes")
-        page.page.click(f'[data-what="event"][data-word="{word}"]')
+        event = page.page.locator(f'[data-what="event"][data-word="{word}"]')
+        lit = page.value("count.lit")
+        event.click()
         if feedback[word]["light"] != "off":
-            page.wait("state.frame.ring?.some((led) => led.some(Boolean))", f"the light of {word}")
-            shown = "JSON.parse(document.querySelector('#ring').dataset.ring)?.flat().some(Boolean)"
-            page.wait(shown, f"the ring of {word}")
+            page.wait(f"count.lit > {lit}", f"the light of {word}")
         if feedback[word]["sound"]:
             notes = len(page.value("state.hello.melodies")[feedback[word]["sound"]])
             page.wait(f"count.notes >= {before + notes}", f"the notes of {word}")

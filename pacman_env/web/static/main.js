@@ -19,11 +19,10 @@ import { Stories } from "./stories.js";
 import { Why } from "./why.js";
 
 const MOST_LOG = 60;
-const count = { frames_drawn: 0, frames_per_second: 0, messages: 0, frames: 0, last_frame: -1, notes: 0, connections: 0, first_view_ms: null, errors: [] };
+const count = { frames_drawn: 0, frames_per_second: 0, messages: 0, frames: 0, last_frame: -1, notes: 0, lit: 0, connections: 0, first_view_ms: null, errors: [] };
 const token = new URLSearchParams(location.search).get("token");
 let latest = null; // bytes of the newest frame
 let again = ""; // the key by which the server knows us after a break
-let heard = 0; // the number of the last news
 
 addEventListener("error", (event) => count.errors.push(String(event.message)));
 addEventListener("unhandledrejection", (event) => count.errors.push(String(event.reason)));
@@ -41,7 +40,7 @@ const map = new GameMap({ token, count, actions: (world, candidate) => seats.tap
 setUpGates();
 setUpControls(connection);
 setUpResult();
-setUpShow(connection);
+setUpShow(connection, count);
 setUpReady(connection);
 const setup = new Setup(connection, token);
 const seats = new Seats(connection, map, setup);
@@ -88,9 +87,7 @@ function text(message) {
     case "hello": {
       state.hello = message;
       again = message.again ?? again;
-      const fresh = !state.connected;
       state.connected = true;
-      if (fresh) heard = 0;
       tell("hello", message);
       tell("connection");
       watch();
@@ -123,17 +120,14 @@ function linkOnce() {
 }
 
 function news(items) {
-  const fresh = items.filter(({ number }) => number === undefined || number > heard);
-  const old = heard === 0 && fresh.length > 1; // what happened before the page was there
-  heard = Math.max(heard, ...fresh.map(({ number }) => number ?? 0));
-  for (const item of fresh) {
+  for (const item of items) {
     if (item.why && !state.story) tell("why", (state.why = item.why));
     if (item.words) {
       $("log").prepend(make("li", { text: item.words }));
       while ($("log").children.length > MOST_LOG) $("log").lastElementChild.remove();
     }
   }
-  if (!old) tell("news", fresh);
+  tell("news", items);
 }
 
 function binary(data) {

@@ -7,7 +7,7 @@ import { on } from "./state.js";
 const DOTS = { yellow: "#ffb400", red: "#f00", blue: "#00f", pink: "#ff3cb4", orange: "#ff5000", white: "#fff", clyde: "#ff5000", blinky: "#f00", pinky: "#ff3cb4", inky: "#00f" };
 const DARK = "rgb(51, 58, 75)";
 
-export function setUpShow(connection) {
+export function setUpShow(connection, count) {
   const rings = [$("ring"), $("ring-large")];
   for (const ring of rings) ring.append(...Array.from({ length: 6 }, () => document.createElement("i")));
   let before = "";
@@ -16,6 +16,7 @@ export function setUpShow(connection) {
     if (key === before) return;
     before = key;
     const lit = ring?.some((led) => led.some(Boolean));
+    if (lit) count.lit++;
     for (const element of rings) {
       [...element.children].forEach((led, k) => {
         const colour = ring?.[k];

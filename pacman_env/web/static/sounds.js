@@ -15,13 +15,17 @@ export class Sounds {
     this.count = count;
     $("sound").addEventListener("click", () => this.switch(!this.on));
     on("news", (items) => {
-      for (const item of items) if (item.sound && !item.old) this.play(item.sound);
+      for (const item of items) if (item.sound) this.play(item.sound);
     });
     this.#show();
   }
 
   get on() {
     return this.#context?.state === "running" && this.wanted;
+  }
+
+  get sounding() {
+    return this.#playing.length > 0;
   }
 
   async switch(wanted) {
