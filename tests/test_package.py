@@ -84,7 +84,7 @@ def test_the_build_has_nothing_to_complain_about(built: tuple[Path, str]) -> Non
     assert [line for line in built[1].splitlines() if any(word in line.lower() for word in complaints)] == []
 
 
-def test_the_wheel_holds_the_package_evaluation_training_maps_planner_and_nothing_else(
+def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_nothing_else(
     built: tuple[Path, str],
 ) -> None:
     wheel, _ = built
@@ -97,7 +97,8 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_and_nothin
     package |= {"pacman_env/train/hyperparameters/PacManBot-v0.yaml"}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}
-    assert packed == package | maps | planner | {"pacman_env/maps/__init__.py", "pacman_env/py.typed"}
+    page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env/web/static").iterdir()}
+    assert packed == package | maps | planner | page | {"pacman_env/maps/__init__.py", "pacman_env/py.typed"}
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
 
 

@@ -184,6 +184,19 @@ CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "
 NAVIGATE_TO_POSE = RosAction("navigate_to_pose", "nav2_msgs/NavigateToPose")
 PLAY_NOTES = RosAction("audio_note_sequence", "irobot_create_msgs/AudioNoteSequence")
 
+#: What else moves a TurtleBot 4, by name: Nav2's behaviours and other navigators, then the base's own motions.
+MOTIONS = (
+    *("navigate_through_poses", "follow_waypoints", "spin", "backup", "drive_on_heading", "assisted_teleop"),
+    *("dock_robot", "undock_robot"),
+    *("dock", "undock", "drive_distance", "drive_arc", "rotate_angle", "navigate_to_position", "wall_follow"),
+)
+
+
+def motion_canceller(node: Any, name: str) -> Any:
+    """A client of ``node`` that ends an action's goals, whatever its type, which need not be installed."""
+    return node.create_client(CancelGoal, f"{name}/_action/cancel_goal")
+
+
 STATE_WORDS = frozenset({"menu", "returning_home", "starting", "running", "dying", "complete"})
 COMMAND_WORDS = frozenset({"enable", "disable", "reset_round", "return_home"})
 #: ``pellet_collected`` is followed by a colon and the pellet's id.

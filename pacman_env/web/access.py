@@ -114,7 +114,8 @@ class Access:
             address: of this machine, that the connection came to.
         """
         name = host_name(host)
-        return name is not None and (name == address.lower() or name in self.names)
+        address = address.lower().removeprefix("::ffff:")  # an older address on a socket of the newer kind
+        return name is not None and (name == address or name in self.names)
 
 
 def names_of(host: str, address: str) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from pacman_env import __version__
@@ -17,8 +16,9 @@ from pacman_env.web.game import Game, Refused
 from pacman_env.web.messages import Message, as_json, parse
 from pacman_env.web.said import Said
 from pacman_env.web.viewers import MESSAGES_PER_S, MOST_TEXTS, Audience, Bucket, Place, Viewer
+from pacman_env.web.workers import Workers
 
-WORKERS = 32
+WORKERS = 32  # more people than these do not ask at once
 MOST_REMEMBERED = 1000
 MOST_WORDS = 500
 #: What anybody of the operators may say; all else that is not for all needs control.
@@ -51,9 +51,9 @@ class Desk:
         self._rate = rate
         self._clock = clock
         # The game is never asked in the thread of the connections: it may take its time with anything.
-        self._pool = ThreadPoolExecutor(WORKERS, "web")
-        self._looks = ThreadPoolExecutor(1, "web-look")
-        self._hurry = ThreadPoolExecutor(4, "web-stop")  # with nothing but stops and leaving in front of a stop
+        self._pool = Workers(WORKERS, "web")
+        self._looks = Workers(1, "web-look")
+        self._hurry = Workers(4, "web-stop")  # with nothing but stops and leaving in front of a stop
         self._known: dict[str, Viewer] = {}  # by the key of his page
         self._guests = 0
         self._stops = 0
@@ -61,7 +61,7 @@ class Desk:
     def close(self) -> None:
         """No more is done."""
         for pool in (self._pool, self._looks, self._hurry):
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown()
 
     def people(self) -> dict[str, Any]:
         """Who is here and who does what, for the pages."""
@@ -177,7 +177,15 @@ class Desk:
             viewer.waiting.put_nowait((message, self._stops))
 
     def _stop(self, viewer: Viewer, message: Message) -> None:
+        """At once; while his last one is being done, the next waits, one for all that he says until then."""
         self._stops += 1
+        if len(viewer.stops) < MOST_TEXTS:
+            viewer.stops.append(message)
+        if not viewer.is_stopping:
+            self._stop_now(viewer)
+
+    def _stop_now(self, viewer: Viewer) -> None:
+        told, viewer.stops, viewer.is_stopping = viewer.stops, [], True
 
         def done(stopping: asyncio.Future[None]) -> None:
             if stopping.cancelled():
@@ -185,7 +193,11 @@ class Desk:
             error = stopping.exception()
             if error is not None:
                 self._said.error("a stop", error)
-            self._answer(viewer, message, "internal error" if error else "")
+            for message in told:
+                self._answer(viewer, message, "internal error" if error else "")
+            viewer.is_stopping = False
+            if viewer.stops:
+                self._stop_now(viewer)
 
         loop = asyncio.get_running_loop()
         loop.run_in_executor(self._hurry, self._game.stop, viewer.name).add_done_callback(done)
@@ -219,14 +231,14 @@ class Desk:
             if words:
                 self._answer(viewer, message, words[:MOST_WORDS])
             if viewer.place is None and not viewer.is_back:  # he went while it was done
-                await self._in_thread(self._left, viewer)
+                await self.in_thread(self._left, viewer)
 
     async def _sit_again(self, viewer: Viewer) -> None:
         """He is back: the game has him on his seat again."""
         seat = self.control.seat_of(viewer.name)
         if seat is not None:
             try:
-                await self._in_thread(self._game.tell, viewer.name, messages.Seat(who=seat))  # type: ignore[arg-type]
+                await self.in_thread(self._game.tell, viewer.name, messages.Seat(who=seat))  # type: ignore[arg-type]
             except Exception:
                 self.control.stand_up(viewer.name)
 
@@ -261,7 +273,7 @@ class Desk:
                 return ""
             return as_json({"kind": "answer", "id": message.id, "ok": True, "words": "", "data": data})
 
-        text = await self._in_thread(tell)
+        text = await self.in_thread(tell)
         if text and viewer.place is not None:
             viewer.place.put_text(text)
 
@@ -269,9 +281,9 @@ class Desk:
         """A stop that came after the release was said is stronger, whichever gets to the game first."""
         if stops != self._stops:
             raise Refused("stopped again meanwhile")
-        await self._in_thread(self._game.release, name)
+        await self.in_thread(self._game.release, name)
         if stops != self._stops:
-            await self._in_thread(self._game.stop, name)
+            await self.in_thread(self._game.stop, name)
             raise Refused("stopped again meanwhile")
 
     async def _change_control(self, name: str, message: messages.Control) -> None:
@@ -283,7 +295,7 @@ class Desk:
             self.control.give(name)
             if self._game.source == "ros" and self.control.seat_of(name) == ROBOT:
                 self.control.stand_up(name)
-                await self._in_thread(self._game.tell, name, messages.Seat(who="none"))
+                await self.in_thread(self._game.tell, name, messages.Seat(who="none"))
 
     async def _change_seat(self, viewer: Viewer, message: messages.Seat) -> None:
         name, before = viewer.name, self.control.seat_of(viewer.name)
@@ -309,5 +321,6 @@ class Desk:
         if seat == ROBOT and self._game.source == "ros":
             self.control.take(name)
 
-    async def _in_thread(self, work: Callable[..., Any], *arguments: Any) -> Any:
+    async def in_thread(self, work: Callable[..., Any], *arguments: Any) -> Any:
+        """What ``work`` returns; meanwhile all else goes on."""
         return await asyncio.get_running_loop().run_in_executor(self._pool, work, *arguments)

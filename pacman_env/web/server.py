@@ -45,8 +45,9 @@ MOST_UPLOAD = 8 << 20
 BODY_S = 20.0  # for an upload
 REQUEST_S = 120.0  # for all else over HTTP
 GOODBYE_S = 0.5
-PING_S, PONG_S = 5.0, 10.0
-SPARE_CONNECTIONS = 50  # beside those of the viewers: for files and pictures
+PING_S, PONG_S = 3.0, 5.0  # a page that says nothing is gone after 8 s
+CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
+SPARE_CONNECTIONS = 50
 #: By the end of a file's name: not the system's list, which may be wrong or empty.
 TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -96,6 +97,7 @@ class Pages:
         self._upload = asyncio.Semaphore(1)  # their size is bounded: so is that of all together
         self.connected: set[asyncio.Task[Any]] = set()
         self.ending = False
+        self._arriving = 0
 
     def application(self) -> Starlette:
         """The paths."""
@@ -137,7 +139,7 @@ class Pages:
 
     async def _story(self, request: Request) -> Response:
         number = request.path_params["number"]
-        story = await asyncio.to_thread(self._game.story, number) if number < 2**31 else None
+        story = await self._desk.in_thread(self._game.story, number) if number < 2**31 else None
         if story is None:
             return PlainTextResponse("no such round\n", 404)
 
@@ -164,7 +166,7 @@ class Pages:
             if body is None:
                 return _map_answer(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
             try:
-                added = await asyncio.to_thread(self._add, body)
+                added = await self._desk.in_thread(self._add, body)
             except msgspec.DecodeError as error:
                 return _map_answer(400, f"no map: {error}")
             except Refused as refused:  # asked rightly: the page shows the words, the browser no error
@@ -186,18 +188,23 @@ class Pages:
 
     async def _socket(self, socket: WebSocket) -> None:
         access = socket.scope["access"]
-        if self.ending or not self._desk.audience.has_room(access):
+        if self.ending or not self._desk.audience.has_room(access, self._arriving):
             words = "no room: there are as many viewers as may be"
             self._said("full", f"refused: {words}")
             await refuse(socket.scope, socket.send, 503, words)
             return
-        await socket.accept()
+        self._arriving += 1
         try:
+            await socket.accept()
             viewer = await self._desk.arrive(access, socket.query_params.get("again", ""))
+        except WebSocketDisconnect:
+            return
         except Exception as error:
             self._said.error("the game cannot be shown", error)
             await socket.close(1011, "internal error")
             return
+        finally:
+            self._arriving -= 1
         task = asyncio.current_task()
         assert task is not None
         self.connected.add(task)
@@ -397,7 +404,7 @@ class WebServer:
         desk = Desk(self._game, said, self._most, self._rate)
         pages = Pages(self._game, desk, said, self._static, self._body_s)
         access = Access(self.tokens, (*names_of(self.host, self.address), *self._names))
-        door = Door(self._most + SPARE_CONNECTIONS, self._headers_s)
+        door = Door(CONNECTIONS * self._most + SPARE_CONNECTIONS, self._headers_s)
         guarded = Guard(_bounded(pages.application(), said), access, said)
         without_tokens = WithoutTokens(said)
         server = uvicorn.Server(_configuration(guarded, door))

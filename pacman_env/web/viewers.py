@@ -104,6 +104,7 @@ class Viewer:
         over: messages over the rate, lately; ``told_s``: when he was told so.
         waiting: what he has said and has not been done yet.
         why, lidar: what his page shows.
+        stops: that wait for the one before them, while ``is_stopping``.
         gone_s: when his page went away; ``is_back``: it has come back, and another of these stands for him.
         worker: does one after the other; ``leaving``: the game is being told that he went.
     """
@@ -120,6 +121,8 @@ class Viewer:
     lidar: bool = False
     gone_s: float = 0.0
     is_back: bool = False
+    stops: list[Message] = field(default_factory=list)
+    is_stopping: bool = False
     worker: asyncio.Task[None] | None = None
     leaving: asyncio.Future[None] | None = None
 
@@ -177,9 +180,9 @@ class Audience:
         self._people_text = ""
         self._watched = (False, False)
 
-    def has_room(self, access: Kind) -> bool:
-        """Whether one more may look."""
-        return len(self.here) < self._most + (10 if access == "operator" else 0)
+    def has_room(self, access: Kind, arriving: int = 0) -> bool:
+        """Whether one more may look, beside those who are about to."""
+        return len(self.here) + arriving < self._most + (10 if access == "operator" else 0)
 
     def welcome(self, viewer: Viewer) -> None:
         """One more looks: at the next look he is shown all there is, and then what is new."""

@@ -21,6 +21,7 @@ class ScriptedGame:
     Attributes:
         told: person and message, in the order in which they came in.
         calls: name and arguments of all else.
+        looked_at: when a frame was asked for.
     """
 
     source: Literal["simulator", "ros"]
@@ -35,6 +36,7 @@ class ScriptedGame:
         self.told: list[tuple[str, Message]] = []
         self.calls: list[tuple[Any, ...]] = []
         self.stopped_at: list[float] = []
+        self.looked_at: list[float] = []
         self.moves = moves
         self.number = 1
         self.revision = 1
@@ -65,6 +67,7 @@ class ScriptedGame:
     def frame(self) -> Frame | None:
         if "frame" in self.fails:
             raise RuntimeError("frame is broken")
+        self.looked_at.append(time.monotonic())
         if self.moves:
             self.number += 1
         return Frame("running", self.revision, self.number, time_s=self.number / 20)

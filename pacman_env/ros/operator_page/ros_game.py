@@ -88,7 +88,7 @@ class RosGame:
         self._frame: Frame | None = None
         self._encoded, self._number = b"", 0
         self._seat: str | None = None
-        self._armed = False
+        self._armed: str | None = None  # by whom
         self._shows_until_s = 0.0  # a motion that an operator has asked for
         self._why = self._lidar = False
         self._there: bool | None = None  # the referee; None: nobody has looked yet
@@ -106,6 +106,7 @@ class RosGame:
         self._velocity = topics.CMD_VEL.publisher(node)
         self._wheels = Wheels(self._publish_velocity)
         self._canceller = topics.NAVIGATE_TO_POSE.cancel_client(node)
+        self._motions = [topics.motion_canceller(node, name) for name in topics.MOTIONS]
         self._services = {
             service.name: service.client(node) for service in (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
         }
@@ -167,7 +168,9 @@ class RosGame:
         self._operator.say(False, person)
 
     def left(self, person: str) -> None:
-        """What he drove by hand stands."""
+        """What he drove by hand stands, and what he armed is not armed any more."""
+        if self._armed == person:
+            self._arm(None)
         if self._seat == person:
             self._seat = None
             self._wheels.let_go()
@@ -206,7 +209,7 @@ class RosGame:
             case messages.Event(word=word, what=what):
                 self._show(word, what)
             case messages.Arm(on=on):
-                self._arm(on)
+                self._arm(person if on else None)
             case messages.Ready():
                 return self._ready()
             case messages.Stories():
@@ -249,7 +252,8 @@ class RosGame:
             self._looked_s = now
             self._look_for_game()
             self._set_scene()
-        if self._operator.stopped and node.navigating and now - self._cancelled_s >= _CANCEL_AGAIN_S:
+        again_s = _CANCEL_AGAIN_S if node.navigating else _LOOK_S  # nobody tells of the base's own motions
+        if self._operator.stopped and now - self._cancelled_s >= again_s:
             self._cancel_goals()
         state = node.state
         if state != self._state:
@@ -343,10 +347,11 @@ class RosGame:
             self._wheels.release()
 
     def _cancel_goals(self) -> None:
-        """End every goal that Nav2 pursues, whoever sent it."""
-        if self._canceller.service_is_ready():
-            self._cancelled_s = time.monotonic()
-            self._canceller.call_async(self._canceller.srv_type.Request())  # all zero: every goal
+        """End every goal that Nav2 pursues and every motion of the base's own, whoever asked for it."""
+        self._cancelled_s = time.monotonic()
+        for canceller in (self._canceller, *self._motions):
+            if canceller.service_is_ready():
+                canceller.call_async(canceller.srv_type.Request())  # all zero: every goal
 
     def _publish_velocity(self, v: float, omega: float) -> None:
         self._velocity.publish(twist_message(v, omega, self._node.get_clock().now().to_msg()))
@@ -382,8 +387,8 @@ class RosGame:
         return answer.result()
 
     def _set_up(self, setup: messages.Setup) -> None:
-        """The policy alone can be changed while the game is up, in the menu."""
-        others = {name for name in setup.__struct_fields__ if name not in ("id", "policy")}
+        """The policy alone can be changed while the game is up, in the menu; no second one is asked beside it."""
+        others = {name for name in setup.__struct_fields__ if name not in ("id", "policy", "second")}
         if setup.policy is None or any(getattr(setup, name) not in (None, False) for name in others):
             raise Refused("on a robot only the policy can be changed here; all else is chosen by pacman-env ros up")
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=setup.policy)
@@ -462,9 +467,9 @@ class RosGame:
     def _say(self, topic: topics.Topic, word: str) -> None:
         self._says[topic.name].publish(topic.type(data=word))
 
-    def _arm(self, on: bool) -> None:
-        self._armed = on
-        if not on and time.monotonic() < self._shows_until_s and self._node.state == "menu":
+    def _arm(self, by: str | None) -> None:
+        self._armed = by
+        if by is None and time.monotonic() < self._shows_until_s and self._node.state == "menu":
             self._say(topics.GAME_EVENT, "reset")  # ends the motion
         self._shows_until_s = 0.0
 
@@ -477,11 +482,10 @@ class RosGame:
                 found = find(doctor.evidence())
             finally:
                 doctor.close()
-        marks = {OK: "ok", BAD: "bad"}
         rows = [
             {
                 "name": one.check,
-                "state": marks.get(one.mark, "warning"),
+                "state": "bad" if one.mark == BAD else "ok" if one.mark == OK or not one.cure else "warning",
                 "words": one.seen,
                 "cure": ": ".join(filter(None, (one.cure, one.command))),
             }

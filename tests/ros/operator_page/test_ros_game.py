@@ -14,6 +14,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from rclpy.action import CancelResponse
+from rclpy.task import Future
+
 from pacman_env.ros import topics
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.web import messages
@@ -139,6 +142,27 @@ def test_a_stopped_game_stays_so_whatever_is_asked(game: PageGame) -> None:
     game.wait(lambda: game.drives, "the round to go on")
 
 
+def test_a_stop_ends_the_bases_own_motions(game: PageGame) -> None:
+    game.menu()
+    undock = topics.RosAction("undock", topics.NAVIGATE_TO_POSE.type_name)  # of any type
+    ended = Future()
+    server = undock.server(
+        game.probe.node,
+        lambda handle: undock.type.Result(),
+        cancel_callback=lambda handle: ended.set_result(True) or CancelResponse.ACCEPT,
+        handle_accepted_callback=lambda handle: None,  # it goes on for ever
+    )
+    try:
+        answer = game.probe.action_client(undock).send_goal_async(undock.type.Goal())
+        game.wait(answer.done, "the goal")
+        game.wait(lambda: any(one.service_is_ready() for one in game.page._motions), "the page to know it")
+        game.page.stop("guest-1")
+        game.wait(ended.done, "its end")
+    finally:
+        game.page.release("guest-1")
+        server.destroy()
+
+
 def test_a_goal_selector_that_is_started_again_stays_stopped(game: PageGame) -> None:
     game.round()
     game.page.stop("guest-1")
@@ -227,7 +251,7 @@ def test_speed_and_policy_change_and_what_cannot_says_why(game: PageGame) -> Non
     game.menu()
     game.tell(messages.ClydeSpeed(mps=0.03))
     game.wait(lambda: game.page.scene().facts["clyde_speed_mps"] == pytest.approx(0.03), "the speed")
-    game.tell(messages.Setup(policy="lookahead"))
+    game.tell(messages.Setup(policy="lookahead", second="nearest"))
     game.wait(lambda: game.page.scene().facts["policy"] == "lookahead", "the policy")
     game.tell(messages.Setup(policy="nearest"))
     game.wait(lambda: game.page.scene().facts["policy"] == "nearest", "the policy")
