@@ -49,7 +49,6 @@ export class Seats {
     const answer = await this.connection.ask({ do: "seat", who });
     if (!told(answer)) return;
     if (answer.data?.words) notice(`The seat is ${answer.data.words}.`);
-    if (who !== "none" && matchMedia("(max-width: 820px)").matches) document.querySelector(".panel").classList.remove("open"); // there is the map
   }
 
   #show() {
@@ -60,6 +59,7 @@ export class Seats {
       state.seat = mine;
       if (mine === "robot" && matchMedia("(pointer: coarse)").matches) this.#showStick(true);
       if (mine !== "robot") this.#showStick(false);
+      if (mine !== "none" && matchMedia("(max-width: 820px)").matches) document.querySelector(".panel").classList.remove("open"); // room for the map
       tell("seat", mine);
     }
     const ghosts = state.scene?.ghosts ?? [];

@@ -34,7 +34,7 @@ export class Setup {
     $("setup-ghost-add").addEventListener("click", () => this.#ghosts([...this.ghosts, this.ghosts.at(-1)], true));
     $("upload-send").addEventListener("click", () => this.#upload());
     this.#setUpClyde();
-    on("hello", ({ choices }) => this.#choices(choices));
+    on("hello", ({ choices }) => this.#choices(choices ?? {}));
     on("scene", (scene) => this.#scene(scene));
   }
 
