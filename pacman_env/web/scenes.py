@@ -12,7 +12,8 @@ from pacman_env.web.game import Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 
-PREPARING = Scene(1, {"map": None, "preparing": True})
+_COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
+PREPARING = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
 
 
 def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:

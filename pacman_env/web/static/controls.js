@@ -55,6 +55,7 @@ export function setUpControls(connection) {
   });
   on("scene", () => {
     if (state.scene?.preparing) write($("state"), "Preparing");
+    if (state.scene?.notice) write($("hint"), state.scene.notice);
   });
 }
 

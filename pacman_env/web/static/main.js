@@ -22,7 +22,7 @@ const MOST_LOG = 60;
 const count = { frames_drawn: 0, frames_per_second: 0, messages: 0, frames: 0, last_frame: -1, notes: 0, lit: 0, connections: 0, first_view_ms: null, errors: [] };
 const token = new URLSearchParams(location.search).get("token");
 let latest = null; // bytes of the newest frame
-let again = ""; // the key by which the server knows us after a break
+let again = sessionStorage.again ?? ""; // the key by which the server knows us after a break
 
 addEventListener("error", (event) => count.errors.push(String(event.message)));
 addEventListener("unhandledrejection", (event) => count.errors.push(String(event.reason)));
@@ -86,7 +86,7 @@ function text(message) {
   switch (message.kind) {
     case "hello": {
       state.hello = message;
-      again = message.again ?? again;
+      sessionStorage.again = again = message.again ?? again;
       state.connected = true;
       tell("hello", message);
       tell("connection");
