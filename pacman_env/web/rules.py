@@ -31,6 +31,8 @@ GENERATED = "generated"
 _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "execution", "refuges")
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
 _IMAGES = ((b"\x89PNG\r\n\x1a\n", ".png"), (b"P5", ".pgm"), (b"P2", ".pgm"))
+_MOST_MAPS = 20  # of people's own
+_LONGEST_S = 3600.0  # of a round: each tick of it is remembered
 _MOST_PIXELS = 4_000_000  # of a map of one's own: 2000 x 2000
 
 
@@ -122,6 +124,9 @@ class Choices:
         for name in rules.settings:
             if name not in names:
                 raise Refused(f"setting {name!r}: not one of those that can be set here")
+        longest = rules.settings.get("time_limit_s", 0.0)
+        if isinstance(longest, float | int) and longest > _LONGEST_S:
+            raise Refused(f"time_limit_s = {longest}: at most {_LONGEST_S:g} s here")
         if rules.level is not None:
             if rules.map != GENERATED:
                 raise Refused(f"level {rules.level}: map {rules.map!r} has none")
@@ -162,6 +167,9 @@ class Choices:
             raise Refused(str(error)) from error
         if name in shipped_maps() or name == GENERATED:
             raise Refused(f"map {name!r}: a map that ships has this name")
+        own = [known for known, one in self._maps.items() if not isinstance(one, str)]
+        if name not in own and len(own) >= _MOST_MAPS:
+            raise Refused(f"{_MOST_MAPS} maps are kept: give this one the name of one that is not needed any more")
         config = Config()
         try:
             pellets = generate_pellets(loaded, config.pellets)

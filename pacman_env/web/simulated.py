@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import logging
 import queue
 import threading
@@ -35,6 +36,7 @@ _PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
 _STEPS = 64  # of a tick that frames tell apart
 _HOME_S = 2.0  # real time after a round, in which its end is looked at
 _REHEARSED = 6  # ticks: the planner plans, goals begin
+_LONG = (messages.Setup, messages.ClydeSpeed)  # a map may have to be prepared
 _WHY_S = 0.25  # between two tellings of the terms
 
 
@@ -93,7 +95,7 @@ class SimulatedGame:
         self._clyde_mps: float | None = None
         self._controller = RoundController(self._config().clyde)
         self._feedback = Feedback(self._config().show)
-        self._orders: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = queue.SimpleQueue()
+        self._orders: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any], bool] | None] = queue.SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="game", daemon=True)
         self._thread.start()
@@ -179,7 +181,9 @@ class SimulatedGame:
             with self._lock:
                 self._hand = (message.v, message.omega, time.monotonic())
             return None
-        return self._ask(lambda: self._obey(person, message))
+        if isinstance(message, messages.Why):  # nothing of a round that has ended changes: the game goes on meanwhile
+            return self._stories.why(message.story, message.tick)
+        return self._ask(lambda: self._obey(person, message), waits=isinstance(message, _LONG))
 
     def stop(self, person: str) -> None:
         """Time stands still, and with it the robot."""
@@ -211,8 +215,7 @@ class SimulatedGame:
 
     def story(self, number: int) -> bytes | None:
         """The frames of a round that has ended."""
-        with self._lock:
-            return self._stories.frames(number)
+        return self._stories.frames(number)
 
     # The thread
 
@@ -253,20 +256,20 @@ class SimulatedGame:
             return
         if order is None:
             return
-        what, answer = order
+        what, answer, waits = order
         try:
-            with self._lock:
+            with contextlib.nullcontext() if waits else self._lock:
                 result = what()
             answer.set_result(result)
         except Exception as error:
             answer.set_exception(error)
 
-    def _ask(self, what: Callable[[], Any]) -> Any:
-        """Have the thread do something between two ticks."""
+    def _ask(self, what: Callable[[], Any], waits: bool = False) -> Any:
+        """Have the thread do something between two ticks; ``waits``: it may take long, frames and STOP go on."""
         if self._closed:
             raise Refused("the simulated game has ended")
         answer: Future[Any] = Future()
-        self._orders.put((what, answer))
+        self._orders.put((what, answer, waits))
         try:
             return answer.result(_PATIENCE_S)
         except Late:
@@ -342,8 +345,6 @@ class SimulatedGame:
                     raise Refused(f"{what} {word!r}: there is none") from error
             case messages.Arm(on=on):
                 self._feedback.armed = on
-            case messages.Why(story=story, tick=tick):
-                return self._stories.why(story, tick)
             case messages.Stories():
                 return self._stories.all()
             case messages.Ready():

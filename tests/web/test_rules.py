@@ -40,6 +40,7 @@ def test_every_choice_can_be_prepared() -> None:
         (Rules(settings={"action": "velocity"}), "setting 'action': not one of those"),
         (Rules(settings={"clyde.speed": 3}), "setting 'clyde.speed': not one of those"),
         (Rules(settings={"robot.speed_mps": 9.0}), "robot.speed_mps"),
+        (Rules(settings={"time_limit_s": 1e9}), "at most 3600 s here"),
         (Rules(level=3), "level 3: map 'house' has none"),
         (Rules(map="generated", level=10**9), "level 1000000000: there are 0 to"),
     ],
@@ -111,6 +112,16 @@ def test_a_map_without_room_is_refused(tmp_path: Path) -> None:
     path = walls.save(tmp_path / "walls.yaml")
     with pytest.raises(Refused, match="the map walls cannot be played on"):
         Choices().add_map("walls", path.read_text(), (tmp_path / "walls.pgm").read_bytes())
+
+
+def test_no_more_than_twenty_maps_are_kept_and_one_can_be_replaced(tmp_path: Path) -> None:
+    choices = Choices()
+    text, image = own_map(tmp_path)
+    for number in range(20):
+        choices.add_map(f"mine-{number}", text, image)
+    with pytest.raises(Refused, match="20 maps are kept"):
+        choices.add_map("mine-20", text, image)
+    choices.add_map("mine-3", text, image)
 
 
 def test_files_named_at_the_start_can_be_chosen_by_the_page(tmp_path: Path) -> None:

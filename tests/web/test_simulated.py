@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from pacman_env.web import messages as m
 from pacman_env.web.frame import Frame, decode
 from pacman_env.web.game import Refused
-from pacman_env.web.rules import Rules
+from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated import SimulatedGame
 
 PATIENCE_S = 240.0  # rules may have to be compiled
@@ -116,6 +117,25 @@ def test_stop_holds_at_once_until_the_release(game: SimulatedGame) -> None:
     assert (frame(game).true, frame(game).time_s) == (stood.true, stood.time_s)
     game.release("Ann")
     wait(lambda: frame(game).time_s > stood.time_s + 1)
+
+
+def test_stop_does_not_wait_for_what_takes_long(game: SimulatedGame, monkeypatch: pytest.MonkeyPatch) -> None:
+    prepare, begun = Choices.prepare, threading.Event()
+
+    def slow(self: Choices, *arguments: Any) -> Any:
+        begun.set()
+        time.sleep(2.0)
+        return prepare(self, *arguments)
+
+    monkeypatch.setattr(Choices, "prepare", slow)
+    asking = threading.Thread(target=lambda: game.tell("Ann", m.Setup(map="maze")))
+    asking.start()
+    assert begun.wait(PATIENCE_S)
+    began = time.monotonic()
+    game.stop("Eve")
+    assert frame(game).stopped
+    assert time.monotonic() - began < 1.0
+    asking.join()
 
 
 def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame) -> None:
