@@ -106,9 +106,9 @@ class Visitor:
         assert not self.foreign, f"asked other hosts: {self.foreign}"
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """The browser of the system."""
+    """The browser of the system; while it is there, this thread has an event loop, and no test may bring another."""
     try:
         from playwright.sync_api import sync_playwright
     except ModuleNotFoundError:
