@@ -375,7 +375,9 @@ def test_a_page_that_comes_back_before_its_loss_is_noticed_ends_the_old_connecti
             assert back.name == one.name
             assert "anew" in one.wait("bye")["words"]
             assert back.ask("start")["ok"]
-            assert back.people(viewers=1) if not back.texts[-1].get("viewers") else True
+            assert [text["viewers"] for text in back.texts if text["kind"] == "people"][-1:] == [1] or back.people(
+                viewers=1
+            )
 
 
 def test_a_seat_has_one_person_and_only_he_plays_it(serve: Callable[..., WebServer]) -> None:
