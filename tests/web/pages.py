@@ -13,7 +13,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from pacman_env.web.server import WebServer
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 FILES = {"index.html": b"<!doctype html>", "page.js": b"export {}", "page.css": b"a{}", "light.svg": b"<svg/>"}
 
 
