@@ -6,6 +6,7 @@ Poses are (x, y, theta) in m, m, rad, positions (x, y) in m, in the map frame un
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -255,3 +256,20 @@ def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0, frame
         data=data.tobytes(),
         is_dense=True,
     )
+
+
+def object_of(message: Any, longest: int) -> dict[str, Any]:
+    """The JSON object in a String of at most ``longest`` characters.
+
+    Raises:
+        BadMessage: it holds none.
+    """
+    if len(message.data) > longest:
+        raise BadMessage(f"{len(message.data)} characters: at most {longest}")
+    try:
+        found = json.loads(message.data)
+    except (ValueError, RecursionError):
+        raise BadMessage("no JSON") from None
+    if not isinstance(found, dict):
+        raise BadMessage("no JSON object")
+    return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import contextlib
 import logging
 import queue
@@ -24,13 +23,13 @@ from pacman_env.web.feedback import Feedback
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
+from pacman_env.web.news import News
 from pacman_env.web.played_round import Look, Orders, PlayedRound, between
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.scenes import PREPARING, link_to, scene_of
 from pacman_env.web.stories import Stories, in_words
 
 _LOG = logging.getLogger(__name__)
-_NEWS = 100
 _HAND_S = 0.5  # after so long without a velocity the robot stands (Create 3)
 _PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
 _STEPS = 64  # of a tick that frames tell apart
@@ -82,8 +81,7 @@ class SimulatedGame:
         self._stood_s: float | None = None  # the time at which it was held
         self._ticks, self._changes = 0, 0
         self._last_key: Any = None
-        self._news: collections.deque[dict[str, Any]] = collections.deque(maxlen=_NEWS)
-        self._told = 0
+        self._news = News()
         self._stories = Stories()
         self._why, self._lidar = False, False
         self._why_told_s = 0.0
@@ -163,8 +161,7 @@ class SimulatedGame:
 
     def news(self, after: int) -> list[dict[str, Any]]:
         """What has happened since."""
-        with self._lock:
-            return [one for one in self._news if one["number"] > after]
+        return self._news.after(after)
 
     def watched(self, *, why: bool, lidar: bool) -> None:
         """Whether anybody looks at them."""
@@ -296,10 +293,8 @@ class SimulatedGame:
         self._ticks += 1
 
     def _tell(self, news: Sequence[dict[str, Any]]) -> None:
-        with self._lock:
-            for one in news:
-                self._told += 1
-                self._news.append({"number": self._told, **one})
+        for one in news:
+            self._news.add(**one)
 
     # What people ask, in the thread
 

@@ -18,14 +18,24 @@ from action_msgs.msg import GoalStatus
 from numpy.typing import NDArray
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import BadMessage, Pose, Position, pellets_of, pose_of, seconds_of, transform_of, word_of
+from pacman_env.ros.messages import (
+    BadMessage,
+    Pose,
+    Position,
+    object_of,
+    pellets_of,
+    pose_of,
+    seconds_of,
+    transform_of,
+    word_of,
+)
 from pacman_env.ros.node import BaseNode
-from pacman_env.ros.operator_page.news import News
 from pacman_env.ros.operator_page.pictures import MapPicture, picture_of, rays_of
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
 from pacman_env.ros.selector.goal_scores import CANDIDATES, DIAGNOSTICS, NAMESPACE, SCORES, WHY
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.sim.core.poses import compose
+from pacman_env.web.news import News
 
 NAME = "pacman_page"  # the doctor takes nodes whose names begin so for onlookers
 _POSE_TIMEOUT_S = 1.0
@@ -264,7 +274,7 @@ class Heard(BaseNode):
         self._origin = pose_of(message)
 
     def _take_configuration(self, message: Any) -> None:
-        said = _json(message)
+        said = object_of(message, _LONGEST)
         configuration = said["configuration"]
         if isinstance(configuration, dict):
             self.configuration = configuration
@@ -284,7 +294,7 @@ class Heard(BaseNode):
             self.plan = np.zeros((0, 2))
 
     def _take_condition(self, message: Any) -> None:
-        before, self.condition = self.condition, _json(message)
+        before, self.condition = self.condition, object_of(message, _LONGEST)
         known = before.get("troubles") or {}
         for trouble in self.condition.get("troubles") or {}:
             if trouble not in known:
@@ -293,7 +303,7 @@ class Heard(BaseNode):
         self.goal = pursued if isinstance(pursued, int) and pursued >= 0 else -1
 
     def _take_candidates(self, message: Any) -> None:
-        said = _json(message)
+        said = object_of(message, _LONGEST)
         places = [(float(x), float(y)) for x, y in said["places"][:_MOST]]
         pellets = [int(number) for number in said["pellets"][: len(places)]]
         self.candidates = {"places": places, "pellets": pellets, "map": str(said.get("map"))[:200]}
@@ -321,16 +331,4 @@ class Heard(BaseNode):
         return yaw
 
     def _take_why(self, message: Any) -> None:
-        self._news.add(why=_json(message))
-
-
-def _json(message: Any) -> dict[str, Any]:
-    if len(message.data) > _LONGEST:
-        raise BadMessage(f"{len(message.data)} characters: at most {_LONGEST}")
-    try:
-        found = json.loads(message.data)
-    except (ValueError, RecursionError):
-        raise BadMessage("no JSON") from None
-    if not isinstance(found, dict):
-        raise BadMessage("no JSON object")
-    return found
+        self._news.add(why=object_of(message, _LONGEST))

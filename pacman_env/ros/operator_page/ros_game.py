@@ -34,7 +34,6 @@ from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.operator_page.heard import Heard
-from pacman_env.ros.operator_page.news import News
 from pacman_env.ros.operator_page.scenes import facts_of, pellets_of_scene
 from pacman_env.ros.operator_page.wheels import Wheels
 from pacman_env.ros.operator_stop import OperatorStop
@@ -46,6 +45,7 @@ from pacman_env.web import feedback, messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
+from pacman_env.web.news import News
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 _LOG = logging.getLogger(__name__)

@@ -27,7 +27,7 @@ from rclpy.signals import SignalHandlerOptions
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import COSTMAPS, NAMELESS, full_name, join
-from pacman_env.ros.messages import BadMessage, pose_of, seconds_of, transform_of, word_of
+from pacman_env.ros.messages import BadMessage, object_of, pose_of, seconds_of, transform_of, word_of
 from pacman_env.ros.node import Stop, started
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import QUIET, full_namespace
@@ -263,7 +263,7 @@ class Doctor(Node):
         self._heard["charge"] = charge
 
     def _take_configuration(self, message: Any) -> None:
-        said = _json(message)
+        said = object_of(message, _LONGEST_JSON)
         key = str(said["node"])[:100], started(said)
         plays = {
             "node": key[0],
@@ -280,7 +280,7 @@ class Doctor(Node):
         self._heard["state"] = word_of(message, topics.STATE_WORDS)
 
     def _take_diagnostics(self, message: Any) -> None:
-        self._heard["condition"] = _json(message)
+        self._heard["condition"] = object_of(message, _LONGEST_JSON)
 
     # Services
 
@@ -478,20 +478,3 @@ def _as_json(found: Sequence[Finding], namespace: str, domain: int, map: Occupan
         },
         indent=2,
     )
-
-
-def _json(message: Any) -> dict[str, Any]:
-    """The object in a String.
-
-    Raises:
-        BadMessage: it holds none.
-    """
-    if len(message.data) > _LONGEST_JSON:
-        raise BadMessage(f"{len(message.data)} characters: at most {_LONGEST_JSON}")
-    try:
-        found = json.loads(message.data)
-    except (ValueError, RecursionError):
-        raise BadMessage("no JSON") from None
-    if not isinstance(found, dict):
-        raise BadMessage("no JSON object")
-    return found
