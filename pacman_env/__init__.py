@@ -1,8 +1,8 @@
 """PacManBot as a learning environment: maps, game rules, simulator, policies.
 
 Importing this package registers the environments with Gymnasium, be that imported before or after, and loads nothing
-else; each part is imported by its own name, and the multi-agent environments ``parallel_env`` and ``env`` when they are
-first asked for.
+else; each part is imported by its own name, and the multi-agent environments ``parallel_env``, ``env`` and
+``parallel_vec_env`` when they are first asked for.
 """
 
 import os
@@ -11,7 +11,7 @@ from typing import Any
 from pacman_env._version import __version__
 from pacman_env.envs.registration import register_envs, register_when_imported
 
-__all__ = ["__version__", "env", "parallel_env", "register_envs"]
+__all__ = ["__version__", "env", "parallel_env", "parallel_vec_env", "register_envs"]
 
 register_when_imported()
 
@@ -24,4 +24,8 @@ def __getattr__(name: str) -> Any:
         from pacman_env.envs import pettingzoo_env
 
         return getattr(pettingzoo_env, name)
+    if name == "parallel_vec_env":
+        from pacman_env.envs import parallel_vec_env
+
+        return parallel_vec_env.PacManBotParallelVecEnv
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -14,6 +14,7 @@ from .jit import kernel
 Queue = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]
 
 _STAMP, _USED, _LOWEST, _WAITING = 0, 1, 2, 3
+_LAST_STAMP = 2**31 - 1
 
 
 def new_queue(keys: int, entries: int) -> Queue:
@@ -29,8 +30,14 @@ def new_queue(keys: int, entries: int) -> Queue:
 
 @kernel
 def clear(queue):  # type: ignore[no-untyped-def]
-    """Empty the queue; returns a number that differs at each clearing and is never 0."""
+    """Empty the queue; returns a number from 1 that grows with each clearing.
+
+    After 2^31 - 1 of them, some hours of ghosts that search their ways, it is 1 again.
+    """
     state = queue[4]
+    if state[_STAMP] == _LAST_STAMP:
+        queue[1][:] = 0
+        state[_STAMP] = 0
     state[_STAMP] += 1
     state[_USED] = 0
     state[_LOWEST] = 0

@@ -62,9 +62,9 @@ def kernel(function: F, cached: bool = True) -> F:
     if folder is not None:
         numba_config.CACHE_DIR = str(folder)
     try:
-        compiled: F = numba.njit(cache=folder is not None, error_model="numpy", forceinline=True, nogil=True)(
-            _with_rules_compiled(function)
-        )
+        compiled: F = numba.njit(
+            cache=folder is not None, error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True
+        )(_with_rules_compiled(function))
     finally:
         numba_config.CACHE_DIR = before
     if folder is not None and not numba_config.DISABLE_JIT:
@@ -118,3 +118,14 @@ def prefetch(typing_context, array, index):  # type: ignore[no-untyped-def]
         return context.get_dummy_value()
 
     return numba_types.void(array, index), generate
+
+
+@intrinsic
+def lowest_bit(typing_context, value):  # type: ignore[no-untyped-def]
+    """Number of the lowest bit that is set in a uint64 other than 0."""
+    del typing_context
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return numba_types.uint64(numba_types.uint64), generate

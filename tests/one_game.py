@@ -23,13 +23,11 @@ from pacman_env.game.execution import (
 from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
 from pacman_env.game.goals import Goals, Home
 from pacman_env.game.round import RoundController
-from pacman_env.jit import kernel
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
 from pacman_env.world.navigation import navigator
 
 Position = tuple[float, float]
-_look = kernel(kernels._look.py_func)
 
 
 @dataclass(frozen=True)
@@ -74,10 +72,11 @@ class SimulatorSide:
         self.obstacles[0, 0, :2] = ghost
 
     def choose(self, candidate: int) -> None:
-        kernels.decide(
-            self.game, np.array([candidate]), self.decisions, self.goal_xy, self.alive, self.waits, self.aborts,
-            self.obstacles, self.p,
-        )  # fmt: skip
+        if self.game["end"][0] == RUNNING:
+            kernels.decide(
+                self.game[0], 0, candidate, self.decisions, self.goal_xy, self.alive, self.waits, self.aborts,
+                self.obstacles, self.p[0],
+            )  # fmt: skip
 
     def accept(self) -> None:
         """The waiting goal becomes the one driven to."""
@@ -96,21 +95,18 @@ class SimulatorSide:
         else:
             self.game["nav_state"], self.game["nav_goal"] = navigator.IDLE, -1
         self.game["nav_result"] = status
-        kernels.apply_results(
-            self.game, self.goal_xy, self.alive, self.waits, self.aborts, self.obstacles, self.p
-        )  # fmt: skip
+        kernels.apply_result(
+            self.game[0], 0, self.goal_xy, self.alive, self.waits, self.aborts, self.obstacles, self.p[0]
+        )
 
     def look(self) -> None:
         if self.game["end"][0] == RUNNING:
-            kernels.check(
-                self.game, np.zeros(1, np.int64), self._state(), self.goal_xy, self.alive, self.waits, self.aborts,
-                self.obstacles, self.p,
-            )  # fmt: skip
-
-    def _state(self) -> NDArray[np.float64]:
-        state = np.zeros((1, 8))
-        state[0, :2] = self.game["x"][0], self.game["y"][0]
-        return state
+            for axis in "xy":
+                self.game[f"body_{axis}"] = self.game[axis]
+            kernels.sense(self.game[0], self.p[0])
+            kernels.look(self.game[0], 0, self.goal_xy, self.alive, self.waits, self.aborts, self.obstacles, self.p[0])
+            if self.game["end"][0] != RUNNING:
+                kernels.end_tick(self.game[0], self.obstacles[0], self.p[0])
 
     def seen(self) -> dict[str, Any]:
         """What has to be the same on both sides."""

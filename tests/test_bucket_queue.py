@@ -56,6 +56,21 @@ def test_each_clearing_gives_a_number_of_its_own_never_0() -> None:
     assert len(set(stamps)) == 50
 
 
+def test_after_2_to_the_31_clearings_nothing_is_left_of_those_before() -> None:
+    queue = new_queue(4, 4)
+    clear(queue)
+    push(queue, 2, 5)
+    queue[4][0] = 2**31 - 3
+    stamps = []
+    for item in range(6):
+        stamps.append(int(clear(queue)))
+        assert pop(queue) == -1
+        assert push(queue, 3, item)
+        assert push(queue, 1, 10 + item)
+        assert [pop(queue) for _ in range(3)] == [10 + item, item, -1]
+    assert stamps == [2**31 - 2, 2**31 - 1, 1, 2, 3, 4]
+
+
 def test_a_search_with_falling_keys_is_served_in_order() -> None:
     rng = np.random.default_rng(4)
     keys = rng.integers(0, 1000, 5000)

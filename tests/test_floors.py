@@ -15,7 +15,19 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pacman_env"
 FLOORS = (
-    ("config", "plugins", "jit", "compile_turns", "rng", "bucket_queue", "files", "_version"),
+    (
+        "config",
+        "plugins",
+        "jit",
+        "native",
+        "blocks",
+        "threads",
+        "compile_turns",
+        "rng",
+        "bucket_queue",
+        "files",
+        "_version",
+    ),
     ("world", "game"),
     ("sim",),
     ("policies", "heuristics"),
@@ -116,7 +128,7 @@ def test_the_package_itself_imports_nothing_but_its_version_and_the_registration
         "pacman_env._version.__version__",
         "pacman_env.envs.registration.register_envs",
         "pacman_env.envs.registration.register_when_imported",
-        "pacman_env.envs.pettingzoo_env",  # when it is asked for
+        *("pacman_env.envs.pettingzoo_env", "pacman_env.envs.parallel_vec_env"),  # when they are asked for
     }
 
 

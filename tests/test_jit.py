@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pacman_env import jit
-from pacman_env.jit import kernel, prefetch
+from pacman_env.jit import kernel, lowest_bit, prefetch
 
 
 @kernel
@@ -40,3 +40,12 @@ def test_compiled_code_is_kept_apart_from_that_of_other_sources(
         path.write_text(text)
         hashes.add(jit.source_hash.__wrapped__())
     assert len(hashes) == 2
+
+
+@kernel
+def lowest(value: int) -> int:
+    return lowest_bit(value)  # type: ignore[no-any-return]
+
+
+def test_the_lowest_bit_of_a_number_is_found() -> None:
+    assert [lowest(np.uint64(value)) for value in (1, 2, 12, 2**15, 2**63)] == [0, 1, 2, 15, 63]

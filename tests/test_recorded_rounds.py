@@ -18,9 +18,9 @@ from pacman_env.game.decisions import HOLD
 from pacman_env.game.execution import COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core import kernels
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.world.navigation.navigator import ABORTED, SUCCEEDED
 from tests.one_game import RobotSide
 from tests.test_one_game import EXACT, STEP_S
 
@@ -29,37 +29,57 @@ ROUNDS = int(os.environ.get("PACMAN_ENV_ROUNDS", "40"))
 
 
 class Recorded:
-    """What happened in N simulated games, by game: a list of events in order."""
+    """What happened in N simulated games, by game: a list of events in order.
 
-    def __init__(self, batch: GameBatch, patch: pytest.MonkeyPatch) -> None:
+    What is pursued after an event is None where another event came before the next physics step.
+    """
+
+    def __init__(self, batch: GameBatch) -> None:
         self.batch, self.events = batch, [[] for _ in range(batch.n)]  # type: list[Any]
-        for name in ("decide", "apply_results", "check", "finish"):
-            patch.setattr(kernels, name, self._wrap(name, getattr(kernels, name)))
+        self._check_steps = round(batch.config.execution.check_period_s / STEP_S)
+        self._advance = batch._advance
+        batch._advance = self._record_tick  # type: ignore[method-assign]
+        batch.after_physics_step = self._look
 
-    def _wrap(self, name: str, run: Any) -> Any:
-        def wrapped(games: NDArray[Any], *rest: Any) -> Any:
-            before = games.copy()
-            result = run(games, *rest)
-            for i in np.flatnonzero(before["end"] == RUNNING).tolist():
-                self._note(name, i, before[i], games[i], rest)
-            return result
+    def _record_tick(self, **options: Any) -> None:
+        self._substep = 0
+        self._remember()
+        self._advance(**options)
+        for i in self._running:
+            if self.batch.games["tick"][i] > self._before["tick"][i]:
+                g = self.batch.games[i]
+                self._note(i, (int(g["step"]), "look", None), self.batch.obstacles[i], int(g["pursued"]))
 
-        return wrapped
+    def _remember(self) -> None:
+        self._before, self._ghosts = self.batch.games.copy(), self.batch.obstacles.copy()
+        self._running = np.flatnonzero(self._before["end"] == RUNNING).tolist()
 
-    def _note(self, name: str, i: int, before: Any, after: Any, rest: tuple[Any, ...]) -> None:
-        step, pose = int(after["step"]), (float(after["x"] + after["error_x"]), float(after["y"] + after["error_y"]))
-        if self.batch.config.execution.pose_source == "amcl" and name != "apply_results":
-            pose = float(after["amcl_x"]), float(after["amcl_y"])
-        ghosts = [(float(x), float(y)) for x, y, _ in self.batch.obstacles[i]]
-        now = (ghosts, pose, int(after["pursued"]))
-        if name == "decide":
-            self.events[i].append((step, "choose", int(rest[0][i]), *now))
-        elif name == "apply_results":
-            if before["nav_result"]:
-                old = bool(before["nav_next"] >= 0)
-                self.events[i].append((step, "result", (int(before["nav_result"]), old), *now))
-        else:
-            self.events[i].append((step, "look", None, *now))
+    def _look(self) -> None:
+        k = self._substep
+        for i in self._running:
+            before, after = self._before[i], self.batch.games[i]
+            moved = after["step"] > before["step"]
+            if not moved and after["end"] == RUNNING:
+                continue  # asleep
+            ended = int(after["nav_last"]) if moved and after["nav_last_step"] == before["step"] else 0
+            ended = ended if ended in (SUCCEEDED, ABORTED) else 0
+            step, pursued = int(before["step"]), None if ended else int(after["pursued"])
+            if k == 0:
+                self._note(i, (step, "choose", int(self.batch._choices[i])), self._ghosts[i], pursued)
+            elif k % self._check_steps == 0:
+                self._note(i, (step, "look", None), self._ghosts[i], pursued)
+            if ended:
+                result = ended, bool(after["nav_next"] >= 0)
+                self._note(i, (step + 1, "result", result), self.batch.obstacles[i], int(after["pursued"]))
+        self._remember()
+        self._substep += 1
+
+    def _note(self, i: int, event: tuple[Any, ...], ghosts: NDArray[np.float64], pursued: int | None) -> None:
+        g = self.batch.games[i]
+        pose = float(g["x"] + g["error_x"]), float(g["y"] + g["error_y"])
+        if self.batch.config.execution.pose_source == "amcl" and event[1] != "result":
+            pose = float(g["amcl_x"]), float(g["amcl_y"])
+        self.events[i].append((*event, [(float(x), float(y)) for x, y, _ in ghosts], pose, pursued))
 
 
 Ghosts = list[tuple[float, float]]
@@ -96,7 +116,7 @@ def play_again(
                 robot.finish(numbers[-1], status, at)
         else:
             robot.look(at, ghosts)
-        if robot.end == RUNNING:
+        if robot.end == RUNNING and pursued is not None:
             assert robot.executor.pursued == pursued, (step, kind, value)
     return robot
 
@@ -109,11 +129,10 @@ def test_recorded_rounds_are_the_same_games_on_the_robots_side(policy: str, ghos
     batch = GameBatch(map_assets("house", config), config, n)
     chooser = make_policy(policy)
     chooser.reset(np.ones(n, np.bool_))
-    with pytest.MonkeyPatch.context() as patch:
-        recorded = Recorded(batch, patch)
-        batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
-        while (batch.games["end"] == RUNNING).any():
-            batch.step(chooser.select(batch.situation()))
+    recorded = Recorded(batch)
+    batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
+    while (batch.games["end"] == RUNNING).any():
+        batch.step(chooser.select(batch.situation()))
     ends = set()
     for i, events in enumerate(recorded.events):
         robot, game = play_again(events, config, batch), batch.games[i]
@@ -148,25 +167,24 @@ class Asked:
 def test_by_events_the_robots_planner_is_asked_when_the_simulators_is(policy: str, execution: str) -> None:
     n = max(1, ROUNDS // 4)
     changes = {**EXACT, "localization.perfect": False, "time_limit_s": 150.0, "nav2.abort_rate": 0.05}
-    with pytest.MonkeyPatch.context() as patch:
-        envs = PacManBotVectorEnv(
-            n,
-            map="house",
-            execution=execution,
-            decide="event",
-            ghosts=("arcade", "wander"),
-            settings=changes,
-            autoreset_mode=AutoresetMode.DISABLED,
-        )
-        batch, games, chooser = envs.batch, envs.batch.games, make_policy(policy)
-        recorded = Recorded(batch, patch)
-        envs.reset(seed=0)
-        chooser.reset(np.ones(n, np.bool_))
-        asked: list[set[float]] = [set() for _ in range(n)]
-        while (games["end"] == RUNNING).any():
-            for i in np.flatnonzero(games["end"] == RUNNING).tolist():
-                asked[i].add(float(games["step"][i]) * STEP_S)
-            envs.step(chooser.select(envs.situation))
+    envs = PacManBotVectorEnv(
+        n,
+        map="house",
+        execution=execution,
+        decide="event",
+        ghosts=("arcade", "wander"),
+        settings=changes,
+        autoreset_mode=AutoresetMode.DISABLED,
+    )
+    batch, games, chooser = envs.batch, envs.batch.games, make_policy(policy)
+    recorded = Recorded(batch)
+    envs.reset(seed=0)
+    chooser.reset(np.ones(n, np.bool_))
+    asked: list[set[float]] = [set() for _ in range(n)]
+    while (games["end"] == RUNNING).any():
+        for i in np.flatnonzero(games["end"] == RUNNING).tolist():
+            asked[i].add(float(games["step"][i]) * STEP_S)
+        envs.step(chooser.select(envs.situation))
     for i, events in enumerate(recorded.events):
         play_again(events, envs.config, batch, Asked(envs.config, asked[i], batch.hold))
     choices = sum(kind == "choose" for events in recorded.events for _, kind, *_ in events)

@@ -19,7 +19,6 @@ import numpy as np
 import onnx
 import torch
 from onnx import numpy_helper
-from sb3_contrib import MaskablePPO
 from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
@@ -39,9 +38,9 @@ from .export import export_planner, model_bytes
 from .games import TrainingGames, make_games
 from .ghost_games import make_ghost_games
 from .imitation import imitate
+from .learner import Learner, new_model, use_device
 from .network import EntityNetwork
 from .opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from .policy import new_model
 from .run import LearningRate, TrainingCallback, facts_of, restore
 
 _PROG = "pacman-env adversary"
@@ -88,8 +87,8 @@ class Arguments(Checked):
     """Do not train: print the table of this planner."""
     clyde: Path | None = None
     """With --measure: a learned Clyde to play against, beside the built-in ones."""
-    threads: AtLeastOne = 2
-    """Of torch."""
+    threads: Count = 2
+    """That compute an update, step games and play rounds; 0: one for each core."""
     progress: bool = True
     """Show a progress bar."""
 
@@ -116,8 +115,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Arguments) -> None:
-    torch.set_num_threads(arguments.threads)
-    torch.use_deterministic_algorithms(True)  # else threads add up gradients in whatever order they come
+    use_device("cpu")
     if arguments.measure is None:
         Alternation(arguments).run()
     else:
@@ -154,7 +152,7 @@ class Alternation:
         self.table = Table(_games(arguments, _PLANNER), arguments.evaluation)
         self.rounds: list[dict[str, Any]] = []
         self._decisions = [0, 0]
-        self._models: list[MaskablePPO | None] = [None, None]
+        self._models: list[Learner | None] = [None, None]
 
     def run(self) -> None:
         """All rounds, then the newest planner against every Clyde.
@@ -219,7 +217,7 @@ class Alternation:
         hyper = _games(self.arguments, side).hyper
         seeds = _seeds(self.arguments, side, number)
         model = self._models[side] or new_model(hyper, games, seeds[0])
-        self._models[side] = model
+        self._models[side], model.threads = model, self.arguments.threads
         model.lr_schedule = rate = LearningRate(hyper.learning_rate)
         model.set_env(games)
         set_random_seed(seeds[0])
@@ -250,7 +248,7 @@ class Alternation:
         write_json(self.record, content)
 
 
-def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[MaskablePPO, int]:
+def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner, int]:
     """The planner to begin with, ready to be trained in ``games``, and how many decisions it has been trained for.
 
     Raises:
@@ -262,12 +260,17 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Maskable
         model = new_model(hyper, games, seeds[0])
         if arguments.imitation > 0:
             games.seed(seeds[1])
+            model.threads = arguments.threads
             imitate(model, games, "lookahead", arguments.imitation, seeds[0])
         return model, 0
     if path.suffix == ".onnx":
         network = network_of(path)
         shown = np.flatnonzero(network.shown.numpy() == 0).tolist()
-        sizes = {"width": network.width, "dropped_features": tuple(shown), "dropped_kinds": network.dropped_kinds}
+        sizes: dict[str, Any] = {
+            "width": network.width,
+            "dropped_features": tuple(shown),
+            "dropped_kinds": network.dropped_kinds,
+        }
         model = new_model(hyper, games, seeds[0], **sizes)
         model.policy.network.load_state_dict(network.state_dict())
         return model, read_planner(path)[0].training.decisions
@@ -326,7 +329,7 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
     )
     if arguments.clyde_speed is not None:
         hyper = dataclasses.replace(hyper, clyde_speed=arguments.clyde_speed)
-    return GameArguments(hyper=hyper, seed=arguments.seed)
+    return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
 
 
 def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:

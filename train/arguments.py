@@ -97,8 +97,10 @@ class Arguments(Checked):
     """Begin with slow Clydes: his highest speed grows over the first half of the run."""
     without: tuple[Part, ...] = ()
     """Ablations: candidates or features that the network is not given."""
-    threads: AtLeastOne = 2
-    """Of torch, and processes that step games."""
+    threads: Count = 2
+    """That compute an update, step games and play rounds; 0: one for each core."""
+    device: str = "cpu"
+    """Where the network learns and chooses: cpu, or a graphics processor such as cuda or cuda:1."""
     evaluation: Count = 256
     """Rounds on validation levels at the end of each segment, and on test levels at the end; 0: none."""
     progress: bool = True

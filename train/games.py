@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
@@ -17,7 +16,7 @@ from pacman_env.sim.maps.generated import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 
 from .arguments import Arguments, Hyperparameters
-from .game_workers import ParallelGames, Worker
+from .parts import PartedGames
 
 _PARTS = 4  # few houses at a time stay in the processor's cache
 VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them
@@ -69,7 +68,7 @@ def clyde_limit(arguments: Arguments, segment: int) -> float | None:
     return low + (high - low) * (0.3 + 0.7 * share)
 
 
-def dropped(arguments: Arguments) -> dict[str, tuple[int, ...]]:
+def dropped(arguments: Arguments) -> dict[str, Any]:
     """Columns that the network of an ablation is not shown, and of the kinds it may not choose."""
     without = arguments.without
     names = (_PATHS if "paths" in without else ()) + (_PREDICTION if "prediction" in without else ())
@@ -86,26 +85,39 @@ class TrainingGames(VecEnvWrapper):
     def __init__(self, venv: VecEnv, scale: float) -> None:
         super().__init__(venv)
         self._scale = np.float32(scale)
+        self.groups = venv.groups if isinstance(venv, PartedGames) else [slice(0, venv.num_envs)]
 
     def reset(self) -> Observation:
         """The first observations."""
         return self.venv.reset()  # type: ignore[return-value]
 
+    def send(self, group: int, actions: NDArray[Any]) -> None:
+        """Have the games of a group take their next decision; other groups may be sent before it is received."""
+        if isinstance(self.venv, PartedGames):
+            self.venv.send(group, actions)
+        else:
+            self.venv.step_async(actions)
+
+    def receive(self, group: int) -> VecEnvStepReturn:
+        """What came of it."""
+        return self._scaled(self.venv.receive(group) if isinstance(self.venv, PartedGames) else self.venv.step_wait())
+
     def step_wait(self) -> VecEnvStepReturn:
         """One decision of all games."""
-        observations, rewards, dones, infos = self.venv.step_wait()
+        return self._scaled(self.venv.step_wait())
+
+    def _scaled(self, result: VecEnvStepReturn) -> VecEnvStepReturn:
+        observations, rewards, dones, infos = result
         for i in np.flatnonzero(dones):
             infos[i]["TimeLimit.truncated"] = False
         return observations, rewards * self._scale, dones, infos
 
 
-def make_games(
-    arguments: Arguments, segment: int, ghosts: Ghosts | None = None, workers: Sequence[Worker] = ()
-) -> TrainingGames:
+def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None) -> TrainingGames:
     """The games of a segment, in houses of its own; ``ghosts`` fill the seats in place of a wandering Clyde.
 
-    They are dealt into parts with houses of their own, the parts to this process and the workers. The houses of the
-    last part are twice as wide, its pellets twice as far apart.
+    They are dealt into parts with houses of their own. The houses of the last part are twice as wide, its pellets
+    twice as far apart.
 
     Raises:
         ValueError: more levels than there are to train on, or a configuration that cannot be played.
@@ -118,9 +130,8 @@ def make_games(
     levels, games = (np.linspace(0, count, parts + 1).astype(int).tolist() for count in (hyper.levels, hyper.games))
     settings = game_settings(arguments, clyde_limit(arguments, segment))
     wide = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m}
-    makes = [
-        partial(
-            PacManBotVecEnv,
+    made = [
+        PacManBotVecEnv(
             games[k + 1] - games[k],
             map="generated:wide" if k == _PARTS - 1 else "generated",
             start_level=first + levels[k],
@@ -129,7 +140,9 @@ def make_games(
             execution=arguments.execution,
             settings=settings | (wide if k == _PARTS - 1 else {}),
             ghosts=ghosts,
+            num_threads=arguments.threads,
+            infos="ends",
         )
         for k in range(parts)
     ]
-    return TrainingGames(ParallelGames(makes, workers), hyper.reward_scale)
+    return TrainingGames(PartedGames(made, background=arguments.threads != 1), hyper.reward_scale)

@@ -5,17 +5,18 @@ PPO from random weights hides from Clyde for its first half million decisions; f
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from sb3_contrib import MaskablePPO
 
 from pacman_env.envs.sb3_vec_env import Observation
 
 from .games import TrainingGames
-from .network import FORBIDDEN
+from .learner import Learner
+from .network import Packed, joined
 
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has something to compare
@@ -24,13 +25,24 @@ _ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has somet
 class _Lesson(NamedTuple):
     """Rows that are learned from."""
 
-    observations: dict[str, torch.Tensor]
-    choices: torch.Tensor  # (B,) the teacher's
+    situations: Packed
+    slots: torch.Tensor  # (B,) the teacher's choices, as the situations have them
     returns: torch.Tensor  # (B,) discounted
     known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time
 
+    def loss(self, model: Learner, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Of some of a minibatch of ``count``; nothing beside it."""
+        situations, slots = self.situations.of(rows), self.slots[rows]
+        logits, values = model.policy.network.judge_packed(situations)
+        log_probs = logits.log_softmax(dim=1)
+        entropy = -(log_probs.exp() * log_probs).sum()
+        error = ((values - self.returns[rows]).square() * self.known[rows]).sum()
+        taught = slots < situations.counts  # what the network of an ablation may not choose teaches it nothing
+        told = log_probs.gather(1, torch.where(taught, slots, 0)[:, None])[:, 0]
+        return (0.5 * error - (told * taught).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
 
-def imitate(model: MaskablePPO, games: TrainingGames, teacher: str, decisions: int, seed: int) -> dict[str, float]:
+
+def imitate(model: Learner, games: TrainingGames, teacher: str, decisions: int, seed: int) -> dict[str, float]:
     """Fit the model's policy to what the teacher, a registered policy, would choose in ``decisions`` situations.
 
     In the first of four rounds the teacher plays, in the others the model does and the teacher says what he would do,
@@ -53,48 +65,33 @@ def imitate(model: MaskablePPO, games: TrainingGames, teacher: str, decisions: i
     return {"agreement": agreement}
 
 
-def _fit(
-    model: MaskablePPO, optimizer: torch.optim.Optimizer, lessons: list[_Lesson], generator: torch.Generator
-) -> None:
-    policy = model.policy
-    policy.set_training_mode(True)
-    seen = {key: torch.cat([lesson.observations[key] for lesson in lessons]) for key in lessons[0].observations}
-    choices = torch.cat([lesson.choices for lesson in lessons])
-    returns = torch.cat([lesson.returns for lesson in lessons])
-    known = torch.cat([lesson.known for lesson in lessons])
+def _fit(model: Learner, optimizer: torch.optim.Optimizer, lessons: list[_Lesson], generator: torch.Generator) -> None:
+    model.policy.set_training_mode(True)
+    situations = joined([lesson.situations for lesson in lessons])
+    whole = _Lesson(situations, *map(torch.cat, zip(*(lesson[1:] for lesson in lessons), strict=True)))
     for _ in range(_EPOCHS):
-        for rows in torch.randperm(len(choices), generator=generator).split(_BATCH):
-            batch = {key: tensor[rows] for key, tensor in seen.items()}
-            values, log_prob, entropy = policy.evaluate_actions(batch, choices[rows])
-            assert entropy is not None
-            error = ((values[:, 0] - returns[rows]).square() * known[rows]).mean()
-            taught = log_prob > FORBIDDEN / 10  # what the network of an ablation may not choose teaches it nothing
-            loss = -(log_prob * taught).mean() - _ENTROPY * entropy.mean() + 0.5 * error
-            optimizer.zero_grad()
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(policy.parameters(), 0.5)
-            optimizer.step()
+        for rows in torch.randperm(len(whole.slots), generator=generator).to(model.device).split(_BATCH):
+            model.descend(optimizer, partial(whole.loss, model, len(rows)), rows, situations.counts)
 
 
 def _play(
-    model: MaskablePPO, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool
+    model: Learner, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool
 ) -> tuple[Observation, _Lesson, float]:
     """Play on, the teacher or (``alone``) the model; the last observation, the lesson, and how often they agreed."""
     n = games.num_envs
-    seen: list[Observation] = []
-    choices = np.zeros((steps, n), dtype=np.int64)
+    met: list[Packed] = []
+    slots: list[torch.Tensor] = []
     rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
     agreed = 0.0
     for t in range(steps):
-        choices[t] = games.venv.choices(teacher)  # type: ignore[attr-defined]
-        own, _ = model.predict(observation, action_masks=observation["action_mask"], deterministic=True)
-        agreed += float((own == choices[t]).mean()) / steps
-        seen.append(observation)
-        observation, rewards[t], dones[t], _ = games.step(own if alone else choices[t])  # type: ignore[assignment]
-    returns, known = discounted(rewards, dones, model.gamma)
-    stacked = {key: torch.from_numpy(np.concatenate([o[key] for o in seen])) for key in observation}
-    flat = (torch.from_numpy(array.reshape(-1)) for array in (choices, returns, known))
-    return observation, _Lesson(stacked, *flat), agreed
+        told = games.venv.choices(teacher)  # type: ignore[attr-defined]
+        choices, own = model.choose(observation, deterministic=True)
+        agreed += float((own == told).mean()) / steps
+        met.append(choices.situations)
+        slots.append((choices.order == torch.as_tensor(told, device=model.device)[:, None]).byte().argmax(dim=1))
+        observation, rewards[t], dones[t], _ = games.step(own if alone else told)  # type: ignore[assignment]
+    flat = (torch.from_numpy(array.ravel()).to(model.device) for array in discounted(rewards, dones, model.gamma))
+    return observation, _Lesson(joined(met), torch.cat(slots), *flat), agreed
 
 
 def discounted(

@@ -113,7 +113,7 @@ def completed_against(policy: Policy, clyde: str | Policy, arguments: Arguments,
     config = game_config(arguments).with_fields(**{"clyde.ghosts": (behaviour,)})
     source = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
     seeds = episode_seeds(VALIDATION_LEVEL, rounds)
-    records, _ = play(source, config, policy, seeds, batch_size=_GAMES, ghost=ghost)
+    records, _ = play(source, config, policy, seeds, batch_size=_GAMES, ghost=ghost, num_threads=arguments.threads)
     return np.asarray(records["end"] == COMPLETE)
 
 

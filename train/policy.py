@@ -12,14 +12,11 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.distributions import MaskableDistribution
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from .arguments import Hyperparameters
 from .network import EntityNetwork
 
 Tensors = dict[str, torch.Tensor]
@@ -108,18 +105,3 @@ class EntityPolicy(MaskableActorCriticPolicy):
     def predict_values(self, obs: Any) -> torch.Tensor:
         """(B, 1)."""
         return self._evaluate(obs, None)[1][:, None]
-
-
-def new_model(hyper: Hyperparameters, games: VecEnv, seed: int, **sizes: Any) -> MaskablePPO:
-    """MaskablePPO with random weights, at the first of its rates; ``sizes`` are those of ``EntityPolicy``."""
-    same = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "vf_coef", "max_grad_norm")
-    return MaskablePPO(
-        EntityPolicy,
-        games,
-        learning_rate=hyper.learning_rate[0],
-        ent_coef=hyper.ent_coef[0],
-        policy_kwargs={"width": hyper.width} | sizes,
-        seed=seed,
-        device="cpu",
-        **{name: getattr(hyper, name) for name in same},
-    )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import copy
 import dataclasses
+import functools
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -12,29 +14,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from sb3_contrib import MaskablePPO
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
-from pacman_env.config import Config
-from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.episodes.rollout import episode_seeds, play_in
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import Policy
+from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.generated import GeneratedMaps
 
 from .arguments import FOLDER, Arguments, load_hyperparameters
 from .checkpoint import TorchPlanner, facts_path, read_facts
 from .export import export_planner
-from .game_workers import Worker
 from .games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
 from .imitation import imitate
-from .policy import new_model
+from .learner import Learner, new_model, use_device
 from .run import LearningRate, Run, TrainingCallback, restore
 
 AfterSegment = Callable[[dict[str, Any]], None]
@@ -88,7 +87,7 @@ def run(arguments: Arguments) -> None:
     print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
 
 
-def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, MaskablePPO]:
+def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, Learner]:
     """All segments that are left; the run's folder and the model as the last one left it.
 
     ``after_segment`` is called with the record of each segment, those that a resumed run has behind it included; what
@@ -97,8 +96,7 @@ def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tu
     Raises:
         ValueError: the run's folder does not fit, or a value is out of range.
     """
-    torch.set_num_threads(arguments.threads)
-    torch.use_deterministic_algorithms(True)  # else threads add up gradients in whatever order they come
+    device = use_device(arguments.device)
     folder = Run(arguments)
     hyper = arguments.hyper
     bar = tqdm(
@@ -117,26 +115,32 @@ def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tu
     begun = len(folder.segments)
     with contextlib.ExitStack() as stack:
         stack.enter_context(bar)
-        workers = [stack.enter_context(contextlib.closing(Worker())) for _ in range(arguments.threads - 1)]
-        games = make_games(arguments, begun, workers=workers)
-        model = new_model(hyper, games, arguments.seed, **dropped(arguments))
-        model.lr_schedule = rate
+        games = make_games(arguments, begun)
+        model = new_model(hyper, games, arguments.seed, device, **dropped(arguments))
+        model.lr_schedule, model.threads = rate, arguments.threads
         if begun > 0:
             restore(model, folder.checkpoint(begun - 1))
         model.set_logger(configure(str(arguments.out), ["tensorboard"]))
         stack.callback(model.logger.close)
+        validation = _HeldOut(arguments, test=False)
         for segment in range(begun, hyper.segments):
             if segment > begun:
                 games.close()
-                games = make_games(arguments, segment, workers=workers)
-            _segment(arguments, folder, model, games, rate, bar)
+                games = make_games(arguments, segment)
+            _segment(arguments, folder, model, games, validation, rate, bar)
             after_segment(folder.segments[-1])
         games.close()
     return folder, model
 
 
 def _segment(
-    arguments: Arguments, folder: Run, model: MaskablePPO, games: TrainingGames, rate: LearningRate, bar: Any
+    arguments: Arguments,
+    folder: Run,
+    model: Learner,
+    games: TrainingGames,
+    validation: _HeldOut,
+    rate: LearningRate,
+    bar: Any,
 ) -> None:
     """Learn in the games of the next segment, validate, write down."""
     hyper, segment = arguments.hyper, len(folder.segments)
@@ -148,7 +152,7 @@ def _segment(
     imitation = {}
     if segment == 0 and hyper.imitation > 0:
         imitation = imitate(model, games, "lookahead", hyper.imitation, int(seeds[2]))
-        imitation["imitated"] = _validate(arguments, model)
+        imitation["imitated"] = validation.share(_planner(arguments, model))
         bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
         games.seed(int(seeds[1]))
     model.num_timesteps = segment * hyper.segment
@@ -156,7 +160,7 @@ def _segment(
     learning = time.perf_counter()
     model.learn(hyper.segment, callback, reset_num_timesteps=False)
     ended = time.perf_counter()
-    share = _validate(arguments, model)
+    share = validation.share(_planner(arguments, model))
     speed = hyper.segment / (ended - learning)
     folder.write(
         model,
@@ -175,31 +179,35 @@ def _segment(
     bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
 
 
-def _planner(arguments: Arguments, model: MaskablePPO) -> TorchPlanner:
-    return TorchPlanner("ppo", model.policy.network, game_config(arguments).robot.speed_mps)
+def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
+    return TorchPlanner("ppo", copy.deepcopy(model.policy.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
-def _played(arguments: Arguments) -> Config:
-    """The game that planners are judged in: the one of training, but every one is asked at each tick."""
-    return game_config(arguments).with_fields(**{"decisions.when": "tick"})
+class _HeldOut:
+    """Rounds that planners are judged in, on levels that are never trained on: games as in training, asked each tick.
 
+    The levels stay prepared from one judgement to the next.
+    """
 
-def _validate(arguments: Arguments, model: MaskablePPO) -> float:
-    """Share of rounds completed on levels that are never trained on, nor tested."""
-    if arguments.evaluation == 0:
-        return 0.0
-    config = _played(arguments)
-    source = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
-    seeds = episode_seeds(VALIDATION_LEVEL, arguments.evaluation)
-    return float(_completed(_planner(arguments, model), source, config, seeds).mean())
+    def __init__(self, arguments: Arguments, test: bool) -> None:
+        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
+        self._test, self._threads = test, arguments.threads
+        self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, arguments.evaluation)
 
+    @functools.cached_property
+    def _games(self) -> GameBatch:
+        config = self._config
+        validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
+        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
+        return GameBatch(source, config, min(_BATCH, len(self.seeds)), self._threads)
 
-def _completed(
-    policy: str | Policy, source: GeneratedMaps, config: Config, seeds: NDArray[np.uint64]
-) -> NDArray[np.bool_]:
-    """(E,) the rounds that ended with all pellets collected and the robot at home."""
-    records, _ = play(source, config, policy, seeds, batch_size=_BATCH)
-    return np.asarray(records["end"] == COMPLETE)
+    def completed(self, policy: str | Policy) -> NDArray[np.bool_]:
+        """(E,) the rounds that ended with all pellets collected and the robot at home."""
+        return np.asarray(play_in(self._games, policy, self.seeds, timed=False)[0]["end"] == COMPLETE)
+
+    def share(self, policy: str | Policy) -> float:
+        """Of the rounds that ended so; 0 if there are none."""
+        return float(self.completed(policy).mean()) if len(self.seeds) > 0 else 0.0
 
 
 def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
@@ -208,15 +216,11 @@ def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
         return lines[0]
-    config = _played(arguments)
-    seeds = episode_seeds(arguments.seed, arguments.evaluation)
-    played = {}
+    test = _HeldOut(arguments, test=True)
     compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
-    for name, policy in compared.items():
-        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT)
-        played[name] = _completed(policy, source, config, seeds)
+    played = {name: test.completed(policy) for name, policy in compared.items()}
     low, high = hyper.clyde_speed
-    lines += [f"{len(seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
+    lines += [f"{len(test.seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
     lines += ["| policy | completed | ppo minus it, paired |", "|---|---|---|"]
     for name, ended in played.items():
         first, last = wilson(int(ended.sum()), len(ended))

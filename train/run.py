@@ -86,7 +86,7 @@ class Run:
 def _plain(arguments: Arguments) -> dict[str, Any]:
     """The arguments that decide the curve, as JSON has them."""
     plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
-    for name in ("out", "resume", "progress"):
+    for name in ("out", "resume", "progress", "threads"):
         del plain[name]
     return dict(plain)
 
@@ -156,7 +156,7 @@ class TrainingCallback(BaseCallback):
         for i in np.flatnonzero(self.locals["dones"]):
             outcome = self.locals["infos"][i]["outcome"]
             self._ended.append((outcome == "complete", outcome == "timeout"))
-        self._bar.update(self.training_env.num_envs)
+        self._bar.update(len(self.locals["dones"]))
         return True
 
     def _on_rollout_end(self) -> None:

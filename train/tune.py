@@ -67,8 +67,8 @@ class Study(Checked):
     """Of the proposals and of every training."""
     resume: bool = False
     """Go on with the study in ``out``."""
-    threads: AtLeastOne = 2
-    """Of torch."""
+    threads: Count = 2
+    """That compute an update, step games and play rounds; 0: one for each core."""
     progress: bool = True
     """Show a progress bar for each trial."""
 

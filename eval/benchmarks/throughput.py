@@ -3,7 +3,10 @@
 Decisions per second of the native vector environment at 64 and 1,024 games and of the unwrapped single environment;
 in the same run, in turns with it, bare Chipmunk stepping of the same bodies among the same walls, as decisions that
 cost nothing but physics; what a second ``gymnasium.make`` of the same map costs, and what a generated house for each
-episode costs; decisions by events (``PacManBot-v1``), with the time that they simulate. Everything runs in one thread.
+episode costs; decisions by events (``PacManBot-v1``), with the time that they simulate; 64 houses at once, and 64 games
+with the planner's features. All of that in one thread. Then 1,024 games with 1, 2, 4 ... threads, and a new house for
+each episode of 64 games, whose houses two threads prepare while they are played.
+With ``--peers``, instead, environments of other libraries beside ours.
 Machines are noisy: the ratio is the median over rounds of figures measured one after the other.
 """
 
@@ -25,7 +28,10 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.files import prepare, write_json
-from pacman_env.world.navigation.physics import PhysicsWorld
+from pacman_env.threads import cores
+from pacman_env.world.navigation.physics import bare_stepper
+
+from . import peers
 
 HELD = 20  # decisions for which a random action is held: about what a planner does
 ROUNDS = 9
@@ -51,14 +57,23 @@ def single_rate(env: PacManBotEnv, rng: np.random.Generator, steps: int) -> floa
     return steps / (time.perf_counter() - began)
 
 
-def bare_rate(world: PhysicsWorld, env: PacManBotVectorEnv, steps: int) -> float:
-    """Decisions per second if a decision were physics steps and nothing else, from where the games are now."""
-    games = env.batch.games
-    for i in range(world.n):
-        world.place(i, games[i]["x"], games[i]["y"])
+def bare_rate(env: PacManBotVectorEnv, steps: int) -> float:
+    """Decisions per second if a decision were physics steps and nothing else, from where the games are now.
+
+    All robots are in one space of Chipmunk's, stepped from Python, as somebody would who has nothing but pymunk.
+    """
+    robot = env.config.robot
+    step = bare_stepper(
+        env.batch.assets.grid.walls,
+        env.batch.bodies[:, :2],
+        radius_m=robot.radius_m,
+        mass_kg=robot.mass_kg,
+        step_s=env.config.physics_step_s,
+        speed_mps=robot.speed_mps,
+    )
     began = time.perf_counter()
-    world.bare_steps(steps * env.batch.substeps, env.config.robot.speed_mps)
-    return steps * world.n / (time.perf_counter() - began)
+    step(steps * env.batch.substeps)
+    return steps * env.num_envs / (time.perf_counter() - began)
 
 
 def make_vector(n: int, map_source: str, version: int = 0, **arguments: Any) -> PacManBotVectorEnv:
@@ -120,24 +135,32 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     env = make_vector(64, map_source)
     houses = make_vector(64, "generated")
     level_ms = new_level_ms(houses, max(8, round(50 * seconds)))
-    robot = env.config.robot
-    bare = PhysicsWorld(
-        env.batch.assets.grid.walls,
-        64,
-        radius_m=robot.radius_m,
-        mass_kg=robot.mass_kg,
-        step_s=env.config.physics_step_s,
-    )
     steps = max(HELD, int(seconds / rounds * vector_rate(env, rng, 4 * HELD) / 64))
     full, empty = [], []
     for _ in range(rounds):
         full.append(vector_rate(env, rng, steps))
-        empty.append(bare_rate(bare, env, steps))
+        empty.append(bare_rate(env, steps))
     ratios = np.array(full) / np.array(empty)
 
-    many = make_vector(1024, map_source)
+    by_threads = {threads: make_vector(1024, map_source, num_threads=threads) for threads in thread_numbers(cores())}
     many_steps = max(4, int(seconds / rounds * np.median(full) / 1024))
-    many_rate = float(np.median([vector_rate(many, rng, many_steps) for _ in range(rounds)]))
+    turns = [
+        {threads: vector_rate(many, rng, many_steps) for threads, many in by_threads.items()} for _ in range(rounds)
+    ]
+    threads = {str(number): float(np.median([turn[number] for turn in turns])) for number in by_threads}
+    for many in by_threads.values():
+        many.close()
+    del by_threads
+
+    featured = make_vector(64, map_source, observation="planner")
+    same_houses = make_vector(64, "generated", num_levels=64)
+    more_steps = max(4, steps // 4)
+    features = [vector_rate(featured, rng, more_steps) for _ in range(rounds)]
+    at_once = [vector_rate(same_houses, rng, more_steps) / vector_rate(env, rng, more_steps) for _ in range(rounds)]
+    new_houses = make_vector(64, "generated", num_threads=2)
+    house_steps = max(4, steps // 20)
+    vector_rate(new_houses, rng, house_steps)
+    per_episode = [vector_rate(new_houses, rng, house_steps) for _ in range(rounds)]
 
     by_events = make_vector(64, map_source, version=1)
     event_steps = max(4, steps // 8)
@@ -150,7 +173,12 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     single_steps = max(HELD, int(seconds / rounds * 8000))
     one_rate = float(np.median([single_rate(single, rng, single_steps) for _ in range(rounds)]))
     return {
-        "decisions_per_s": {"1": one_rate, "64": float(np.median(full)), "1024": many_rate},
+        "decisions_per_s": {"1": one_rate, "64": float(np.median(full)), "1024": threads["1"]},
+        "threads": threads,
+        "houses_64": float(np.median(at_once)) * float(np.median(full)),
+        "houses_64_ratio": float(np.median(at_once)),
+        "new_house_per_episode": float(np.median(per_episode)),
+        "features_64": float(np.median(features)),
         "event_decisions_per_s_64": decisions,
         "event_simulated_s_per_s_64": simulated,
         "tick_simulated_s_per_s_64": float(np.median(full)) * env.config.execution.tick_s,
@@ -169,6 +197,11 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     }
 
 
+def thread_numbers(most: int) -> list[int]:
+    """1, 2, 4 ... and the number of cores; two at least."""
+    return sorted({1, 2, max(2, most), *(2**k for k in range(10) if 2**k <= most)})
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure; returns the exit status."""
     parser = Parser(prog="pacman-env benchmark", description=__doc__)
@@ -176,21 +209,45 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
     parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")
     parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument(
+        "--peers",
+        nargs="*",
+        choices=peers.PEERS,
+        metavar="NAME",
+        help=f"instead, other libraries' environments beside ours: {', '.join(peers.PEERS)} (all of them)",
+    )
+    parser.add_argument(
+        "--venvs", type=Path, metavar="DIR", help="install each of them there, in a venv of its own, if it is not yet"
+    )
     return run_command(parser, argv, _report)
 
 
 def _report(arguments: argparse.Namespace) -> None:
+    if arguments.venvs and arguments.peers is None:
+        raise ValueError("--venvs is for --peers")
     if arguments.json:
         prepare(arguments.json)
+    if arguments.peers is not None:
+        names = list(dict.fromkeys(arguments.peers or peers.PEERS))
+        figures = peers.run(names, arguments.venvs, arguments.map, arguments.rounds, arguments.seconds)
+        print(peers.table(figures))
+        if arguments.json:
+            write_json(arguments.json, figures)
+        return
     figures = run(arguments.map, arguments.rounds, arguments.seconds)
     rates = figures["decisions_per_s"]
-    print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread")
+    print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread if no number is told")
     for n in ("1", "64", "1024"):
         print(f"  N = {n:>4}: {rates[n]:9,.0f} decisions/s")
     low, high = figures["bare_ratio_64_range"]
     print(f"  bare Chipmunk, 64 bodies: {figures['bare_decisions_per_s_64']:9,.0f} decisions/s")
     print(f"  ratio to bare at 64: {figures['bare_ratio_64']:.3f} ({low:.3f} to {high:.3f})")
     print(f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}")
+    print(f"  64 houses: {figures['houses_64']:9,.0f} decisions/s, {figures['houses_64_ratio']:.2f} of one house")
+    print(f"  planner's features, 64: {figures['features_64']:9,.0f} decisions/s")
+    for number, rate in figures["threads"].items():
+        print(f"  1,024 games, {number:>2} threads: {rate:9,.0f} decisions/s, {rate / rates['1024']:.2f} of one")
+    print(f"  a new house per episode, 64 games, 2 threads: {figures['new_house_per_episode']:9,.0f} decisions/s")
     print(f"  decided by events, planner's numbers, 64: {figures['event_decisions_per_s_64']:9,.0f} decisions/s,")
     simulated, ticks = figures["event_simulated_s_per_s_64"], figures["tick_simulated_s_per_s_64"]
     print(f"    {simulated:,.0f} simulated s/s; at every tick {ticks:,.0f}")

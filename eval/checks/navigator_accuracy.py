@@ -81,13 +81,11 @@ def drive_to_random_goals(source: str, goals: int, seed: int, preset: str = "ide
 def watch_contacts(batch: GameBatch) -> list[float]:
     """A list with the deepest overlap of a body with a wall (m), kept up to date at every physics step."""
     deepest = [0.0]
-    step = batch.physics.step
 
     def watched() -> None:
-        step()
-        deepest[0] = max(deepest[0], batch.physics.deepest_contact())
+        deepest[0] = max(deepest[0], batch.deepest_contact())
 
-    batch.physics.step = watched  # type: ignore[method-assign]
+    batch.after_physics_step = watched
     return deepest
 
 

@@ -38,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="pacman-env compare",
         description="Let policies play the same rounds and compare them. Decision times are those of the"
         " policy alone for one situation, without simulator and observation. All numbers but these times are"
-        " the same for any number of workers.",
+        " the same for any number of workers and threads.",
     )
     add = parser.add_argument
     policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
@@ -48,6 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--episodes", type=rounds, default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
     add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (1)")
+    add("--threads", type=whole_number(0), default=1, metavar="N", help="of each process; 0: one for each core (1)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
     add("--video", type=Path, metavar="OUT", help="film (.mp4, .gif) of the first map's first round")
@@ -70,7 +71,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     blocks = [
-        Block(scenario, config, policy, seeds)
+        Block(scenario, config, policy, seeds, arguments.threads)
         for scenario, config, policy in itertools.product(maps.values(), configs, policies)
     ]
     unit = "game" if configs[0].endless else "episode"

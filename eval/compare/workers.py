@@ -30,6 +30,7 @@ class Block:
     config: Config
     policy: str
     seeds: NDArray[np.uint64]
+    threads: int = 1  # of a process
 
 
 Played = tuple[NDArray, NDArray[np.float64]]
@@ -47,7 +48,7 @@ def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> P
     """Records and decision times of one block, as :func:`pacman_env.episodes.rollout.play` gives them."""
     source = open_scenario(block.scenario, block.config)
     policy = load_policy(block.policy) if is_checkpoint(block.policy) else block.policy
-    return play(source, block.config, policy, block.seeds, on_end=on_end)
+    return play(source, block.config, policy, block.seeds, on_end=on_end, num_threads=block.threads)
 
 
 def play_all(

@@ -38,6 +38,7 @@ MODULES = {
     "navigation": ("eval.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
     "houses": ("eval.checks.generated_levels", "whether generated houses can be played, judged independently"),
     "fuzz": ("eval.checks.fuzz", "random actions under random configurations"),
+    "memory": ("eval.checks.memory", "whether long runs keep their memory, and threads change nothing"),
     "campaign": ("eval.campaign.__main__", "random games of the nodes, with faults (ROS)"),
     "robot-rounds": ("eval.campaign.robot_rounds", "rounds of the nodes beside rounds of the simulator (ROS)"),
     "train": ("train.ppo", "train a planner"),

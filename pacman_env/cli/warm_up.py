@@ -71,6 +71,7 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
     games: tuple[Any, ...] = (one, several)
     for env in games:
         env.reset(seed=0)
+        env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # as when a robot comes near a wall
         env.action_space.seed(0)
         for _ in range(_STEPS):
             drives = arguments.get("action") == "velocity"
@@ -118,7 +119,7 @@ def _policies() -> None:
 def _two_players() -> None:
     from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 
-    env = PacManBotParallelEnv(settings=_SHORT)
+    env = PacManBotParallelEnv(settings=_SHORT, rewards="separate")
     observations, _ = env.reset(seed=0)
     for _ in range(_STEPS):
         if not env.agents:

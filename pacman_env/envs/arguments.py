@@ -172,3 +172,10 @@ def check_render_mode(render_mode: str | None, known: Sequence[str]) -> None:
     """Raise ValueError for a render mode that the environment does not have."""
     if render_mode is not None and render_mode not in known:
         raise ValueError(f"render_mode = {render_mode!r}: choose one of {known} or None")
+
+
+def checked_games(num_envs: Any) -> int:
+    """How many games; raises ValueError for what is no such number."""
+    if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
+        raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
+    return int(num_envs)

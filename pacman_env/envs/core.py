@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +23,10 @@ from . import outcome
 from .arguments import EnvArguments, check_render_mode
 from .spaces import OBSERVATION, action_space, observation_space, velocities
 
+#: By the ghost's number: of all games (N,), or one for all of them.
+GhostChoices = Mapping[int, NDArray[np.int64] | int]
+_NOBODY = np.zeros(0, dtype=np.bool_)
+
 
 class EnvCore:
     """N games of one environment, from its arguments."""
@@ -33,6 +37,8 @@ class EnvCore:
         arguments: EnvArguments,
         *,
         ghost_agents: bool = False,
+        num_threads: int = 1,
+        copy: bool = True,
         settings: Mapping[str, Any] | None = None,
     ) -> None:
         """Raises ConfigError or MapError for arguments that cannot be played.
@@ -40,6 +46,8 @@ class EnvCore:
         Args:
             n: games.
             arguments: of the environment.
+            num_threads: see :class:`~pacman_env.threads.Threads`.
+            copy: situations and features are new arrays at each step; False: two sets of arrays take turns.
             ghost_agents: whoever steps the games chooses for ghosts whose behaviour is ``policy``.
             settings: fields of the configuration that are other than the arguments say.
         """
@@ -50,7 +58,7 @@ class EnvCore:
         self.ghost_agents = [k for k, name in behaviours if name == "policy" and k not in self._policies]
         if self.ghost_agents and not ghost_agents:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
-        self.batch = GameBatch(arguments.make_source(self.config), self.config, n)
+        self.batch = GameBatch(arguments.make_source(self.config), self.config, n, num_threads)
         self._observer = Observer(self.batch)
         self.parts = self._observer.parts
         self.candidates = self.batch.candidates if self._observer.nearest is None else self._observer.nearest.count
@@ -61,12 +69,18 @@ class EnvCore:
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
             raise ConfigError(f"observation.mask = {self.config.observation.mask!r}: velocities have no mask")
         self._situation: Situation | None = None
+        self._copies = copy
+        self._reused: list[Situation | None] = [None, None]
         self._listed: NDArray[np.int64] | None = None  # candidates by the number that an action has; None: their own
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
         self._way_counts = bool(self.config.reward.progress or self.config.ghost_reward.progress)
         self._way = np.zeros(n)  # m, left to the nearest pellet; 0 where it does not count
         self._nearer = np.zeros(n)  # m, in the last step
+        self._asks_who_was_over = self._way_counts or bool(self.ghost_agents)
+        self._was_over = _NOBODY  # (N,) before the last step, where somebody asks
+        several = len(self.batch.levels) > 1 or self.config.endless or self.config.decisions.when == "event"
         self._draws = bool(self.config.randomize.ranges())  # asked at every step otherwise
+        self._tells_more = several or self._draws or self._mask_in_info
 
     @property
     def started(self) -> bool:
@@ -81,7 +95,8 @@ class EnvCore:
     def require_running(self) -> None:
         """Raise ResetNeeded before the first reset, and where every episode is over."""
         self.require_reset()
-        if (self.batch.games["end"] != RUNNING).all():
+        ends = self.batch.games["end"]
+        if ends[0] != RUNNING and (ends != RUNNING).all():
             raise gym.error.ResetNeeded("the episode is over: call reset()")
 
     @property
@@ -123,7 +138,10 @@ class EnvCore:
         return Observer(self.batch, config, ghost=True)
 
     def _look(self) -> None:
-        self._situation = self.batch.situation()
+        self._reused.reverse()
+        self._situation = self._reused[0] = self.batch.situation(again=self._reused[0])
+        if self._copies:
+            self._reused[0] = None
         self._listed = self._observer.listed(self._situation)
         if self._way_counts:
             self._way = outcome.way_left(self.batch.alive, self._situation)
@@ -154,28 +172,39 @@ class EnvCore:
         return np.where(forbidden, self.batch.hold, chosen), forbidden
 
     def step(
-        self, actions: NDArray[Any], ghost_choices: Mapping[int, int] | None = None
+        self,
+        actions: NDArray[Any],
+        ghost_choices: GhostChoices | None = None,
+        plays: NDArray[np.bool_] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """One decision: reward (N,), terminated (N,), truncated (N,); games that were over get no reward.
 
-        ``ghost_choices``: those of ``ghost_agents`` by the ghost's number; the policies of the others are asked.
+        ``ghost_choices``: those of ``ghost_agents`` by the ghost's number; the policies of the others are asked. With
+        decisions at every tick, games that do not play (``plays`` (N,), None: all do) stand still as if they were over.
 
         Raises:
             ResetNeeded: before the first reset.
         """
         self.require_reset()
         batch, way = self.batch, self._way
-        was_over = batch.games["end"] != RUNNING
+        was_over = batch.games["end"] != RUNNING if self._asks_who_was_over else _NOBODY
+        if plays is not None and self._asks_who_was_over:
+            was_over |= ~plays
+        self._was_over = was_over
         if self.config.decisions.when == "event":
-            reward, terminated, truncated = self._step_until_due(*self._chosen(actions), was_over)
+            choose = self._policies_choose if self._policies else None
+            batch.step_until_due(*self._chosen(actions), choose)
+            self.elapsed_s = batch.elapsed_s.copy()
         else:
             if self.config.action == "velocity":
                 actions = velocities(actions, self.config)
             elif self._listed is not None:
                 actions, _ = self._chosen(actions)
-            batch.step(actions, self._ghost_choices(ghost_choices or {}))
-            self._look()
-            reward, terminated, truncated = outcome.reward_and_end(batch.games, was_over, self.config.reward)
+            batch.step(actions, self._ghost_choices(ghost_choices or {}), plays)
+        self._look()
+        reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
+        if plays is not None:
+            reward[~plays] = 0.0
         if self._timeout_terminates:
             terminated, truncated = terminated | truncated, np.zeros_like(truncated)
         if self._way_counts:
@@ -195,37 +224,12 @@ class EnvCore:
         left = np.where(terminated, 0.0, self._way)
         return np.where(was_over, 0.0, way - config.decisions.discount_per_s**passed_s * left)
 
-    def _step_until_due(
-        self, actions: NDArray[Any], forbidden: NDArray[np.bool_], over: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Ticks in each game until the next decision is due in it: a semi-Markov step.
-
-        After a choice that is forbidden, the next is due after a tick. Rewards are summed up, discounted by the time
-        since the decision.
-        """
-        batch, games, config = self.batch, self.batch.games, self.config
-        since = batch.decision_point()
-        self.elapsed_s = np.zeros(batch.n)
-        awake, reward = ~over, np.zeros(batch.n)
-        factor = 1.0
-        while True:
-            batch.step_awake(actions, self._ghost_choices({}), awake)
-            earned, _, _ = outcome.reward_and_end(games, ~awake, config.reward)
-            reward += factor * earned
-            factor *= config.decisions.discount_per_s**config.execution.tick_s
-            self.elapsed_s[awake] += config.execution.tick_s
-            awake &= ~forbidden
-            batch.put_to_sleep(awake, actions, since)
-            if not awake.any():
-                break
-        self._look()
-        _, terminated, truncated = outcome.reward_and_end(games, over, config.reward)
-        return reward, terminated, truncated
+    def _policies_choose(self) -> NDArray[np.int64] | None:
+        return self._ghost_choices({})
 
     def ghost_reward(self) -> NDArray[np.float64]:
-        """Of the tick that has just ended, for a ghost that plays for himself, (N,)."""
-        never = np.zeros(self.batch.n, dtype=np.bool_)
-        reward = outcome.reward_and_end(self.batch.games, never, self.config.ghost_reward)[0]
+        """(N,) of the tick that has just ended, for a ghost that plays for himself; 0 in games that were over."""
+        reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
         return reward + self.config.ghost_reward.progress * self._nearer if self._way_counts else reward
 
     def observe(self) -> Any:
@@ -246,6 +250,8 @@ class EnvCore:
 
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, numbers as Python's."""
+        if not self._tells_more:
+            return outcome.info(self.batch.told, self._numeric)
         return {key: array[0].copy() if array.ndim > 1 else array.tolist()[0] for key, array in self.infos().items()}
 
     @staticmethod
@@ -258,7 +264,7 @@ class EnvCore:
     def infos(self) -> dict[str, NDArray[Any]]:
         """Per game; see the environment."""
         batch, games = self.batch, self.batch.games
-        result = outcome.infos(games, self._numeric)
+        result = outcome.infos(batch.told, self._numeric)
         if self._mask_in_info:
             result[MASK] = self.masks().astype(np.int8)
         if len(batch.levels) > 1:
@@ -269,7 +275,7 @@ class EnvCore:
             result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result
 
-    def _ghost_choices(self, given: Mapping[int, int]) -> NDArray[np.int64] | None:
+    def _ghost_choices(self, given: GhostChoices) -> NDArray[np.int64] | None:
         if not (self._policies or given):
             return None
         choices = np.full(self.batch.ghosts.shape, self.batch.hold, dtype=np.int64)
@@ -326,9 +332,12 @@ class CoreEnv:
         n, arguments, more = self._made_from
         core = EnvCore(n, arguments, **more, settings=settings)
         same = core.observation_space() == self._core.observation_space()
+        same &= core.ghost_agents == self._core.ghost_agents
         if not same or core.action_space() != self._core.action_space():
             names = ", ".join(sorted(settings))
-            raise ConfigError(f"options['settings']: {names} would change the spaces; make an environment with them")
+            raise ConfigError(
+                f"options['settings']: {names} would change the spaces or agents; make an environment with them"
+            )
         self._core = core
 
     @property
@@ -368,3 +377,11 @@ class CoreEnv:
 
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()
+
+    def _pictures(self, cores: Sequence[EnvCore]) -> tuple[NDArray[np.uint8], ...] | None:
+        """One for each game of them, if there is a render mode."""
+        if self.render_mode is None:
+            return None
+        from ..render.frames import render_frame
+
+        return tuple(render_frame(core.batch, i) for core in cores for i in range(core.batch.n))

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RewardConfig
-from ..game.execution import COMPLETE, DEAD, TIMEOUT
 from ..sim.core.kernels import summarize
+from ..sim.core.parameters import reward_numbers
 from ..sim.observation.situation import Situation
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)
-_COUNTS = ("collected", "lost", "spawned", "aborts", "round_seed")
+_NAMES = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")
 
 
 def reward_and_end(
@@ -26,10 +26,8 @@ def reward_and_end(
     (``over_before``) get no reward.
     """
     n = len(games)
-    by_end = np.zeros(len(OUTCOMES))
-    by_end[DEAD], by_end[COMPLETE], by_end[TIMEOUT] = config.death, config.completion, config.timeout
     reward, terminated, truncated = np.empty(n), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
-    summarize(games, config.tick, config.pellet, by_end, terminated, truncated, over_before, reward)
+    summarize(games, reward_numbers(config), terminated, truncated, over_before, reward)
     return reward, terminated, truncated
 
 
@@ -42,13 +40,22 @@ def way_left(alive: NDArray[np.bool_], situation: Situation) -> NDArray[np.float
     return np.where(np.isfinite(ways), ways, 0.0)
 
 
-def infos(games: NDArray[Any], numeric: bool = False) -> dict[str, NDArray[Any]]:
+def infos(told: NDArray[np.int64], numeric: bool = False) -> dict[str, NDArray[Any]]:
     """Per game: outcome, pellets collected, lost and spawned, goals aborted by Nav2, the round's seed.
 
-    New arrays, the counts int64 as Gymnasium's vector environments make them. ``outcome`` is a word (object), or with
-    ``numeric`` the number of its place in ``OUTCOMES``.
+    New arrays, the counts int64 as Gymnasium's vector environments make them, from what a batch has ``told`` (6, N).
+    ``outcome`` is a word (object), or with ``numeric`` the number of its place in ``OUTCOMES``.
     """
-    result = {"outcome": games["end"].astype(np.int64) if numeric else OUTCOMES[games["end"]]}
-    for name in _COUNTS:
-        result[name] = games["episode_seed" if name == "round_seed" else name].astype(np.int64)  # seeds are below 2**63
+    told = told.copy()
+    result: dict[str, NDArray[Any]] = dict(zip(_NAMES, told, strict=True))
+    if not numeric:
+        result["outcome"] = OUTCOMES[told[0]]
+    return result
+
+
+def info(told: NDArray[np.int64], numeric: bool = False) -> dict[str, Any]:
+    """The same of the first game, as Python's numbers."""
+    result = dict(zip(_NAMES, told[:, 0].tolist(), strict=True))
+    if not numeric:
+        result["outcome"] = OUTCOMES[result["outcome"]]
     return result

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import fields
 from typing import Any
 
 import gymnasium as gym
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 from ..game.execution import RUNNING
 from ..render.display import RENDER_FPS
 from ..sim.observation.robot_features import Observation
-from .arguments import EnvArguments, takes_env_arguments
+from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .core import CoreEnv
-from .reset_options import ResetOptions
+from .episode_seeds import EpisodeSeeds, one_for_each
+from .parts import Parts
+from .reset_options import ResetOptions, chosen_games
 
 _NOTHING_WANTED = ResetOptions()
 
@@ -35,6 +38,25 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
     Spaces, rewards and arguments are those of the single environment; game i with seed s equals a single environment
     with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with ``DISABLED`` pass
     ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps`` decisions.
+
+    ``num_threads`` share the games (0: one for each core); nothing else depends on it.
+
+    With a ``batch_size`` below the number of games, these are in parts of that size, and while one is stepped in the
+    background the network chooses for another, with EnvPool's words and the same games:
+
+    ```python
+    env.async_reset(seed=0)
+    while learning:
+        observations, rewards, terminated, truncated, info = env.recv()
+        env.send(choose(observations), info["env_id"])
+    ```
+
+    ``batch``, ``situation`` and ``action_masks()`` are then those of the part received last.
+
+    ``copy=False``: the arrays of an observation are written anew by the step after the next one, instead of being new
+    at each step; whoever keeps one for longer has to copy it.
+
+    ``infos="ends"`` (``SAME_STEP`` only) saves time: a step tells ``final_info`` of the games that ended, and no more.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -52,24 +74,43 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         arguments: EnvArguments,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        num_threads: int = 1,
+        batch_size: int | None = None,
+        copy: bool = True,
+        infos: str = "all",
     ) -> None:
         """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
-        if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
-        num_envs = int(num_envs)
+        num_envs = checked_games(num_envs)
         steps = max_episode_steps
         if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
             raise ValueError(f"max_episode_steps = {steps!r}: must be a whole number of at least 1, or None")
         self._most_steps = steps
-        self._make_core(num_envs, arguments)
+        self._parts: Parts | None = None
+        size = num_envs if batch_size is None else batch_size
+        if not isinstance(size, (int, np.integer)) or isinstance(size, bool) or size < 1 or num_envs % size:
+            raise ValueError(f"batch_size = {batch_size!r}: must be a whole number that divides num_envs = {num_envs}")
+        games = int(size)
+        self._whole: Parts | None = None  # all games as one part
+        more = {"num_threads": num_threads, "copy": copy}
+        if games == num_envs:
+            self._make_core(games, arguments, **more)
+        else:
+            given: dict[str, Any] = {"autoreset_mode": autoreset_mode, "max_episode_steps": steps, "infos": infos}
+            given |= more
+            shared = {one.name: getattr(arguments, one.name) for one in fields(arguments)}
+            self._parts = Parts([PacManBotVectorEnv(games, **given, **shared) for _ in range(num_envs // games)])
+            self._core, self.render_mode = self._parts.envs[0]._core, arguments.render_mode
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if infos not in ("all", "ends") or (infos == "ends" and self.autoreset_mode != AutoresetMode.SAME_STEP):
+            raise ValueError(f"infos = {infos!r}: must be 'all', or with AutoresetMode.SAME_STEP 'ends'")
+        self.tells_all = infos == "all"
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = self._core.observation_space()
         self.single_action_space = self._core.action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._seeds = EpisodeSeeds(num_envs)
         self._all = np.arange(num_envs)
         self._steps = np.zeros(num_envs, dtype=np.int64)  # of each episode
         self._cut = np.zeros(num_envs, dtype=np.bool_)  # by max_episode_steps, and not reset since
@@ -92,22 +133,19 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             ValueError: the seeds, the mask or other options do not fit the games.
             ResetNeeded: the first reset is not of all games.
         """
+        if self._parts is not None:
+            self.async_reset(seed=seed, options=options)
+            observations, _, _, _, infos = self._parts.received()
+            return observations, infos
         wanted = ResetOptions.of(options, self.num_envs, "reset_mask")
         index = self._reset_index(options)
         levels = wanted.levels(self.batch.source, index)
-        if seed is None or isinstance(seed, (int, np.integer)):
-            seed = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        if not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):
-            raise ValueError(f"seed = {seed!r}: must be a whole number, one for each game, or None")
-        if len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds for {self.num_envs} games")
+        generators = self._seeds.generators(seed, index)
         if len(index) == self.num_envs:
             self._play_by(wanted.settings)
         elif wanted.settings:
             raise ValueError("options['settings'] are for all games, which are not all reset")
-        for i in index.tolist():
-            if seed[i] is not None or self._generators[i] is None:
-                self._generators[i], _ = gym.utils.seeding.np_random(seed[i])
+        self._seeds.take(generators)
         self._new_rounds(index, wanted, levels)
         return self._core.observe(), self._infos(index)
 
@@ -120,8 +158,13 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             ValueError: the actions are not N integers of the action space.
             ResetNeeded: before the first reset.
         """
+        if self._parts is not None:
+            actions = np.asarray(actions)
+            if len(actions.shape) == 0 or len(actions) != self.num_envs:
+                raise ValueError(f"actions of shape {actions.shape}: must be of {self.num_envs} games")
+            return self._parts.all(actions)
         core = self._core
-        over = (self.batch.games["end"] != RUNNING) | self._cut
+        over = (self.batch.told[0] != RUNNING) | self._cut
         reward, terminated, truncated = core.step(self._checked(actions))
         self._cut_long_episodes(terminated, truncated)
         final: dict[str, Any] = {}
@@ -134,7 +177,48 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             if len(ended):
                 final = self._final(ended)
                 self._new_rounds(ended)
-        return core.observe(), reward, terminated, truncated, {**final, **self._infos(self._all)}
+        infos = {**final, **self._infos(self._all)} if self.tells_all else final
+        return core.observe(), reward, terminated, truncated, infos
+
+    def async_reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> None:
+        """Begin new rounds in all parts; :meth:`recv` gives their first observations, with rewards of 0.
+
+        Args:
+            seed: as in :meth:`reset`.
+            options: ``settings``, or one ``round_seed`` or ``level`` for all games.
+        """
+        if options and "reset_mask" in options:
+            raise ValueError("options['reset_mask']: all parts are reset")
+        self._in_parts().reset(one_for_each(seed, self.num_envs), options)
+
+    def send(self, actions: NDArray[Any], env_id: NDArray[np.int64] | None = None) -> None:
+        """Step a part in the background: that with the games ``env_id``, by default the one received last.
+
+        Raises:
+            ValueError: an action is none, or the part is under way; nothing is stepped then.
+            ResetNeeded: before :meth:`async_reset`.
+        """
+        self._in_parts().send(actions, env_id)
+
+    def recv(self) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """What :meth:`step` returns, of the part that was sent first; ``info["env_id"]``: the numbers of its games.
+
+        Raises:
+            ValueError: nothing was sent.
+        """
+        parts = self._in_parts()
+        result = parts.receive()
+        self._core = parts.envs[parts.last]._core
+        return result
+
+    def _in_parts(self) -> Parts:
+        if self._parts is not None:
+            return self._parts
+        if self._whole is None:
+            self._whole = Parts([self])
+        return self._whole
 
     def _cut_long_episodes(self, terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]) -> None:
         """What Gymnasium's ``TimeLimit`` does for one environment."""
@@ -146,11 +230,20 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per game."""
-        if self.render_mode is None:
-            return None
-        from ..render.frames import render_frame
+        return self._pictures([self._core] if self._parts is None else [one._core for one in self._parts.envs])
 
-        return tuple(render_frame(self.batch, i) for i in range(self.num_envs))
+    def check(self, actions: NDArray[Any]) -> NDArray[Any]:
+        """Actions as the games take them.
+
+        Raises:
+            ValueError: their shape, dtype or, of candidates, range is another.
+        """
+        actions = self._checked(actions)
+        if isinstance(self.single_action_space, spaces.Discrete):
+            most = int(self.single_action_space.n) - 1
+            for game in np.flatnonzero((actions < 0) | (actions > most))[:1].tolist():
+                raise ValueError(f"choice {actions[game]} of game {game}: candidates are 0 to {most}")
+        return actions
 
     def _checked(self, actions: NDArray[Any]) -> NDArray[Any]:
         actions = np.asarray(actions)
@@ -166,14 +259,10 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
     def _reset_index(self, options: dict[str, Any] | None) -> NDArray[np.int64]:
         if not options or "reset_mask" not in options:
             return self._all
-        mask = options["reset_mask"]
-        if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},)")
-        if not mask.any():
-            raise ValueError("options['reset_mask'] must have at least one True value")
-        if not self._core.started and not mask.all():
+        index = chosen_games(options["reset_mask"], self.num_envs, "options['reset_mask']")
+        if not self._core.started and len(index) < self.num_envs:
             raise gym.error.ResetNeeded("the first reset() must be of all games")
-        return np.flatnonzero(mask)
+        return index
 
     def _new_rounds(
         self,
@@ -181,9 +270,15 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         wanted: ResetOptions = _NOTHING_WANTED,
         levels: NDArray[np.int64] | None = None,
     ) -> None:
-        self._core.reset(index, wanted.seeds(index, self._generators), levels)
+        self._core.reset(index, self._seeds.of(index, wanted, self.batch), levels)
         self._steps[index] = 0
         self._cut[index] = False
+
+    def close_extras(self, **_: Any) -> None:
+        """Wait for parts that are under way."""
+        for parts in (self._parts, self._whole):
+            if parts is not None:
+                parts.close()
 
     def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Gymnasium's layout: an array per key and a mask of the games that have it."""
@@ -198,10 +293,12 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
 
     def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:
         """Last observation and info of the games that have just ended."""
+        if not self.tells_all:
+            return {"final_info": self._infos(ended)}
         last = self._core.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
-            final_obs[i] = copy.deepcopy(self._core.of_game(last, i))  # of an array that another step may write to
+            final_obs[i] = deepcopy(self._core.of_game(last, i))  # of an array that another step may write to
         present = np.zeros(self.num_envs, dtype=np.bool_)
         present[ended] = True
         return {

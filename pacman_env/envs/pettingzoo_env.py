@@ -3,40 +3,27 @@
 from __future__ import annotations
 
 import inspect
-import math
-from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from ..config import ConfigError
-from ..game.ghosts import GHOST_NAMES
 from ..render.display import RENDER_FPS, Display
 from ..sim.observation.kinds import MASK
-from ..sim.observation.robot_features import FAST_MPS
+from .agents import PACMAN as PACMAN
+from .agents import Observations, Rewards, SeveralAgents
 from .arguments import EnvArguments, takes_env_arguments
-from .core import CoreEnv
 from .reset_options import ResetOptions
-from .spaces import (
-    checked_action,
-    ghost_action_space,
-    state_limits,
-)
-
-PACMAN = "pacman"
-Rewards = Literal["zero_sum", "separate"]
-Observations = dict[str, Any]  # an agent's: a dictionary of arrays, or one array
+from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], Any]):
+class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, Any], Any]):
     """
     ## Description
     The game of `pacman_env/PacManBot-v0` for two players and more: `pacman` names the robot's next goal, `clyde` the
@@ -97,39 +84,9 @@ class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], An
         self, *, arguments: EnvArguments, rewards: Rewards = "zero_sum", max_cycles: int | None = None
     ) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
-        if rewards not in ("zero_sum", "separate"):
-            raise ConfigError(f"rewards = {rewards!r}: choose zero_sum or separate")
-        if max_cycles is not None and (not isinstance(max_cycles, int) or max_cycles < 1):
-            raise ConfigError(f"max_cycles = {max_cycles!r}: must be a whole number of at least 1")
-        if arguments.ghosts is None and arguments.config is None and "clyde.ghosts" not in (arguments.settings or {}):
-            arguments = replace(arguments, ghosts=("policy",))
-        self._make_core(1, arguments, ghost_agents=True)
-        if self.config.decisions.when == "event" or self.config.observation.candidates == "nearest":
-            raise ConfigError("decide='event' and candidates='nearest' are for one agent: here all decide at each tick")
-        self._ghosts = {GHOST_NAMES[k]: k for k in self._core.ghost_agents}
-        if not self._ghosts:
-            raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
-        self.rewards = rewards
-        self.max_cycles = max_cycles
-        self._cycles = 0
-        self.possible_agents = [PACMAN, *self._ghosts]
+        self._make_agents(1, arguments, rewards, max_cycles)
         self.agents: list[str] = []
-        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: self._core.observation_space()}
-        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: self._core.action_space()}
-        for name in self._ghosts:
-            self.observation_spaces[name] = self._core.ghost_observation_space()
-            self.action_spaces[name] = ghost_action_space(self.batch)
-        low, high = np.array(list(state_limits(self.batch).values())).T
-        self.state_space = spaces.Box(low, high, dtype=np.float64)
         self._generator: np.random.Generator | None = None
-
-    def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Of one agent; the same object each time."""
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Of one agent; the same object each time."""
-        return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -140,9 +97,8 @@ class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], An
         self._play_by(wanted.settings)
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._core.reset(_ONE, wanted.seeds(_ONE, [self._generator]), levels)
+        self._begin(_ONE, wanted.seeds(_ONE, [self._generator]), levels)
         self.agents = list(self.possible_agents)
-        self._cycles = 0
         if self.render_mode == "human":
             self.render()
         return self._seen()
@@ -163,13 +119,9 @@ class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], An
         if missing:
             raise ValueError(f"no action of {', '.join(missing)}")
         checked = {agent: self.checked(agent, actions[agent]) for agent in self.agents}
-        choices = {number: checked[name] for name, number in self._ghosts.items()}
-        reward, terminated, truncated = self._core.step(np.array([checked[PACMAN]]), choices)
-        self._cycles += 1
-        if self.max_cycles is not None and self._cycles >= self.max_cycles and not terminated[0]:
-            truncated[0] = True
+        reward, terminated, truncated = self._decide({agent: action[None] for agent, action in checked.items()})
         agents = self.agents
-        rewards = dict(zip(agents, [float(reward[0]), *self._ghost_rewards(float(reward[0]))], strict=True))
+        rewards = dict(zip(agents, reward[0].tolist(), strict=True))
         if terminated[0] or truncated[0]:
             self.agents = []
         if self.render_mode == "human":
@@ -197,40 +149,16 @@ class PacManBotParallelEnv(CoreEnv, Display, ParallelEnv[str, dict[str, Any], An
         Raises:
             ResetNeeded: before the first reset.
         """
-        batch, believed = self.batch, self.situation.robot[0]
-        g, ghosts = batch.games[0], batch.ghosts[0]
-        heading = math.remainder(g["heading"], 2 * math.pi)
-        robot = [g["x"], g["y"], heading, *believed]
-        velocity = [0.5 * (g["left"] + g["right"]), (g["right"] - g["left"]) / batch.config.robot.wheel_base_m]
-        each = []
-        for ghost in ghosts:
-            each += [ghost["x"], ghost["y"], *np.clip([ghost["vx"], ghost["vy"]], -FAST_MPS, FAST_MPS)]
-            each += [min(ghost["speed"], FAST_MPS), ghost["place"]]
-        game = [g["pursued"], g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
-        return np.concatenate([robot, velocity, each, batch.alive[0], game]).astype(np.float64)
-
-    @property
-    def state_names(self) -> list[str]:
-        """The names of the numbers of ``state()``."""
-        return list(state_limits(self.batch))
+        return self._states()[0]
 
     def _seen(self) -> tuple[Observations, dict[str, dict[str, Any]]]:
         """Observations and infos of all agents."""
-        core = self._core
-        situations = {name: self.batch.situation(number) for name, number in self._ghosts.items()}
-        seen = {PACMAN: core.observe()} | {name: core.observe_ghost(one) for name, one in situations.items()}
-        info = core.info_of_game()
+        observations, info = self._observed(), self._core.info_of_game()
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
-            for name, situation in situations.items():
-                infos[name][MASK] = situation.mask[0].astype(np.int8)
-        return {agent: core.of_game(observation, 0) for agent, observation in seen.items()}, infos
-
-    def _ghost_rewards(self, pacman: float) -> list[float]:
-        count = len(self._ghosts)
-        if self.rewards == "zero_sum":
-            return [-pacman / count] * count
-        return [float(self._core.ghost_reward()[0])] * count
+            for name, mask in self._ghost_masks.items():
+                infos[name][MASK] = mask[0].astype(np.int8)
+        return {agent: self._core.of_game(observation, 0) for agent, observation in observations.items()}, infos
 
 
 class _InTurn(parallel_to_aec_wrapper):

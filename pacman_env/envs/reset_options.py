@@ -79,6 +79,19 @@ class ResetOptions:
         return levels
 
 
+def chosen_games(mask: Any, games: int, name: str) -> NDArray[np.int64]:
+    """The games that a mask names, bool (N,); ``name`` is that of the mask.
+
+    Raises:
+        ValueError: it is no such mask, or names none.
+    """
+    if not isinstance(mask, np.ndarray) or mask.shape != (games,) or mask.dtype != np.bool_:
+        raise ValueError(f"{name} must be a bool array of shape ({games},)")
+    if not mask.any():
+        raise ValueError(f"{name} must have at least one True value")
+    return np.flatnonzero(mask)
+
+
 def _numbers(given: Any, name: str, games: int) -> NDArray[Any] | None:
     if given is None:
         return None

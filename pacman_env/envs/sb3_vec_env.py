@@ -43,6 +43,9 @@ class PacManBotVecEnv(VecEnv):
     ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s since this object was made). The games of a
     batch share their attributes, so an attribute can be set for all of them only. ``env_is_wrapped(Monitor)`` is true
     because episodes are reported as by ``Monitor``.
+
+    With ``infos="ends"``, which saves time, ``infos[i]`` is empty but at the end of an episode, and holds no
+    ``terminal_observation`` then.
     """
 
     def __init__(self, env: PacManBotVectorEnv | int = 64, *, version: int = 0, **arguments: Any) -> None:
@@ -109,20 +112,24 @@ class PacManBotVecEnv(VecEnv):
         dones = terminated | truncated
         self._returns += rewards
         self._lengths += 1
-        rows = _rows(infos, **{"TimeLimit.truncated": truncated & ~terminated})
+        cut = truncated & ~terminated
+        rows = _rows(infos, **{"TimeLimit.truncated": cut}) if self.env.tells_all else [{} for _ in dones]
         if dones.any():
-            self._end_episodes(np.flatnonzero(dones).tolist(), rows, infos)
+            self._end_episodes(np.flatnonzero(dones).tolist(), rows, infos, cut)
         return observations, rewards.astype(np.float32), dones, rows
 
-    def _end_episodes(self, ended: list[int], rows: list[dict[str, Any]], infos: dict[str, Any]) -> None:
+    def _end_episodes(
+        self, ended: list[int], rows: list[dict[str, Any]], infos: dict[str, Any], cut: NDArray[np.bool_]
+    ) -> None:
         """Put the last info of the games that ended where the first of their next round is, and start new sums."""
-        final = _rows(infos["final_info"])
+        final = _rows(infos["final_info"], **{"TimeLimit.truncated": cut})
         elapsed = round(time.time() - self._start, 6)
         for i in ended:
             row = rows[i]
             self.reset_infos[i] = {key: row[key] for key in row if key != "TimeLimit.truncated"}
             row.update(final[i])
-            row["terminal_observation"] = infos["final_obs"][i]
+            if self.env.tells_all:
+                row["terminal_observation"] = infos["final_obs"][i]
             row["episode"] = {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": elapsed}
         self._returns[ended] = 0.0
         self._lengths[ended] = 0

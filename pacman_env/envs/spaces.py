@@ -82,6 +82,8 @@ def checked_action(space: spaces.Space[Any], action: Any, who: str = "") -> Any:
     Raises:
         ValueError: it is not in the space; but velocities beyond the limits are cut to them by the game.
     """
+    if type(action) is int and isinstance(space, spaces.Discrete) and space.start <= action < space.start + space.n:
+        return np.int64(action)
     if isinstance(space, spaces.Box):
         velocities = np.asarray(action)
         if velocities.shape != (2,) or velocities.dtype.kind not in "fiu" or not np.isfinite(velocities).all():

@@ -69,6 +69,7 @@ def play(
     batch_size: int = BATCH,
     ghost: Policy | None = None,
     on_end: Callable[[int], object] | None = None,
+    num_threads: int = 1,
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
@@ -82,16 +83,38 @@ def play(
         batch_size: at most so many games at once.
         ghost: the policy of the only ghost, whose behaviour is ``policy``.
         on_end: called with the number of rounds that ended in a step.
+        num_threads: that share the games; 0: one for each core.
 
     Returns:
         (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms that single decisions
         took on a sample of the situations met, the policy alone, without simulator and observation. An endless game
         that has all its rounds behind it ends as COMPLETE.
     """
-    n = min(batch_size, len(seeds))
-    batch = GameBatch(source, config, n)
-    policy, timed = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
-    clock = _DecisionClock(timed)
+    batch = GameBatch(source, config, min(batch_size, len(seeds)), num_threads)
+    return play_in(batch, robot, seeds, ghost=ghost, on_end=on_end)
+
+
+def play_in(
+    batch: GameBatch,
+    robot: str | Policy,
+    seeds: NDArray[np.uint64],
+    *,
+    ghost: Policy | None = None,
+    on_end: Callable[[int], object] | None = None,
+    timed: bool = True,
+) -> tuple[NDArray, NDArray[np.float64]]:
+    """What :func:`play` does, in games that are there already: the levels that they hold are not prepared again.
+
+    Without ``timed`` no decision is timed.
+
+    Raises:
+        ValueError: more games than seeds.
+    """
+    n = batch.n
+    if n > len(seeds):
+        raise ValueError(f"{n} games for {len(seeds)} seeds")
+    policy, other = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
+    clock = _DecisionClock(other)
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
     before_s = np.zeros(n)  # the rounds before the one that a slot plays
@@ -103,7 +126,8 @@ def play(
     while (episode >= 0).any():
         situation = batch.situation()
         playing = np.flatnonzero(episode >= 0)
-        clock.look(situation, playing)
+        if timed:
+            clock.look(situation, playing)
         round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghost)
         follows = round_s > 0
         if follows.any():
@@ -151,24 +175,18 @@ def _step(
     Returns (N,) how long the round was that was completed in them, s; 0: none was.
     """
     choices = allowed(situation, chosen, batch.hold)
-    by_event, tick_s = batch.config.decisions.when == "event", batch.config.execution.tick_s
-    since, round_s = batch.decision_point(), np.zeros(batch.n)
-    awake = np.zeros(batch.n, dtype=np.bool_)
-    awake[playing] = True
-    while True:
-        ghost_goal = None if ghost is None else ghost.select(batch.situation(0))[:, None]
-        began_s = batch.games["tick"] * tick_s
-        if by_event:
-            batch.step_awake(choices, ghost_goal, awake)
-        else:
-            batch.step(choices, ghost_goal)
-        follows = batch.games["tick_rounds"] > 0
-        round_s[follows] = began_s[follows] + tick_s
-        if by_event:
-            awake &= choices == chosen  # after a choice that is forbidden the next is due at once
-            batch.put_to_sleep(awake, choices, since)
-        if not (by_event and awake.any()):
-            return round_s
+
+    def send_ghosts() -> NDArray[np.int64]:
+        assert ghost is not None
+        return ghost.select(batch.situation(0))[:, None]
+
+    if batch.config.decisions.when == "event":
+        who = np.zeros(batch.n, dtype=np.bool_)
+        who[playing] = True
+        batch.step_until_due(choices, choices != chosen, None if ghost is None else send_ghosts, who)
+    else:
+        batch.step(choices, None if ghost is None else send_ghosts())
+    return batch.completed_s.copy()
 
 
 def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:

@@ -50,6 +50,15 @@ def pixel_to_world(
     return right_m * cos - up_m * sin + x0, right_m * sin + up_m * cos + y0
 
 
+def _free_around(free: NDArray[np.bool_], rows: NDArray[np.int64], reach: int) -> NDArray[np.bool_]:
+    """(len(rows), W): free in that row and the ``reach`` ones before and behind it."""
+    if len(rows) == 0:
+        return free[:0]
+    bounds = np.stack([rows - reach, rows + reach + 1], axis=1).ravel()
+    end = -1 if bounds[-1] == len(free) else None  # the last stretch ends with the rows
+    return np.logical_and.reduceat(free, bounds[:end], axis=0)[::2]
+
+
 def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     """Milestone 3, Algorithm 1: a lattice from pixel (0, 0), kept where the square around a point is free.
 
@@ -65,17 +74,11 @@ def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
         raise ConfigError(f"pellets.spacing_m = {config.spacing_m}: below the map's resolution, {map.resolution} m")
     free = map.game_free(config.free_grey)
     height, width = free.shape
-    blocked = np.zeros((height + 1, width + 1), dtype=np.int32)  # summed-area table
-    np.cumsum(~free, axis=0, dtype=np.int32, out=blocked[1:, 1:])
-    np.cumsum(blocked, axis=1, out=blocked)
-
     first = math.ceil(clearance / step) * step
     rows = np.arange(first, height - clearance, step)
     columns = np.arange(first, width - clearance, step)
-    v, u = np.repeat(rows, len(columns)), np.tile(columns, len(rows))
-    top, bottom, left, right = v - clearance, v + clearance + 1, u - clearance, u + clearance + 1
-    inside = blocked[bottom, right] - blocked[top, right] - blocked[bottom, left] + blocked[top, left]
-    u, v = u[inside == 0], v[inside == 0]
+    row, column = np.nonzero(_free_around(_free_around(free, rows, clearance).T, columns, clearance).T)
+    u, v = columns[column], rows[row]
 
     x, y = pixel_to_world(map, u, v)
     return PelletSet(

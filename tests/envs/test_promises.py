@@ -183,7 +183,7 @@ def test_so_do_copies_of_robots_that_push_against_walls(preset: str) -> None:
             assert all(same(other.step(forwards), result) for other in others)
             assert all((other.batch.games == env.batch.games).all() for other in others)
         travelled = np.hypot(env.batch.games["x"] - before["x"], env.batch.games["y"] - before["y"])
-        assert env.batch.physics.deepest_contact() > 0.0
+        assert env.batch.deepest_contact() > 0.0
     assert (travelled < 0.5 * 0.5 * forwards[0, 0]).any()  # half of what the wheels turn
 
 

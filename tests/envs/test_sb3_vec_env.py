@@ -71,6 +71,24 @@ def test_it_equals_a_vector_of_monitored_single_environments(execution: str) -> 
     assert cut == outcomes.count("timeout")
 
 
+def test_infos_of_ends_alone_change_nothing_else() -> None:
+    whole, short = (PacManBotVecEnv(5, settings={**QUICK, "time_limit_s": 8.0}, infos=i) for i in ("all", "ends"))
+    for env in (whole, short):
+        env.seed(3)
+    assert same(whole.reset(), short.reset())
+    ended = 0
+    for result, other in zip(*(random_play(env, 60, seed=0) for env in (whole, short)), strict=True):
+        assert same(result[:3], other[:3])
+        for done, info, told in zip(result[2], *map(without_time, (result[3], other[3])), strict=True):
+            info.pop("terminal_observation", None)
+            assert told == (info if done else {})
+        ended += int(result[2].sum())
+    assert ended > 5
+    for bad in ({"infos": "none"}, {"infos": "ends", "autoreset_mode": "NextStep"}):
+        with pytest.raises(ValueError, match="infos = "):
+            make_vector(2, **bad)
+
+
 def test_seeds_and_options_hold_for_one_reset() -> None:
     native, singles = PacManBotVecEnv(2), make_dummy(2)
     for seed in (4, None, 4, None):

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.compare.scenarios import open_scenario
-from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play
+from eval.compare.scenarios import Levels, open_scenario
+from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play, play_in
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies import registry
@@ -74,6 +74,20 @@ def test_the_record_is_that_of_the_game_played_alone_by_hand() -> None:
     assert record["end"] == batch.games["end"][0]
     assert record["collected"] == batch.games["collected"][0]
     assert record["time_s"] == pytest.approx(batch.games["step"][0] * CONFIG.physics_step_s)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_games_that_are_there_already_play_the_same_rounds_again(threads: int) -> None:
+    source = open_scenario(Levels("test", count=7), LEVELS_CONFIG)
+    seeds = episode_seeds(5, 8)
+    expected = play(source, LEVELS_CONFIG, "clyde_aware", seeds)[0]
+    batch = GameBatch(source, LEVELS_CONFIG, 4, threads)
+    play_in(batch, "nearest", seeds)
+    records, times = play_in(batch, "clyde_aware", seeds, timed=False)
+    np.testing.assert_array_equal(records, expected)
+    assert len(times) == 0
+    with pytest.raises(ValueError, match="4 games for 3 seeds"):
+        play_in(batch, "nearest", seeds[:3])
 
 
 def test_a_choice_that_is_forbidden_becomes_hold() -> None:

@@ -126,4 +126,4 @@ def test_the_simulators_games_are_asked_at_the_same_ticks(ticks: list[tuple[int,
         if follows:
             game["round"] += 1
             game["tick"] = game["collected"] = 0
-        kernels.decisions_due(games, choice, *since, awake, parameters)
+        awake[0] = not kernels.due(game, choice[0], tuple(array[0] for array in since), parameters[0])

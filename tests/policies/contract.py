@@ -64,7 +64,7 @@ def random_situation(seed: int, games: int, pellets: int = 8, refuges: int = 3, 
 
 
 def copy(situation: Situation) -> Situation:
-    arrays = {f.name: getattr(situation, f.name) for f in fields(situation) if f.name != "maps"}
+    arrays = {f.name: getattr(situation, f.name) for f in fields(situation) if f.name not in ("maps", "threads")}
     return Situation(**{name: array.copy() for name, array in arrays.items()}, maps=situation.maps)
 
 

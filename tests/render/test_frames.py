@@ -108,9 +108,9 @@ def test_a_game_of_a_batch_looks_as_it_does_alone() -> None:
 def test_rendering_leaves_the_batch_alone() -> None:
     batch = games(n=2)
     batch.step(np.zeros(2, dtype=np.int64))
-    before = [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.physics.state)]
+    before = [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.obstacles)]
     render_frame(batch, 1)
-    assert [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.physics.state)] == before
+    assert [a.tobytes() for a in (batch.games, batch.alive, batch.paths, batch.obstacles)] == before
 
 
 def test_pac_man_is_where_the_robot_is_and_as_large() -> None:

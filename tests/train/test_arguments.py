@@ -140,7 +140,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"threads": 0}, "threads = 0: must be a whole number of at least 1"),
+        ({"threads": -1}, "threads = -1: must be a whole number of at least 0"),
         ({"evaluation": -1}, "evaluation = -1: must be a whole number of at least 0"),
         ({"seed": -1}, "seed = -1: must be a whole number of at least 0"),
         ({"seed": 2**32}, "seed = 4294967296: must be a whole number of at most 4294967295"),

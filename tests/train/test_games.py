@@ -21,7 +21,7 @@ from train.ppo import parse
 
 
 def parts_of(arguments: Arguments, segment: int = 0) -> list[PacManBotVecEnv]:
-    return [part.games for part in make_games(arguments, segment).venv.here.parts]  # type: ignore[attr-defined]
+    return make_games(arguments, segment).venv.games  # type: ignore[attr-defined]
 
 
 def levels(arguments: Arguments, segment: int) -> range:
@@ -94,7 +94,7 @@ def test_games_are_met_with_the_speeds_asked_for() -> None:
     games = make_games(tiny(games=64, n_steps=1, levels=1, clyde_speed=[0.3, 0.4], robot_speed=[0.25, 0.28]), 0)
     games.seed(0)
     games.reset()
-    env = games.venv.here.parts[0].games.env  # type: ignore[attr-defined]
+    env = games.venv.games[0].env  # type: ignore[attr-defined]
     speeds = env.batch.games["clyde_speed"]
     assert 0.3 <= speeds.min() < speeds.max() <= 0.4
     assert env.config.randomize.speed_mps == (0.25, 0.28)

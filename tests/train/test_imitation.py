@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,36 +12,35 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 import torch
-from sb3_contrib import MaskablePPO
 
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from tests.train.test_arguments import tiny
 from train import imitation
 from train.games import TrainingGames, dropped, make_games
 from train.imitation import discounted, imitate
-from train.policy import EntityPolicy
+from train.learner import Learner, new_model
+from train.network import joined
 
 
-def pupil(games: TrainingGames, **changes: tuple[int, ...]) -> MaskablePPO:
-    kwargs = {"width": 16, **changes}
-    return MaskablePPO(EntityPolicy, games, n_steps=8, batch_size=32, policy_kwargs=kwargs, seed=0, device="cpu")
+def pupil(games: TrainingGames, **changes: Any) -> Learner:
+    return new_model(tiny(width=16, n_steps=8, batch_size=32).hyper, games, 0, **changes)
 
 
-def taught(decisions: int, seed: int = 1) -> tuple[MaskablePPO, dict[str, float]]:
+def taught(decisions: int, seed: int = 1) -> tuple[Learner, dict[str, float]]:
     games = make_games(tiny(games=8, n_steps=8, levels=4), 0)
     model = pupil(games)
     games.seed(3)
     return model, imitate(model, games, "lookahead", decisions, seed)
 
 
-def agreement(model: MaskablePPO) -> float:
+def agreement(model: Learner) -> float:
     """With the rule, in situations that the rule meets in other houses."""
     games, found = make_games(tiny(games=8, n_steps=8, levels=4), 1), []
     games.seed(4)
     observation = games.reset()
     for _ in range(60):
         choices = games.venv.choices("lookahead")  # type: ignore[attr-defined]
-        own, _ = model.predict(observation, action_masks=observation["action_mask"], deterministic=True)
+        _, own = model.choose(observation, deterministic=True)
         found.append((own == choices).mean())
         observation, *_ = games.step(choices)
     return float(np.mean(found))
@@ -69,15 +69,16 @@ def test_returns_of_a_hand_made_sequence() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def lesson(model: MaskablePPO, games: TrainingGames, kind: str) -> imitation._Lesson:
+def lesson(model: Learner, games: TrainingGames, kind: str) -> imitation._Lesson:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
     observation = games.reset()
     column = CANDIDATE_FEATURES.index(kind)
     choices = (observation["planner_candidates"][:, :, column] * observation["action_mask"]).argmax(axis=1)
     assert (observation["planner_candidates"][np.arange(len(choices)), choices, column] == 1).all()
+    met, _ = model.choose(observation)
+    slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
     nothing = torch.zeros(len(choices))
-    seen = {key: torch.from_numpy(array) for key, array in observation.items()}
-    return imitation._Lesson(seen, torch.from_numpy(choices), nothing, nothing)
+    return imitation._Lesson(joined([met.situations]), slots, nothing, nothing)
 
 
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])

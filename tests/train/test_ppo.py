@@ -159,6 +159,9 @@ def test_an_ablated_planner_keeps_to_what_it_was_given(part: str, tmp_path: Path
         (["--resume"], "run.json: no run to go on with"),
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["--learning-rate", "1e30", "1e30"], "the training has diverged"),
+        (["--device", "abacus"], "device = 'abacus': must be cpu or cuda, or cuda:N"),
+        (["--device", "cuda:much"], "device = 'cuda:much': cannot be used: "),
+        (["--device", "cuda:99"], "device = 'cuda:99': cannot be used: "),  # with CUDA and without
     ],
 )
 def test_errors_are_one_line_with_status_2(

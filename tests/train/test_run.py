@@ -143,10 +143,10 @@ def test_the_same_seed_gives_the_same_bits_and_another_others(tmp_path: Path) ->
     assert not same(states[0], states[2])
 
 
-def test_the_bar_does_not_belong_to_the_arguments_of_a_run_and_threads_do(broken: Arguments) -> None:
-    assert len(Run(dataclasses.replace(broken, progress=True)).segments) == 1
-    with pytest.raises(ValueError, match="threads"):
-        Run(dataclasses.replace(broken, threads=broken.threads + 1))
+def test_neither_bar_nor_threads_belong_to_the_arguments_of_a_run_and_the_device_does(broken: Arguments) -> None:
+    assert len(Run(dataclasses.replace(broken, progress=True, threads=broken.threads + 1)).segments) == 1
+    with pytest.raises(ValueError, match="device"):
+        Run(dataclasses.replace(broken, device="cuda"))
 
 
 def test_a_run_is_not_overwritten(whole: Arguments) -> None:

@@ -6,37 +6,38 @@ is bit-identical to the same game alone with the same seed.
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...game.execution import COMPLETE, RUNNING, TIMEOUT
+from ...game.execution import COMPLETE, TIMEOUT
 from ...game.last_decision import Moment
 from ...game.round import clyde_speed_mps
-from ...world.navigation.physics import PhysicsWorld
+from ...native import Table
+from ...threads import Threads
+from ...world.navigation.clear_cells import overlap_m
+from ...world.navigation.physics import Spaces
 from ...world.navigation.planner import PATH_POINTS, detour_memory
 from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from ..maps.level_stack import LevelStack
+from ..maps.levels_ahead import LevelsAhead
+from ..observation import situation_kernel
 from ..observation.situation import Situation
-from ..observation.situation_kernel import fill_situation
-from . import kernels, records
+from . import kernels, records, ticks
 from .ghosts import BEHAVIOUR_NAMES, Ghosts, behaviour_choice
 from .history import History, RoundSoFar
-from .parameters import batch_parameters, draw_episodes, next_seeds
+from .parameters import batch_parameters, draw_episodes, next_seeds, reward_numbers
 
-_ASLEEP = -1  # in place of RUNNING
-
-
-class DecisionPoint(NamedTuple):
-    """Of N games."""
-
-    tick: NDArray[np.int32]
-    distance: NDArray[np.float64]  # m, to the nearest ghost
-    round: NDArray[np.int32]
+_ALL_TICKS = 2**62
+_MOST_AHEAD = 64  # levels, of some 4 MB each
+_MAPS = (
+    *("affine", "clearance_cm", "clear", "goal_xy", "plan_end"),
+    *("snap", "neighbours", "cell_xy", "length_cm", "next_step"),
+)
 
 
 class GameBatch:
@@ -46,7 +47,7 @@ class GameBatch:
     hold.
     """
 
-    def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1) -> None:
+    def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1, num_threads: int = 1) -> None:
         """Build the physics for ``n`` games; call :meth:`reset` before the first step.
 
         Raises:
@@ -60,6 +61,10 @@ class GameBatch:
             raise ConfigError(f"max_pellets = {slots}: the map has {first.pellets} pellets")
         self.config = config
         self.n = n
+        self.threads = Threads(num_threads)
+        if self.threads.number > n:  # the others would only wait, and each has scratch memory
+            self.threads = Threads(n)
+        self._ahead: LevelsAhead | None = None
         self.pellet_slots = slots
         self.refuge_slots = source.refuge_slots(config)
         self.hold = slots + self.refuge_slots
@@ -73,27 +78,32 @@ class GameBatch:
         self.paths = np.zeros((n, PATH_POINTS, 2), dtype=np.float32)
         self.levels = LevelStack(first, config, source.slots(n))
         self._held = [-1] * n  # the slot of each game's map
-        self.physics = PhysicsWorld(
-            first.grid.walls,
-            n,
-            radius_m=config.robot.radius_m,
-            mass_kg=config.robot.mass_kg,
-            step_s=config.physics_step_s,
-            shared=len(self.levels) == 1 and config.decisions.when == "tick",
-        )
+        robot = config.robot
+        self.spaces = Spaces(n, radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
         self._parameters = batch_parameters(config, self.levels.resolution, slots, self.refuge_slots)
         self._sends_ghosts = bool(self._ghosts.sent_from_outside.any())
-        self._wander_on = np.full(self.ghosts.shape, self.hold, dtype=np.int64)
         self._history = History(n, self.ghosts.shape[1], self._sends_ghosts, config)
-        clyde_steps = int(self._parameters[0]["clyde_steps"])
-        period = math.gcd(self.substeps, clyde_steps)
-        # Games of a batch differ in phase; ghosts can be due at any multiple of this.
-        self._ghosts_due = [k % period == 0 for k in range(self.substeps)]
-        check_steps = round(config.execution.check_period_s / config.physics_step_s)
-        self._check_due = [k > 0 and k % check_steps == 0 for k in range(self.substeps)]
         self._version = -1
-        self._awake: NDArray[np.bool_] | None = None  # None: all
-        self._by_hand = False
+        #: Called after each physics step, if it is set.
+        self.after_physics_step: Callable[[], None] | None = None
+        self._choices, self._velocities = np.zeros(n, dtype=np.int64), np.zeros((n, 2))
+        self._blocks: tuple[list[Any], list[Any]] = [], []  # of situations and of features, to be used again
+        self._velocity = config.action == "velocity"
+        #: Whether features are written together with a situation, for whoever asks for them next.
+        self.shows_features = False
+        #: (TOLD, N) int64, written with each situation (:func:`kernels.tell`).
+        self.told = np.zeros((kernels.TOLD, n), dtype=np.int64)
+        self._view = np.zeros(situation_kernel.VIEW, dtype=np.int64)
+        self._control = np.zeros(ticks.CONTROL, dtype=np.int64)
+        self._rewards = reward_numbers(config.reward)
+        self._discount = np.array([config.decisions.discount_per_s**config.execution.tick_s])
+        self._awake = np.zeros(n, dtype=np.uint8)
+        self._since = np.zeros(n, dtype=np.int32), np.zeros(n), np.zeros(n, dtype=np.int32)
+        self.reward, self._factor, self.elapsed_s = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.terminated, self.truncated = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+        self.completed_s = np.zeros(n)  # how long the round was that was followed by another in the last step
+        self._longest = 1 + max(int(self._parameters[0][name]) for name in ("longest", "threat_longest"))
+        self._no_choices, self._no_velocities = np.zeros((n, 0), dtype=np.int16), np.zeros((n, 0, 2))
         self._bind()
 
     @property
@@ -125,7 +135,7 @@ class GameBatch:
         levels = self.level_numbers()
         started = [i for i in range(self.n) if self._held[i] >= 0]
         rounds = [self._history.so_far(i, self.games[i], int(levels[i])) for i in started]
-        return {"made_from": (self.source, self.config, self.n), "rounds": rounds}
+        return {"made_from": (self.source, self.config, self.n, self.threads.number), "rounds": rounds}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
@@ -133,9 +143,8 @@ class GameBatch:
         rounds: list[RoundSoFar] = state["rounds"]
         longest = max((len(r.decisions) for r in rounds), default=0)
         self.games["end"][[r.game for r in rounds]] = TIMEOUT  # they stand still until they begin
-        velocity = self.config.action == "velocity"
-        actions = np.zeros((self.n, 2)) if velocity else np.full(self.n, self.hold, dtype=np.int64)
-        choices = self._wander_on.copy()
+        actions = np.zeros((self.n, 2)) if self._velocity else np.full(self.n, self.hold, dtype=np.int64)
+        choices = np.full(self.ghosts.shape, self.hold, dtype=np.int64)
         for tick in range(longest + 1):
             # All arrive at their present together.
             begin = [r for r in rounds if longest - len(r.decisions) == tick]
@@ -153,7 +162,12 @@ class GameBatch:
                     actions[r.game] = r.decisions[k]
                     if self._sends_ghosts:
                         choices[r.game] = r.ghost_choices[k]
-            self._advance(actions, choices)
+            self._take_actions(actions)
+            self._take_ghost_choices(choices)
+            self._awake.fill(ticks.ONE_TICK)
+            self._advance()
+        if rounds:
+            self.situation()  # which tells of the games
 
     def _bind(self) -> None:
         """Take over the stacked arrays, after they have been made anew, and make the scratch memory for them."""
@@ -161,15 +175,38 @@ class GameBatch:
             return
         self._version = self.levels.version
         a = self.levels.arrays
-        self._goal_xy = a["goal_xy"]
-        self._plan_end = a["plan_end"]
-        self._affine, self._clearance = a["affine"], a["clearance_cm"]
-        self._nav = tuple(a[k] for k in ("affine", "snap", "neighbours", "cell_xy", "length_cm", "next_step"))
-        self._ghosts.bind(self.levels)
+        self._ghosts.bind(self.levels, self.hold)
         self._starts = tuple(a[k] for k in ("home", "spawn_cells", "spawn_count", "ghost_xy"))
-        seen = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
-        self._seen = tuple(a[k] for k in seen)
-        self._detour_search = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)
+        self._look_table: Table | None = None
+        self._tables: list[Table] = []
+        self._ghost_tables: list[Table] = []
+
+    def _table(self) -> None:
+        """What :func:`ticks.play` works on, with scratch memory of its own: one for each thread."""
+        a, history = self.levels.arrays, self._history
+        ghosts = self._ghosts.table(self.games, history.ghost_choices, self._parameters)
+        node, queue = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)
+        arrays = (
+            *(self.games, self.alive, self._waits, self._aborts, self.paths, self.obstacles, self._parameters),
+            *(self._control, self._rewards, self._discount, ghosts.numbers, self._choices, self._velocities),
+            *((self._no_choices, history.decisions) if self._velocity else (history.decisions, self._no_velocities)),
+            *(self._awake, *self._since, self.reward, self._factor, self.elapsed_s, self.terminated, self.truncated),
+            *(*self.spaces.arrays, *(a[name] for name in _MAPS), node, *queue),
+        )
+        self._tables.append(Table(ticks.TABLE, arrays))
+        self._ghost_tables.append(ghosts)
+
+    def expect(self, seeds: NDArray[np.uint64]) -> None:
+        """Episodes with these seeds come next: other threads prepare their levels while games are played."""
+        levels = dict.fromkeys(self.source.levels_of(seeds).tolist())
+        self._ask([level for level in levels if not self.levels.has(level)])
+
+    def _ask(self, levels: list[int]) -> None:
+        """Have levels prepared by other threads, if there are any."""
+        if self._ahead is None and len(self.levels) > 1 and self.threads.number > 1:
+            self._ahead = LevelsAhead(self.source, self.threads.number, min(self.n, _MOST_AHEAD))
+        if self._ahead is not None:
+            self._ahead.ask(levels)
 
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
@@ -191,14 +228,20 @@ class GameBatch:
 
     def _change_maps(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
         # All are prepared before the first is given up.
-        prepared = {
-            level: self.source.prepare(level) for level in dict.fromkeys(levels.tolist()) if not self.levels.has(level)
-        }
+        missing = [level for level in dict.fromkeys(levels.tolist()) if not self.levels.has(level)]
+        if len(missing) > 1:
+            self._ask(missing)
+        prepare = self.source.prepare if self._ahead is None else self._ahead.take
+        prepared = {level: prepare(level) for level in missing}
+        self.spaces.leave(index)
         for i in index.tolist():
             if self._held[i] >= 0:
                 self.levels.give_back(self._held[i])
         for i, level in zip(index.tolist(), levels.tolist(), strict=True):
+            known = self.levels.has(level)
             self._held[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
+            if not known:
+                self.spaces.forget(self._held[i])
         self._bind()
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
@@ -210,8 +253,7 @@ class GameBatch:
             assets = self.levels.assets(self._held[i])
             fresh[k]["level"] = self._held[i]
             fresh[k]["pellets"], fresh[k]["refuges"] = assets.pellets, assets.refuges
-            x, y = assets.grid.home[:2].tolist()
-            self.physics.place(i, x, y, assets.grid.walls)
+        self.spaces.leave(index)
         kernels.reset_games(
             self.games,
             index,
@@ -228,12 +270,16 @@ class GameBatch:
             self._parameters,
         )
 
-    def _next_rounds(self) -> None:
+    def _follow_completed_rounds(self) -> None:
         """In an endless game a completed round is followed by another with faster ghosts."""
+        if not self.config.endless:
+            return
         index = np.flatnonzero(self.games["end"] == COMPLETE)
         if len(index) == 0:
             return
-        before = self.games[index]
+        self.terminated[index] = False
+        before, tick_s = self.games[index], self.config.execution.tick_s
+        self.completed_s[index] = (before["tick"] - 1) * tick_s + tick_s
         fresh = np.zeros(len(index), dtype=records.GAME)
         for name in records.KEPT_FROM_ROUND_TO_ROUND:
             fresh[name] = before[name]
@@ -244,28 +290,38 @@ class GameBatch:
         fresh["clyde_speed"] = np.minimum(speeds, MAX_SPEED_MPS)
         self._start(index, next_seeds(before["seed"]), fresh)
 
-    def step(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64] | None = None) -> None:
-        """One decision and the physics steps until the next; games that have ended stand still.
+    def step(
+        self,
+        actions: NDArray[Any],
+        ghost_choices: NDArray[np.int64] | None = None,
+        who: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """One tick and the physics steps until the next; games that have ended stand still.
+
+        ``reward``, ``terminated`` and ``truncated`` (N,) tell what came of it.
 
         Args:
             actions: (N,) int64 candidates, one that the mask forbids makes the robot hold; with velocity actions
                 (N, 2) float64, v in m/s and omega in rad/s.
             ghost_choices: (N, G) int64, for ghosts told by a policy: the candidate whose place to go to, or the last
                 one to wander on; None: all wander on.
+            who: (N,) only these games are played; None: all. What the others' last tick brought stays as it is.
 
         Raises:
             ValueError: an action or a choice is none; nothing has been changed then.
         """
-        if ghost_choices is None:
-            ghost_choices = self._wander_on
-        elif self._sends_ghosts:
-            self._check_ghost_choices(ghost_choices)
-        self._advance(actions, ghost_choices)
+        self._take_actions(actions)
+        self._take_ghost_choices(ghost_choices)
         if self.config.endless:
-            self._next_rounds()
+            self.completed_s.fill(0.0)
+        self._awake.fill(ticks.ONE_TICK)
+        if who is not None:
+            self._awake[~who] = ticks.ASLEEP
+        self._advance()
+        self._follow_completed_rounds()
 
     def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
-        """A step in which somebody drives the robots: goals are given up, Nav2 has no part in it.
+        """A tick in which somebody drives the robots: goals are given up, Nav2 has no part in it.
 
         A copy or a pickle of the batch does not know of it: that plays *hold* in its place.
 
@@ -276,105 +332,121 @@ class GameBatch:
         Raises:
             ValueError: velocities that are not finite, or bad choices; nothing has been changed then.
         """
-        parameters = self._parameters
+        if self._velocity:
+            raise ValueError("step_by_hand: the actions of these games are velocities anyway")
         if not np.isfinite(velocities).all():
             raise ValueError(f"velocities {velocities.tolist()}: must be finite numbers")
-        unwritten = np.zeros((self.n, 1, 2))  # (N, T, 2) as of a batch whose actions are velocities
-        ticks = self.games["tick"].copy()
-        self.games["tick"] = 0
-        kernels.decide_velocity(self.games, velocities, unwritten, parameters)
-        self.games["tick"] = ticks
-        self._by_hand = True
+        self._velocities[:] = velocities
+        self._control[ticks.BY_HAND] = 1
         try:
             self.step(np.full(self.n, self.hold, dtype=np.int64), ghost_choices)
         finally:
-            self._by_hand = False
-            parameters["velocity_actions"] = 0
+            self._control[ticks.BY_HAND] = 0
 
-    def step_awake(
-        self, actions: NDArray[Any], ghost_choices: NDArray[np.int64] | None, awake: NDArray[np.bool_]
+    def step_until_due(
+        self,
+        actions: NDArray[Any],
+        forbidden: NDArray[np.bool_],
+        choose_for_ghosts: Callable[[], NDArray[np.int64] | None] | None = None,
+        who: NDArray[np.bool_] | None = None,
     ) -> None:
-        """A step for the games ``awake`` (N,) alone; time stands still in the others.
+        """Ticks in each game until the next decision is due in it; a game that waits for the others stands still.
 
-        Only where ``config.decisions.when`` is ``event``: each game has a space of its own then.
+        After a choice that is ``forbidden`` (N,), the next is due after a tick. ``reward`` is the sum of the ticks',
+        discounted by the time since the decision, which is ``elapsed_s`` in the end. ``choose_for_ghosts`` is asked
+        before each tick. Only the games ``who`` (N,) are played; None: all.
+
+        Raises:
+            ValueError: as in :meth:`step`.
         """
-        asleep = ~awake & (self.games["end"] == RUNNING)
-        self.games["end"][asleep] = _ASLEEP
-        self._awake = awake
-        try:
-            self.step(actions, ghost_choices)
-        finally:
-            self._awake = None
-            self.games["end"][asleep] = RUNNING
-
-    def decision_point(self) -> DecisionPoint:
-        """What :meth:`put_to_sleep` has to know of the moment of a decision."""
-        games = self.games
-        return DecisionPoint(games["tick"].copy(), games["distance"].copy(), games["round"].copy())
+        self._take_actions(actions)
+        self._take_ghost_choices(None)
+        self._awake[:] = np.where(forbidden, ticks.ONE_TICK, ticks.UNTIL_DUE)
+        if who is not None:
+            self._awake[~who] = ticks.ASLEEP
+        self.completed_s.fill(0.0)
+        by_ticks = choose_for_ghosts is not None or self.after_physics_step is not None
+        fresh = True
+        while True:
+            if choose_for_ghosts is not None:
+                self._take_ghost_choices(choose_for_ghosts())
+            self._advance(watch=True, most=1 if by_ticks else _ALL_TICKS, fresh=fresh)
+            self._follow_completed_rounds()
+            fresh = False
+            if not self._awake.any():
+                break
 
     def moment(self, game: int) -> Moment:
         """What :class:`~pacman_env.game.last_decision.LastDecision` has to know of one game now."""
         g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
         return Moment(time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"])), float(g["distance"]))
 
-    def put_to_sleep(self, awake: NDArray[np.bool_], choices: NDArray[np.int64], since: DecisionPoint) -> None:
-        """Clear ``awake`` (N,) where the next decision is due (``game/decisions.py``)."""
-        kernels.decisions_due(self.games, choices, *since, awake, self._parameters)
+    def _advance(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
+        """Ticks, but for what follows a completed round."""
+        if self._history.make_room(self.games, 1 if most == 1 else self._longest):
+            self._tables.clear()
+            self._ghost_tables.clear()
+        control = self._control
+        control[ticks.FRESH], control[ticks.WATCH], control[ticks.TICKS] = fresh, watch, most
+        if self.after_physics_step is not None:
+            for step in range(1, self.substeps + 1):
+                control[ticks.UNTIL] = step
+                self._play(resume=step > 1)
+                self.after_physics_step()
+        control[ticks.UNTIL] = self.substeps + 1
+        self._play(resume=self.after_physics_step is not None)
 
-    def _advance(self, actions: NDArray[Any], ghost_choices: NDArray[np.int64]) -> None:
-        """A step, but for what follows a completed round."""
-        parameters, games, goal_xy = self._parameters, self.games, self._goal_xy
-        physics, nav, alive, obstacles = self.physics, self._nav, self.alive, self.obstacles
-        ghosts = self._ghosts
-        waits, aborts = self._waits, self._aborts
-        row, state, force = physics.row, physics.state, physics.force
-        awake = self._awake
-        self._history.make_room(games)
-        due = self._decide(actions)
-        if self._by_hand:
-            parameters["velocity_actions"] = 1
-        ghosts.decide(games, ghost_choices, self._history.ghost_choices, parameters)
-        for k in range(self.substeps):
-            if self._check_due[k]:
-                kernels.check(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
-            if self._ghosts_due[k]:
-                ghosts.move(games, parameters)
-            if due & kernels.PLAN_DUE:
-                kernels.plan(games, self.paths, obstacles, parameters, self._plan_end, nav, self._detour_search)
-            due = kernels.drive(games, k == 0, row, state, force, self.paths, parameters, self._affine, self._clearance)
-            if due & kernels.RESULT_DUE:
-                kernels.apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters)
-            if awake is None:
-                physics.step()
-            else:
-                physics.step_some(awake)
-        kernels.finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters)
+    def _play(self, resume: bool) -> None:
+        """Let all games go on; those that come near a wall are given spaces."""
+        self._control[ticks.RESUME] = resume
+        while len(self._tables) < self.threads.number:
+            self._table()
+        while waiting := self.threads.run(ticks.play, self._tables, self.n):
+            if waiting < 0:
+                self.games["stage"] = ticks.BEGIN
+                self._ghosts.raise_again(self._ghost_tables[0].address, -1 - waiting)
+            self._give_spaces()
+            self._control[ticks.RESUME] = 1
 
-    def _decide(self, actions: NDArray[Any]) -> int:
-        """Hand the actions over; returns what is due."""
-        decisions = self._history.decisions
-        if self.config.action == "velocity":
-            due = int(kernels.decide_velocity(self.games, actions, decisions, self._parameters))
-            if due < 0:
-                raise ValueError(f"action {actions[-1 - due].tolist()} of game {-1 - due}: must be two finite numbers")
-            return due
-        due = int(
-            kernels.decide(
-                self.games,
-                actions,
-                decisions,
-                self._goal_xy,
-                self.alive,
-                self._waits,
-                self._aborts,
-                self.obstacles,
-                self._parameters,
-            )
-        )
-        if due < 0:
-            bad = -1 - due
+    def _give_spaces(self) -> None:
+        """One for each game that waits for one."""
+        for i in np.flatnonzero(self.games["stage"] == ticks.MOVE).tolist():
+            self.spaces.provide(self._held[i], self.assets_of(i).grid.walls)
+
+    def _take_actions(self, actions: NDArray[Any]) -> None:
+        """Raises ValueError for one that is none."""
+        if self._velocity:
+            bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
+            if len(bad):
+                raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
+            self._velocities[:] = actions
+            return
+        bad = kernels.take(actions, self.hold, self._choices)
+        if bad >= 0:
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
-        return due
+
+    def _take_ghost_choices(self, choices: NDArray[np.int64] | None) -> None:
+        """Raises ValueError for one that is none."""
+        if not self._sends_ghosts:
+            return
+        if choices is None:
+            self._ghosts.choices[:] = self.hold
+            return
+        self._check_ghost_choices(choices)
+        self._ghosts.choices[:] = choices
+        self._ghosts.compile_choices()
+
+    @property
+    def bodies(self) -> NDArray[np.float64]:
+        """(N, 4) where the robots' bodies are, m, and their velocities, m/s, after the last physics step."""
+        return np.stack([self.games[name] for name in ("body_x", "body_y", "body_vx", "body_vy")], axis=1)
+
+    def deepest_contact(self) -> float:
+        """Depth of the deepest overlap of a robot with a wall now, m (0: none)."""
+        radius, places = self.config.robot.radius_m, self.bodies[:, :2]
+        near = np.flatnonzero(self.games["touch"] > 0).tolist()  # elsewhere no wall is within reach
+        depths = (overlap_m(self.assets_of(i).grid.walls, places[i : i + 1], radius)[0] for i in near)
+        return max([0.0, *map(float, depths)])
 
     def _check_ghost_choices(self, choices: NDArray[np.int64]) -> None:
         if choices.shape != self.ghosts.shape:
@@ -401,19 +473,16 @@ class GameBatch:
         )
         return float(cells[cell, 0]), float(cells[cell, 1])
 
-    def situation(self, seat: int = -1) -> Situation:
-        """What a policy sees now, the robot's or (``seat`` k) that of ghost k; new arrays at each call."""
-        situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels)
-        fill_situation(
-            self.games,
-            self.ghosts,
-            self._ghosts.paths,
-            self.obstacles,
-            self.alive,
-            self._waits,
-            seat,
-            self._parameters,
-            self._seen,
-            situation.arrays(),
-        )
+    def situation(self, seat: int = -1, again: Situation | None = None) -> Situation:
+        """What a policy sees now, the robot's or (``seat`` k) that of ghost k.
+
+        The arrays are new, or those of a situation that this batch has given before and that is written ``again``.
+        """
+        lengths = self.n, self.candidates, self.ghosts.shape[1]
+        situation = Situation.empty(*lengths, self.levels, self.threads, self._blocks[0]) if again is None else again
+        if self._look_table is None:
+            state = self.games, self.ghosts, self._ghosts.paths, self.obstacles, self.alive, self._waits
+            self._look_table = situation_kernel.look_table(*state, self._parameters, self._view, self.told, self.levels)
+        situation_kernel.direct(self._view, situation, seat, self._blocks[1] if self.shows_features else None)
+        self.threads.run(situation_kernel.look, [self._look_table], self.n)
         return situation

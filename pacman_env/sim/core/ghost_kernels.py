@@ -1,8 +1,9 @@
-"""The ghosts' part of a step, compiled, looped over the games of a batch; their rules live in ``game/ghosts.py``.
+"""The ghosts' part of a tick, compiled; their rules live in ``game/ghosts.py``.
 
 ``ways`` are the arrays of the ghosts' cells (graph, part, part_start, part_cells) and ``places`` (affine, nearest cell,
 cell of each goal, cell of each corner, position of the cells), stacked by level; ``search`` is the scratch memory of
-their search, a node table and a queue.
+their search, a node table and a queue. All of it is in a table (``TABLE``), so that a behaviour's kernel can be called
+by its address.
 """
 
 from __future__ import annotations
@@ -11,12 +12,35 @@ import math
 import types
 from collections.abc import Callable
 
-from ...game.execution import RUNNING
+import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
 from ...game.ghosts import BEHAVIOURS, Behaviour, GhostView, at_target, choose_target, walk
 from ...jit import kernel
+from ...native import array_by_address, arrays_by_address, call_range
 from ...world.navigation.grid import cell_of
 from ..maps.ghost_cells import find_path
+from . import records
 from .kernels import believed, see_ghosts
+
+_WHOLE, _REAL = np.int32, np.float64
+#: dtype and axes of what :func:`follow` and its like work on.
+TABLE = (
+    *((records.GAME, 1), (records.GHOST, 2), (_WHOLE, 3), (_REAL, 3), (records.PARAMETERS, 1)),
+    *((np.int64, 2), (np.int16, 3)),  # choices of those sent from outside, and what is remembered of them
+    (np.int64, 2),  # by behaviour: the address of its kernel and of its constants
+    *((_REAL, 2), (_WHOLE, 3), (_WHOLE, 2), (_WHOLE, 2), (_REAL, 3)),  # places
+    *((_WHOLE, 3), (_WHOLE, 2), (np.int64, 2), (_WHOLE, 2)),  # ways
+    *((_WHOLE, 2), *4 * ((_WHOLE, 1),), (np.int64, 1)),  # search
+)
+_arrays = arrays_by_address(TABLE)
+
+
+@kernel
+def _unpacked(table):  # type: ignore[no-untyped-def]
+    """(state, choices, remembered, behaviours, places, ways, search) of a table."""
+    a = _arrays(table)
+    return a[:5], a[5], a[6], a[7], a[8:13], a[13:17], (a[17], a[18:23])
 
 
 @kernel
@@ -67,110 +91,118 @@ def _go(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def send_ghosts(games, ghosts, ghost_paths, choices, remembered, number, parameters, places, ways, search):  # type: ignore[no-untyped-def]
-    """Send ghost ``number`` of each game where somebody outside wants him.
-
-    ``choices`` (N, G) are candidates of the robot's, whose places he goes to, or the last one: wander on; what is
-    beyond that is left to a behaviour. ``remembered`` (N, T, G) keeps them by the tick.
-    """
-    place = places[2]
-    p = parameters[0]
+def _send(ghost, path, g, chosen, p, places, ways, search):  # type: ignore[no-untyped-def]
+    """Send a ghost to a candidate of the robot's, or let him wander on: the last one."""
+    goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
+    target = -1
     hold = p.pellet_slots + p.refuge_slots
-    for i in range(len(games)):
-        g = games[i]
-        if g.end != RUNNING:
-            continue
-        ghost, chosen = ghosts[i, number], choices[i, number]
-        remembered[i, g.tick, number] = chosen
-        if chosen > hold:
-            ghost.place = -1
-            continue
-        goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
-        target = -1
-        if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
-            target = place[g.level, goal]
-        _go(ghost, ghost_paths[i, number], target, g.level, ways, search)
-        ghost.place = -1 if ghost.wanders else chosen
+    if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
+        target = places[2][g.level, goal]
+    _go(ghost, path, target, g.level, ways, search)
+    ghost.place = -1 if ghost.wanders else chosen
+
+
+@kernel
+def decide(table, i):  # type: ignore[no-untyped-def]
+    """Where the ghosts of a game that do not just wander go now; False if a behaviour's function raised."""
+    (games, ghosts, paths, _, parameters), choices, remembered, behaviours, places, ways, search = _unpacked(table)
+    g, p = games[i], parameters[0]
+    count = ghosts.shape[1]
+    hold = p.pellet_slots + p.refuge_slots
+    for k in range(count):
+        row = -1
+        if behaviours[k, 0] > 0:
+            row = k
+        elif behaviours[k, 0] < 0:  # somebody outside sends him
+            chosen = choices[i, k]
+            remembered[i, g.tick, k] = chosen
+            if chosen <= hold:
+                _send(ghosts[i, k], paths[i, k], g, chosen, p, places, ways, search)
+            else:
+                ghosts[i, k].place = -1
+                row = count + chosen - hold - 1
+        if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
+            return False
+    return True
+
+
+@kernel
+def move(table, i):  # type: ignore[no-untyped-def]
+    """The ghosts' update in a game; who stands at the end of his way and wanders gets another."""
+    (games, ghosts, paths, obstacles, parameters), _, _, _, places, ways, search = _unpacked(table)
+    g, p = games[i], parameters[0]
+    count = ghosts.shape[1]
+    for k in range(count):
+        walk(ghosts[i, k], paths[i, k], places[4][g.level], p.clyde_period)
+    see_ghosts(g, ghosts[i], obstacles[i])
+    for k in range(count):
+        if ghosts[i, k].wanders & at_target(ghosts[i, k]):
+            wander_on(ghosts[i, k], paths[i, k], g.level, ways, search)
+
+
+@kernel
+def step(table):  # type: ignore[no-untyped-def]
+    """One update of the only game, whose choices are in the table."""
+    move(table, 0)
+
+
+@kernel
+def choose(table):  # type: ignore[no-untyped-def]
+    """Decide in the only game."""
+    return decide(table, 0)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
     """Stands for a behaviour's function in :func:`_follow_behaviour`."""
 
 
-def _follow_behaviour(games, ghosts, ghost_paths, number, who, constants, parameters, places, ways, search):  # type: ignore[no-untyped-def]
-    """Let ghost ``number`` of the games ``who`` (N,) decide where he goes now."""
+_CONSTANTS = 0  # stands for the number of its constants
+
+
+def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
+    """Let a ghost of game i decide where he goes now; ``which``: the row times the ghosts plus his number."""
+    (games, ghosts, paths, _, parameters), _, _, behaviours, places, ways, search = _unpacked(table)
     affine, snap, _, corner, position = places
-    p = parameters[0]
-    for i in range(len(games)):
-        g = games[i]
-        if g.end != RUNNING or not who[i]:
-            continue
-        m, ghost = g.level, ghosts[i, number]
-        bx, by, heading = believed(g, p.use_tf)
-        own_corner = corner[m, number]
-        x, y = _target(
-            GhostView(
-                number,
-                ghost.x,
-                ghost.y,
-                ghost.vx,
-                ghost.vy,
-                bx,
-                by,
-                heading,
-                position[m, own_corner, 0],
-                position[m, own_corner, 1],
-            ),
-            constants,
-        )
-        target = -1
-        if math.isfinite(x) and math.isfinite(y):
-            column, row = cell_of(affine[m], snap.shape[1], snap.shape[2], x, y)
-            target = snap[m, row, column]
-        _go(ghost, ghost_paths[i, number], target, m, ways, search)
+    row, number = divmod(which, ghosts.shape[1])
+    constants = array_by_address(behaviours[row, 1], _CONSTANTS)
+    g, p = games[i], parameters[0]
+    m, ghost = g.level, ghosts[i, number]
+    bx, by, heading = believed(g, p.use_tf)
+    own_corner = corner[m, number]
+    x, y = _target(
+        GhostView(
+            number,
+            ghost.x,
+            ghost.y,
+            ghost.vx,
+            ghost.vy,
+            bx,
+            by,
+            heading,
+            position[m, own_corner, 0],
+            position[m, own_corner, 1],
+        ),
+        to_fixed_tuple(constants, _CONSTANTS),
+    )
+    target = -1
+    if math.isfinite(x) and math.isfinite(y):
+        column, row = cell_of(affine[m], snap.shape[1], snap.shape[2], x, y)
+        target = snap[m, row, column]
+    _go(ghost, paths[i, number], target, m, ways, search)
+    return 0
 
 
-_BY_BEHAVIOUR: dict[Behaviour, Callable[..., None]] = {}
+_BY_BEHAVIOUR: dict[Behaviour, Callable[[int, int, int], int]] = {}
 
 
-def behaviour_kernel(behaviour: Behaviour) -> Callable[..., None]:
+def behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
     """:func:`_follow_behaviour` with the behaviour's function compiled into it."""
     if behaviour not in _BY_BEHAVIOUR:
         assert behaviour.target is not None
         own = BEHAVIOURS.get(behaviour.name) == behaviour
-        known = {**globals(), "_target": kernel(behaviour.target, own)}
+        known = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
         loop = types.FunctionType(_follow_behaviour.__code__, known, "_follow_behaviour")
         loop.__module__ = __name__
         loop.__qualname__ = f"_follow_{behaviour.name}" if own else "_follow_behaviour_from_outside"
         _BY_BEHAVIOUR[behaviour] = kernel(loop, own)
     return _BY_BEHAVIOUR[behaviour]
-
-
-@kernel
-def move_ghosts(games, ghosts, ghost_paths, obstacles, parameters, ghost_xy):  # type: ignore[no-untyped-def]
-    """The ghosts' update in the games where it is due; returns how many now need a target."""
-    p = parameters[0]
-    waiting = 0
-    for i in range(len(games)):
-        g = games[i]
-        if g.end == RUNNING and g.step % p.clyde_steps == 0:
-            for k in range(ghosts.shape[1]):
-                ghost = ghosts[i, k]
-                walk(ghost, ghost_paths[i, k], ghost_xy[g.level], p.clyde_period)
-                waiting += ghost.wanders & at_target(ghost)
-            see_ghosts(g, ghosts[i], obstacles[i])
-    return waiting
-
-
-@kernel
-def retarget_ghosts(games, ghosts, ghost_paths, parameters, ways, search):  # type: ignore[no-untyped-def]
-    """A new target and way for every wandering ghost that is due and stands at the end of his."""
-    p = parameters[0]
-    for i in range(len(games)):
-        g = games[i]
-        # Not due, but at the end: his last target was the cell he stands on, and his next update comes first.
-        if g.end == RUNNING and g.step % p.clyde_steps == 0:
-            for k in range(ghosts.shape[1]):
-                ghost = ghosts[i, k]
-                if ghost.wanders & at_target(ghost):
-                    wander_on(ghost, ghost_paths[i, k], g.level, ways, search)

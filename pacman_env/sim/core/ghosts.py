@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...game.ghosts import BEHAVIOURS, POLICY, WANDER, find_behaviour
+from ...game.ghosts import BEHAVIOURS, POLICY, WANDER, Behaviour, find_behaviour
+from ...native import Table, address, address_of_kernel
 from ..maps.ghost_cells import search_memory
 from ..maps.level_stack import LevelStack
-from . import ghost_kernels, records
+from . import records
+from .ghost_kernels import TABLE, behaviour_kernel
 
 _TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
+_FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
+_PLACES = ("affine", "ghost_snap", "ghost_place", "ghost_corner", "ghost_xy")
+_WAYS = ("ghost_graph", "ghost_part", "ghost_part_start", "ghost_part_cells")
 
 
 def behaviour_choice(hold: int, number: int) -> int:
@@ -29,6 +35,8 @@ class Ghosts:
         state: (N, G) records of type ``GHOST``.
         paths: (N, G, L) int32, the cells of the way that each is on.
         obstacles: (N, G, 3) float64, where they are seen, m.
+        choices: (N, G) int64, for those sent from outside: a candidate, the last one to wander on, or beyond it the
+            number of a behaviour (:func:`behaviour_choice`); written before each tick.
         wander_first: (G,) bool, who draws his own targets until he is sent somewhere.
         sent_from_outside: (G,) bool, whose behaviour is ``policy``.
     """
@@ -39,60 +47,60 @@ class Ghosts:
             behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
         except ConfigError as error:
             raise ConfigError(f"clyde.ghosts = {config.clyde.ghosts!r}: {error}") from error
-        self.state = np.zeros((n, len(behaviours)), dtype=records.GHOST)
-        self.paths = np.zeros((n, len(behaviours), 0), dtype=np.int32)
-        self.obstacles = np.zeros((n, len(behaviours), 3))
+        count = len(behaviours)
+        self.state = np.zeros((n, count), dtype=records.GHOST)
+        self.paths = np.zeros((n, count, 0), dtype=np.int32)
+        self.obstacles = np.zeros((n, count, 3))
+        self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
-        self._deciding = [
-            (k, ghost_kernels.behaviour_kernel(one), one.constants(config))
-            for k, one in enumerate(behaviours)
-            if one.name not in (WANDER, POLICY)
-        ]
-        self._sent = np.flatnonzero(self.sent_from_outside).tolist()
-        self._all = np.ones(n, dtype=np.bool_)
         self._config = config
+        self._behaviours = np.zeros((count + len(_TABLE), 2), dtype=np.int64)
+        self._constants: list[NDArray[np.float64]] = []
+        self._used: dict[int, Callable[[int, int, int], int]] = {}  # kernels by their row
+        for k, one in enumerate(behaviours):
+            if one.name == POLICY:
+                self._behaviours[k, 0] = _FROM_OUTSIDE
+            elif one.name != WANDER:
+                self._use(k, one)
 
-    def bind(self, levels: LevelStack) -> None:
-        """Take over the arrays of the maps, after they have been made anew."""
+    def _use(self, row: int, behaviour: Behaviour) -> None:
+        """Let a row of the behaviours be this one."""
+        self._used[row] = behaviour_kernel(behaviour)
+        self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
+        self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
+
+    def compile_choices(self) -> None:
+        """Have the behaviours ready that ``choices`` ask for."""
+        number = int(self.choices.max()) - behaviour_choice(self._hold, 0)
+        for k in range(number + 1):
+            if self._behaviours[len(self.wander_first) + k, 0] == 0:
+                self._use(len(self.wander_first) + k, _TABLE[k])
+
+    def bind(self, levels: LevelStack, hold: int) -> None:
+        """Take over the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
+        self._hold = hold
         a = levels.arrays
-        self.position = a["ghost_xy"]
-        self._ways = tuple(a[f"ghost_{k}"] for k in ("graph", "part", "part_start", "part_cells"))
-        self._places = tuple(a[k] for k in ("affine", "ghost_snap", "ghost_place", "ghost_corner", "ghost_xy"))
-        self._search = search_memory(self.position.shape[1], levels.longest_ghost_way)
+        self._maps = tuple(a[k] for k in (*_PLACES, *_WAYS))
+        self._searched = self._maps[4].shape[1], levels.longest_ghost_way
         # A ghost that turns round between two cells walks on to the second one first.
         room = max(levels.longest_ghost_way + 1, self.paths.shape[2])
         paths = np.zeros((*self.state.shape, room), dtype=np.int32)
         paths[:, :, : self.paths.shape[2]] = self.paths
         self.paths = paths
 
-    def decide(
-        self,
-        games: NDArray[Any],
-        choices: NDArray[np.int64] | None,
-        remembered: NDArray[np.int16],
-        parameters: NDArray[Any],
-    ) -> None:
-        """Where those who do not just wander go now.
+    def table(self, games: NDArray[Any], remembered: NDArray[np.int16], parameters: NDArray[Any]) -> Table:
+        """What the kernels work on, with scratch memory of its own: one for each thread."""
+        node, queue = search_memory(*self._searched)
+        state = (games, self.state, self.paths, self.obstacles, parameters, self.choices, remembered, self._behaviours)
+        return Table(TABLE, (*state, *self._maps, node, *queue))
 
-        ``choices`` (N, G) are for those sent from outside: a candidate, the last one to wander on, or beyond it the
-        number of a behaviour of the table (:func:`behaviour_choice`).
-        """
-        around = (parameters, self._places, self._ways, self._search)
-        for k, follow, constants in self._deciding:
-            follow(games, self.state, self.paths, k, self._all, constants, *around)
-        for k in self._sent:
-            assert choices is not None
-            ghost_kernels.send_ghosts(games, self.state, self.paths, choices, remembered, k, *around)
-            numbers = choices[:, k] - behaviour_choice(
-                int(parameters[0]["pellet_slots"] + parameters[0]["refuge_slots"]), 0
-            )
-            for number in np.unique(numbers[numbers >= 0]).tolist():
-                one = _TABLE[number]
-                follow = ghost_kernels.behaviour_kernel(one)
-                follow(games, self.state, self.paths, k, numbers == number, one.constants(self._config), *around)
-
-    def move(self, games: NDArray[Any], parameters: NDArray[Any]) -> None:
-        """One update in the games where it is due."""
-        if ghost_kernels.move_ghosts(games, self.state, self.paths, self.obstacles, parameters, self.position):
-            ghost_kernels.retarget_ghosts(games, self.state, self.paths, parameters, self._ways, self._search)
+    def raise_again(self, table: int, game: int) -> None:
+        """Raise what a behaviour's function raised in a game."""
+        count = len(self.wander_first)
+        for k in range(count):
+            told = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
+            row = k if k in self._used else count + told
+            if row in self._used and (row == k or told >= 0):
+                self._used[row](table, game, row * count + k)
+        raise RuntimeError(f"a ghost of game {game} could not decide where to go")

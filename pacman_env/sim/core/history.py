@@ -40,16 +40,19 @@ class History:
         self.began = np.zeros(n, dtype=records.GAME)
         self._certain = 0  # so many more ticks have room in every game
 
-    def make_room(self, games: NDArray[Any]) -> None:
-        """For one more decision in every game."""
-        if self._certain == 0:
-            room, tick = self.decisions.shape[1], int(games["tick"].max())
-            if tick + 1 >= room:
-                self.decisions = _longer(self.decisions)
-                self.ghost_choices = _longer(self.ghost_choices)
-                room *= 2
-            self._certain = room - tick - 1
-        self._certain -= 1
+    def make_room(self, games: NDArray[Any], ticks: int = 1) -> bool:
+        """For so many more ticks in every game; True if the arrays are others now."""
+        if self._certain >= ticks:
+            self._certain -= ticks
+            return False
+        room, tick = self.decisions.shape[1], int(games["tick"].max())
+        longer = tick + ticks > room
+        while tick + ticks > room:
+            self.decisions = _longer(self.decisions)
+            self.ghost_choices = _longer(self.ghost_choices)
+            room *= 2
+        self._certain = room - tick - ticks
+        return longer
 
     def so_far(self, game: int, record: Any, level: int) -> RoundSoFar:
         """The round that a game is in, whose record is given."""

@@ -1,7 +1,6 @@
-"""One game's step, compiled, looped over the games of a batch.
+"""What befalls one game, compiled; the rules live in ``game/``, the robot's in ``world/``.
 
-Each kernel is a stage of :meth:`pacman_env.sim.core.batch.GameBatch.step`; the rules they apply live in ``game/``, the
-robot's in ``world/``. Game i reads and writes row i only, so that a game is the same alone and among others.
+Game i reads and writes row i only, so that a game is the same alone and among others.
 """
 
 from __future__ import annotations
@@ -28,9 +27,10 @@ from ...jit import kernel
 from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading
+from ...world.navigation.physics import move, place
 
-PLAN_DUE, RESULT_DUE = 1, 2
 _LONG_AGO = -9
+TOLD = 6  # numbers that are told of a game
 
 
 @kernel
@@ -87,6 +87,7 @@ def reset_games(  # type: ignore[no-untyped-def]
         g.nav_stream = stream(g.seed, NAVIGATION)
         level = g.level
         g.x, g.y, g.heading = home[level, 0], home[level, 1], home[level, 2]
+        place(g, g.x, g.y)
         g.nav_goal = -1
         g.nav_next = -1
         g.nav_no_path_step = _LONG_AGO
@@ -123,7 +124,7 @@ def allowed(g, i, candidate, alive, waits, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
+def follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, aborts, p):  # type: ignore[no-untyped-def]
     """Take a game's record over an event of Algorithm 4, and do with the goal what follows; returns what that is."""
     before = g.collected
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
@@ -138,63 +139,41 @@ def _follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, ab
 
 
 @kernel
-def decide(games, choices, decisions, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
-    """Hand each game's choice to the navigator; a candidate that its mask forbids is hold.
-
-    ``decisions`` (N, T) remembers them by the tick.
-    Returns what is due, or -1 - i without any change if the choice of game i is no candidate.
-    """
-    p = parameters[0]
-    hold = p.pellet_slots + p.refuge_slots
-    for i in range(len(games)):
-        if choices[i] < 0 or choices[i] > hold:
-            return -1 - i
-    due = 0
-    for i in range(len(games)):
-        g = games[i]
-        g.tick_pellets = 0
-        g.tick_rounds = 0
-        if g.end != RUNNING:
-            continue
-        chosen = choices[i]
-        decisions[i, g.tick] = chosen
-        if chosen == hold or not allowed(g, i, chosen, alive, waits, p):
-            chosen = NO_CHOICE
-        bx, by, _ = believed(g, p.use_tf)
-        m = g.level
-        action = _follow(g, i, CHOICE, chosen, bx, by, g.step, goal_xy[m], obstacles[i], alive, waits, aborts, p)
-        if action == SEND:
-            navigator.send_goal(g, goal_of(g, chosen, p), g.step)
-        if navigator.plan_due(g, g.step):
-            due |= PLAN_DUE
-    return due
+def take(choices, most, taken):  # type: ignore[no-untyped-def]
+    """Copy the choices (N,); the first that is not within 0 and ``most``, and nothing is copied then; -1: all are."""
+    for i in range(len(choices)):
+        if choices[i] < 0 or choices[i] > most:
+            return i
+    for i in range(len(choices)):
+        taken[i] = choices[i]
+    return -1
 
 
 @kernel
-def decide_velocity(games, commands, decisions, parameters):  # type: ignore[no-untyped-def]
-    """Take each game's velocities (N, 2), v in m/s and omega in rad/s, as far as the base can follow them.
+def decide(g, i, chosen, decisions, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
+    """Hand a game's choice to the navigator; a candidate that its mask forbids is hold.
 
-    Returns -1 - i without any change if a number of game i is not finite, else 0.
+    ``decisions`` (N, T) remembers it by the tick.
     """
-    p = parameters[0]
-    for i in range(len(games)):
-        if not (math.isfinite(commands[i, 0]) and math.isfinite(commands[i, 1])):
-            return -1 - i
-    for i in range(len(games)):
-        g = games[i]
-        g.tick_pellets = 0
-        g.tick_rounds = 0
-        if g.end != RUNNING:
-            continue
-        decisions[i, g.tick, 0], decisions[i, g.tick, 1] = commands[i, 0], commands[i, 1]
-        g.command_v, g.command_w = limit(max(commands[i, 0], 0.0), commands[i, 1], p)
-    return 0
+    decisions[i, g.tick] = chosen
+    if chosen == p.pellet_slots + p.refuge_slots or not allowed(g, i, chosen, alive, waits, p):
+        chosen = NO_CHOICE
+    bx, by, _ = believed(g, p.use_tf)
+    action = follow(g, i, CHOICE, chosen, bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    if action == SEND:
+        navigator.send_goal(g, goal_of(g, chosen, p), g.step)
 
 
 @kernel
-def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
-    """Take the true pose and velocity over from the physics; localize."""
-    g.x, g.y, g.vx, g.vy = state[r, 0], state[r, 1], state[r, 2], state[r, 3]
+def command(g, v, w, p):  # type: ignore[no-untyped-def]
+    """Take velocities, m/s and rad/s, as far as the base can follow them."""
+    g.command_v, g.command_w = limit(max(v, 0.0), w, p)
+
+
+@kernel
+def sense(g, p):  # type: ignore[no-untyped-def]
+    """Take the true pose and velocity over from the body; localize."""
+    g.x, g.y, g.vx, g.vy = g.body_x, g.body_y, g.body_vx, g.body_vy
     if p.perfect:
         localization.update(g, g.step)
     elif g.step % p.scan_steps == 0:
@@ -202,59 +181,19 @@ def _sense(g, state, r, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sense(games, row, state, parameters):  # type: ignore[no-untyped-def]
-    """Take the true poses over and localize, where a step has no :func:`finish`."""
-    for i in range(len(games)):
-        _sense(games[i], state, row[i], parameters[0])
+def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
+    """One controller step: the force on the body for the next one."""
+    if by_hand or p.velocity_actions:
+        drive_wheels(g, g.command_v, g.command_w, p)
+    else:
+        navigator.control(g, i, paths, p, affine, clearance)
+    g.step += 1
 
 
 @kernel
-def plan(games, paths, obstacles, parameters, plan_end, nav, search):  # type: ignore[no-untyped-def]
-    """The planner, in the games where it is due; ``nav`` are the stacked arrays of the maps."""
-    affine, snap, neighbours, cell_xy, length_cm, next_step = nav
-    p = parameters[0]
-    for i in range(len(games)):
-        g = games[i]
-        if g.end == RUNNING and navigator.plan_due(g, g.step):
-            m = g.level
-            here = (affine[m], snap[m], neighbours[m], cell_xy[m], length_cm[m], next_step[m])
-            navigator.plan(g, i, paths, obstacles[i], p, plan_end[m], here, search)
-
-
-@kernel
-def drive(games, first, row, state, force, paths, parameters, affine, clearance):  # type: ignore[no-untyped-def]
-    """One controller step of every game; returns what is due before the next one.
-
-    ``first``: the pose was already taken over when the tick before ended.
-    """
-    p = parameters[0]
-    due = 0
-    for i in range(len(games)):
-        g = games[i]
-        if g.end != RUNNING:  # frozen as it ended; only its body has to be stopped
-            force[row[i], 0] = -p.mass_rate * state[row[i], 2]
-            force[row[i], 1] = -p.mass_rate * state[row[i], 3]
-            continue
-        if first:
-            refresh_heading(g)
-        else:
-            _sense(g, state, row[i], p)
-        if p.velocity_actions:
-            drive_wheels(g, g.command_v, g.command_w, force, row[i], p)
-            g.step += 1
-            continue
-        navigator.control(g, i, paths, force, row[i], p, affine[g.level], clearance[g.level])
-        g.step += 1
-        if g.nav_result != navigator.NO_RESULT:
-            due |= RESULT_DUE
-        if navigator.plan_due(g, g.step):
-            due |= PLAN_DUE
-    return due
-
-
-@kernel
-def _watch_distance(g, obstacles, p):  # type: ignore[no-untyped-def]
-    """The closing speed since the last decision."""
+def end_tick(g, obstacles, p):  # type: ignore[no-untyped-def]
+    """The tick is over: the closing speed since the last decision."""
+    g.tick += 1
     bx, by, _ = believed(g, p.use_tf)
     _, distance = nearest(bx, by, obstacles)
     g.closing = closing_speed(g.distance, distance, p.tick_s)
@@ -262,91 +201,80 @@ def _watch_distance(g, obstacles, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _end_tick(g, obstacles, p):  # type: ignore[no-untyped-def]
-    g.tick += 1
-    _watch_distance(g, obstacles, p)
+def apply_result(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
+    """Algorithm 4's reaction to the end of a goal."""
+    status = g.nav_result
+    g.nav_result = navigator.NO_RESULT
+    if g.nav_next >= 0:  # the result of a goal given up for the one that waits
+        return
+    x, y, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
+    follow(g, i, RESULT, status, x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    if g.end != RUNNING:
+        end_tick(g, obstacles[i], p)
 
 
 @kernel
-def apply_results(games, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
-    """Algorithm 4's reaction where a goal has ended."""
-    p = parameters[0]
-    for i in range(len(games)):
-        g = games[i]
-        status = g.nav_result
-        if status == navigator.NO_RESULT:
-            continue
-        g.nav_result = navigator.NO_RESULT
-        if g.nav_next >= 0:  # the result of a goal given up for the one that waits
-            continue
-        x, y, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
-        _follow(g, i, RESULT, status, x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
-        if g.end != RUNNING:
-            _end_tick(g, obstacles[i], p)
-
-
-@kernel
-def _look(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
+def look(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
     """Pick-up, completion and death on the believed pose."""
     bx, by, _ = believed(g, p.use_tf)
-    _follow(g, i, LOOK, 0, bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    follow(g, i, LOOK, 0, bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
 
 
 @kernel
-def check(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
-    """The rules in the middle of a tick, where they are tested more often than that."""
-    p = parameters[0]
-    for i in range(len(games)):
-        g = games[i]
-        if g.end == RUNNING:
-            _sense(g, state, row[i], p)
-            _look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
-            if g.end != RUNNING:
-                _end_tick(g, obstacles[i], p)
-
-
-@kernel
-def finish(games, row, state, goal_xy, alive, waits, aborts, obstacles, parameters):  # type: ignore[no-untyped-def]
+def finish(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
     """The end of a tick: rules, time limit, closing speed."""
-    p = parameters[0]
-    for i in range(len(games)):
-        g = games[i]
-        if g.end != RUNNING:
-            continue
-        _sense(g, state, row[i], p)
-        _look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
-        _end_tick(g, obstacles[i], p)
-        if g.end == RUNNING and g.tick >= p.ticks_max:
-            g.end = TIMEOUT
+    sense(g, p)
+    look(g, i, goal_xy, alive, waits, aborts, obstacles, p)
+    end_tick(g, obstacles[i], p)
+    if g.end == RUNNING and g.tick >= p.ticks_max:
+        g.end = TIMEOUT
 
 
 @kernel
-def decisions_due(games, choices, ticks, distances, rounds, awake, parameters):  # type: ignore[no-untyped-def]
-    """Which of the games ``awake`` (N,) ask for a decision after a tick: they are put to sleep in it.
-
-    ``ticks``, ``distances`` and ``rounds`` (N,) are as they were at the last decision, which was ``choices`` (N,).
-    """
-    p = parameters[0]
-    hold = p.pellet_slots + p.refuge_slots
-    for i in range(len(games)):
-        if not awake[i]:
-            continue
-        g = games[i]
-        choice = NO_CHOICE if choices[i] == hold else choices[i]
-        news = g.end != RUNNING or g.tick_pellets > 0 or g.round != rounds[i]
-        waited = g.tick - ticks[i]
-        awake[i] = not decision_due(choice, g.pursued, news, distances[i], g.distance, waited, p)
+def due(g, chosen, since, p):  # type: ignore[no-untyped-def]
+    """Whether a game asks for a decision after a tick; ``since``: tick, distance and round at the last, ``chosen``."""
+    tick, distance, round_number = since
+    choice = NO_CHOICE if chosen == p.pellet_slots + p.refuge_slots else chosen
+    news = g.end != RUNNING or g.tick_pellets > 0 or g.round != round_number
+    return decision_due(choice, g.pursued, news, distance, g.distance, g.tick - tick, p)
 
 
 @kernel
-def summarize(games, ticks, pellets, ends, terminated, truncated, over_before, reward):  # type: ignore[no-untyped-def]
-    """Reward and ending of the tick, per game; ``ends`` (5,) is the reward of each end code.
+def step_robot(games, by_hand, paths, obstacles, parameters, plan_end, nav, search, clearance, clear, spaces):  # type: ignore[no-untyped-def]
+    """One physics step of the only robot, without a game; False, if it has to be given a space before it moves."""
+    g, p = games[0], parameters[0]
+    affine, snap, neighbours, cell_xy, length_cm, next_step = nav
+    if not g.stage:
+        if navigator.plan_due(g, g.step):
+            here = (affine[0], snap[0], neighbours[0], cell_xy[0], length_cm[0], next_step[0])
+            navigator.plan(g, 0, paths, obstacles[0], p, plan_end[0], here, search)
+        refresh_heading(g)
+        drive(g, 0, paths, p, by_hand, affine[0], clearance)
+    g.stage = not move(g, 0, 0, affine[0], clear, p, spaces)
+    if not g.stage:
+        sense(g, p)
+    return g.stage == 0
 
-    Games that were over before get no reward.
-    """
+
+@kernel
+def worth(g, rewards):  # type: ignore[no-untyped-def]
+    """The reward of a game's tick; ``rewards``: of a tick, of a pellet, then by the five codes of an end."""
+    completed = rewards[2 + COMPLETE] * g.tick_rounds
+    return rewards[0] + rewards[1] * g.tick_pellets + completed + rewards[2 + g.end]
+
+
+@kernel
+def summarize(games, rewards, terminated, truncated, over_before, reward):  # type: ignore[no-untyped-def]
+    """Reward (:func:`worth`) and ending of the tick, per game; games that were over before get no reward."""
     for i in range(len(games)):
         g = games[i]
         terminated[i] = g.end != RUNNING and g.end != TIMEOUT
         truncated[i] = g.end == TIMEOUT
-        completed = ends[COMPLETE] * g.tick_rounds
-        reward[i] = 0.0 if over_before[i] else ticks + pellets * g.tick_pellets + completed + ends[g.end]
+        reward[i] = 0.0 if over_before[i] else worth(g, rewards)
+
+
+@kernel
+def tell(g, i, told):  # type: ignore[no-untyped-def]
+    """What is told of a game, (TOLD, N): how it ended, pellets collected, lost and in all, aborts, its seed."""
+    told[0, i], told[1, i], told[2, i] = g.end, g.collected, g.lost
+    told[3, i], told[4, i], told[5, i] = g.spawned, g.aborts, g.episode_seed

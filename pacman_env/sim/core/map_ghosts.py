@@ -14,7 +14,7 @@ from ...jit import kernel
 from ...rng import below
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
-from . import records
+from . import ghost_kernels, records
 from .ghosts import Ghosts
 from .parameters import batch_parameters
 from .poses import Pose
@@ -35,13 +35,14 @@ class MapGhosts:
         self.cells = assets.clyde
         self._assets, self._config = assets, config
         self._ghosts = Ghosts(1, config)
-        self._ghosts.bind(LevelStack(assets, config))
+        self._ghosts.bind(LevelStack(assets, config), assets.pellets + assets.refuges)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed
         self._games = np.zeros(1, dtype=records.GAME)  # where the robot is; a step's number never counts
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
         self._remembered = np.zeros((1, 1, len(self)), dtype=np.int16)
         self._headings = [0.0] * len(self)
+        self._table = self._ghosts.table(self._games, self._remembered, self._parameters)
         state = self._ghosts.state[0]
         state["stream"] = [_stream(np.uint64(seed), number) for number in range(len(self))]
         state["wanders"] = self._ghosts.wander_first
@@ -87,7 +88,10 @@ class MapGhosts:
 
     def decide(self, choices: NDArray[np.int64] | None = None) -> None:
         """Where those who do not just wander go now; ``choices`` (G,) are candidates for those sent from outside."""
-        self._ghosts.decide(self._games, None if choices is None else choices[None], self._remembered, self._parameters)
+        if choices is not None:
+            self._ghosts.choices[0] = choices
+            self._ghosts.compile_choices()
+        ghost_kernels.choose(self._table.address)
 
     def rehearse(self, choices: NDArray[np.int64]) -> None:
         """Compile everything before anybody waits for it; they are put anew then."""
@@ -97,7 +101,7 @@ class MapGhosts:
 
     def step(self) -> None:
         """One update of ``clyde.update_period_s``."""
-        self._ghosts.move(self._games, self._parameters)
+        ghost_kernels.step(self._table.address)
         for number, ghost in enumerate(self._ghosts.state[0]):
             if ghost["vx"] or ghost["vy"]:
                 self._headings[number] = math.atan2(ghost["vy"], ghost["vx"])

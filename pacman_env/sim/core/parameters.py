@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Config
+from ...config import Config, RewardConfig
 from ...game.decisions import decision_rules
-from ...game.execution import rules
+from ...game.execution import COMPLETE, DEAD, TIMEOUT, rules
 from ...jit import kernel
 from ...rng import RANDOMIZE, ROUND, stream, uniform
 from ...world.navigation.controller import HORIZON_S
@@ -31,6 +31,8 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
         "dt": dt,
         "tick_s": execution.tick_s,
         "ticks_max": max(1, round(config.time_limit_s / execution.tick_s)),
+        "substeps": steps(execution.tick_s),
+        "check_steps": steps(execution.check_period_s),
         "scan_steps": steps(loc.scan_period_s),
         "clyde_steps": steps(config.clyde.update_period_s),
         "clyde_period": config.clyde.update_period_s,
@@ -57,6 +59,7 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
         "half_base": robot.wheel_base_m / 2,
         "per_base": 1.0 / robot.wheel_base_m,
         "mass_rate": robot.mass_kg / dt,
+        "per_mass": 1.0 / robot.mass_kg,
         "resolution": resolution,
         "pellet_slots": pellet_slots,
         "refuge_slots": refuge_slots,
@@ -67,6 +70,15 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
     for name, value in values.items():
         record[0][name] = value
     return record
+
+
+def reward_numbers(reward: RewardConfig) -> NDArray[np.float64]:
+    """As :func:`pacman_env.sim.core.kernels.worth` takes them."""
+    numbers = np.zeros(7)
+    numbers[:2] = reward.tick, reward.pellet
+    for code, value in ((DEAD, reward.death), (COMPLETE, reward.completion), (TIMEOUT, reward.timeout)):
+        numbers[2 + code] = value
+    return numbers
 
 
 #: Field of the game that each field of ``config.randomize`` sets.

@@ -13,15 +13,19 @@ from ...game.execution import Execution
 from ...game.ghosts import GHOST_FIELDS
 from ...world.navigation.localization import LOCALIZATION_FIELDS
 from ...world.navigation.navigator import NAVIGATOR_FIELDS
+from ...world.navigation.physics import BODY_FIELDS
 
 #: The record of Algorithm 4, whose time is in physics steps here.
 EXECUTION = tuple(field.name for field in dataclasses.fields(Execution))
 _FIELDS = [
     *NAVIGATOR_FIELDS,
     *LOCALIZATION_FIELDS,
+    *BODY_FIELDS,
     ("seed", np.uint64),  # of this round
     ("episode_seed", np.uint64),  # of the first one
     ("step", np.int32),  # physics steps done in this round
+    ("substep", np.int32),  # physics steps done in this tick
+    ("stage", np.int32),  # what comes next in this tick (ticks.py)
     ("tick", np.int32),  # decisions done in this round
     *((name, np.float64 if name == "pickup" else np.int32) for name in EXECUTION),
     ("tick_pellets", np.int32),  # collected in the last tick
@@ -43,6 +47,13 @@ _HOT = [
     "y",
     "vx",
     "vy",
+    "body_x",
+    "body_y",
+    "body_vx",
+    "body_vy",
+    "force_x",
+    "force_y",
+    "touch",
     "heading",
     "heading_cos",
     "heading_sin",
@@ -54,6 +65,8 @@ _HOT = [
     "error_cos",
     "error_sin",
     "step",
+    "substep",
+    "stage",
     "end",
     "nav_state",
     "nav_points",
@@ -104,6 +117,8 @@ PARAMETERS = np.dtype(
         ("dt", np.float64),
         ("tick_s", np.float64),
         ("ticks_max", np.int64),
+        ("substeps", np.int64),  # physics steps of a tick
+        ("check_steps", np.int64),
         ("scan_steps", np.int64),
         ("clyde_steps", np.int64),
         ("clyde_period", np.float64),
@@ -135,6 +150,7 @@ PARAMETERS = np.dtype(
         ("half_base", np.float64),
         ("per_base", np.float64),  # 1 / wheel base
         ("mass_rate", np.float64),  # mass / dt
+        ("per_mass", np.float64),  # 1 / mass
         ("resolution", np.float64),
         ("pellet_slots", np.int64),
         ("refuge_slots", np.int64),

@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from ...config import Config
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
+from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.grid import build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
-from ...world.navigation.physics import PhysicsWorld
+from ...world.navigation.physics import Spaces
 from ...world.navigation.planner import PATH_POINTS, detour_memory
 from . import kernels, records
 from .parameters import batch_parameters, draw_episodes
 from .poses import Pose, compose, inverse, wrap
 
 _LONG_AGO = -1_000_000  # steps
-_NO_DECISIONS = np.zeros((1, 1, 2))
 _FAR_M = 1e6  # where Clyde is while nobody has seen him
 _FIELDS_KEPT = 64  # path fields of the last goals
 
@@ -65,13 +65,9 @@ class SimulatedRobot:
         self._fields = grid.path_fields()
         self._fields_kept: set[int] = set()
         self._parameters = batch_parameters(config, grid.resolution, 1, 0)
-        self._physics = PhysicsWorld(
-            grid.walls,
-            1,
-            radius_m=config.robot.radius_m,
-            mass_kg=config.robot.mass_kg,
-            step_s=config.physics_step_s,
-        )
+        robot = config.robot
+        self._clear = clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, robot.radius_m)
+        self._spaces = Spaces(1, radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
         self._paths = np.zeros((1, PATH_POINTS, 2), dtype=np.float32)
         self._obstacles = np.zeros((1, 0, 3))
         # Two goals have a place: the one driven to, and the one that is to replace it.
@@ -94,6 +90,7 @@ class SimulatedRobot:
 
     def _reset(self, seed: int) -> None:
         """Begin at home, at rest and without a goal."""
+        self._spaces.leave(np.zeros(1, dtype=np.int64))
         nothing = np.zeros((1, 1), dtype=np.bool_), np.zeros((1, 1), dtype=np.int64), np.zeros((1, 1), dtype=np.int64)
         ghosts = np.zeros((1, 1), dtype=records.GHOST), np.zeros((1, 1, 1), dtype=np.int32), np.zeros((1, 1, 3))
         start_cells = np.zeros((1, 1), dtype=np.int32), np.ones(1, dtype=np.int32), np.full((1, 1, 2), _FAR_M)
@@ -109,7 +106,6 @@ class SimulatedRobot:
             (self.grid.home[None], *start_cells),
             self._parameters,
         )
-        self._physics.place(0, *self._start[:2])
 
     # What is
 
@@ -308,15 +304,13 @@ class SimulatedRobot:
         timeout = self.config.robot.velocity_timeout_s / self.config.physics_step_s
         # The last command counts, and a navigator that drives gives one at each step.
         by_hand = age == 0 or (age < timeout and g["nav_state"] != navigator.ACTIVE)
-        games, physics, parameters = self._games, self._physics, self._parameters
-        parameters["velocity_actions"] = by_hand
+        parameters, grid = self._parameters, self.grid
         if by_hand:
-            kernels.decide_velocity(games, np.array([[v, omega]]), _NO_DECISIONS, parameters)
-        kernels.plan(games, self._paths, self._obstacles, parameters, self._plan_end, self._nav, self._search)
-        state, clearance = physics.state, self.grid.clearance_cm[None]
-        kernels.drive(games, True, physics.row, state, physics.force, self._paths, parameters, self._nav[0], clearance)
-        physics.step()
-        kernels.sense(games, physics.row, state, parameters)
+            kernels.command(g, v, omega, parameters[0])
+        way = self._paths, self._obstacles, parameters, self._plan_end, self._nav, self._search
+        cells = grid.clearance_cm, self._clear
+        while not kernels.step_robot(self._games, by_hand, *way, *cells, self._spaces.arrays):
+            self._spaces.provide(0, grid.walls)
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)

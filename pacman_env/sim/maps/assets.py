@@ -19,17 +19,18 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...game.pellets import generate_pellets
-from ...jit import source_hash
+from ...jit import kernel, source_hash
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells, clyde_cells
-from .ghost_targets import GhostTargets, find_ghost_targets
+from .ghost_targets import GhostTargets, are_sent, find_ghost_targets
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
 MAX_PELLETS = 1000  # the way from each to each is kept
+_AT_ONCE = 64  # cells: what lies together is read together
 _KEEP = 16  # maps kept in the process
 
 
@@ -121,7 +122,10 @@ def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, floa
         MapError: the map has no place for the robot or no pellet to play for.
         ConfigError: Clyde finds no room on the map.
     """
-    return _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
+    assets = _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
+    if are_sent(config.clyde):
+        _ = assets.ghost_targets  # now: whoever plays on the map would have to wait for them
+    return assets
 
 
 def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, float]:
@@ -159,7 +163,6 @@ def _build(
     tolerance = config.nav2.unreachable_tolerance_m
     refuge_cells = [grid.nearest_cell(x, y, tolerance) for x, y in refuge_xy]
     goal_cell = np.concatenate([cells[keep], np.array(refuge_cells, dtype=np.int32)]).astype(np.int32)
-    cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
     names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, known)
     fields = compute() if key is None else cached_arrays(key, names, compute)
     goal_xy = np.concatenate([pellets.position[keep], refuge_xy])
@@ -175,18 +178,39 @@ def _build(
         goal_xy=goal_xy,
         goal_cell=goal_cell,
         neighbours=grid.neighbours,
-        cell_xy=cell_xy,
+        cell_xy=_centres(grid.inverse, grid.cell),
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
-        goal_apart_m=_apart(goal_xy, clyde.position[clyde.cells_in(part)]),
+        goal_apart_m=_apart(goal_xy, clyde.position, clyde.cells_in(part)),
     )
 
 
-def _apart(goal_xy: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(G,) m from each goal to the nearest place."""
-    x, y = places.T.astype(np.float32)
-    nearest = [((x - np.float32(gx)) ** 2 + (y - np.float32(gy)) ** 2).min() for gx, gy in goal_xy]
-    return np.sqrt(np.array(nearest, dtype=np.float32))
+@kernel
+def _apart(goal_xy, position, cells):  # type: ignore[no-untyped-def]
+    """(G,) m, float32, from each goal to the nearest of the cells."""
+    x, y = np.empty(len(cells), np.float32), np.empty(len(cells), np.float32)
+    for i in range(len(cells)):
+        x[i], y[i] = position[cells[i], 0], position[cells[i], 1]
+    result = np.empty(len(goal_xy), np.float32)
+    for k in range(len(goal_xy)):
+        gx, gy, least = np.float32(goal_xy[k, 0]), np.float32(goal_xy[k, 1]), np.float32(np.inf)
+        for i in range(len(cells)):
+            dx, dy = x[i] - gx, y[i] - gy
+            square = dx * dx + dy * dy
+            least = square if square < least else least
+        result[k] = np.sqrt(least)
+    return result
+
+
+@kernel
+def _centres(inverse, cell):  # type: ignore[no-untyped-def]
+    """(K, 2) float32: world position of the middle of each cell, m."""
+    result = np.empty((len(cell), 2), np.float32)
+    for k in range(len(cell)):
+        u, v = cell[k, 0] + 0.5, cell[k, 1] + 0.5
+        result[k, 0] = inverse[0] * u + inverse[1] * v + inverse[2]
+        result[k, 1] = inverse[3] * u + inverse[4] * v + inverse[5]
+    return result
 
 
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
@@ -200,7 +224,19 @@ def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathField
     fields = fields or grid.path_fields()
     for k, cell in enumerate(goal_cell.tolist()):
         length_cm[k], next_step[k] = fields.to(cell) if cell >= 0 else (UNREACHABLE_CM, NO_STEP)
-    return {"length_cm": np.ascontiguousarray(length_cm.T), "next_step": next_step}
+    return {"length_cm": _turned(length_cm), "next_step": next_step}
+
+
+@kernel
+def _turned(table):  # type: ignore[no-untyped-def]
+    """The transposed table, copied."""
+    rows, columns = table.shape
+    result = np.empty((columns, rows), table.dtype)
+    for first in range(0, columns, _AT_ONCE):
+        for row in range(rows):
+            for column in range(first, min(first + _AT_ONCE, columns)):
+                result[column, row] = table[row, column]
+    return result
 
 
 def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:

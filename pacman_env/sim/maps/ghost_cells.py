@@ -7,6 +7,7 @@ decided in ``ghosts``. No simulator and no ROS here: both call these functions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from ...bucket_queue import Queue, clear, new_queue, pop, push
 from ...config import ClydeConfig, ConfigError
 from ...game.pellets import FreeSpace, pixel_to_world
 from ...jit import kernel
+from ...world.navigation.distances import connected_parts
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 6
@@ -69,9 +71,7 @@ class ClydeCells:
     def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
         """Cells where a ghost may start: ``spawn_distance_m`` from all the places, m; if none are, the farthest one."""
         cells = self.cells_in(part) if config.spawn == "connected" else self.part_cells
-        nearest = np.full(len(cells), np.inf)
-        for place in places:
-            nearest = np.minimum(nearest, np.hypot(*(self.position[cells] - place).T))
+        nearest = _nearest(self.position, cells, np.array(list(places), dtype=np.float64).reshape(-1, 2))
         far = cells[nearest >= config.spawn_distance_m]
         return np.sort(far) if len(far) else cells[[nearest.argmax()]]
 
@@ -91,17 +91,13 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
         raise ConfigError(f"clyde.clearance_m = {config.clearance_m}: the map has no place that wide for Clyde")
     graph = np.zeros((len(pixel), 16), dtype=np.int32)
     graph[:, _AT_PIXEL:] = pixel = pixel.reshape(-1, 2)
-    # 4-connected: a diagonal step needs both cells beside it
-    label = cv2.connectedComponents(roomy, connectivity=4)[1][roomy > 0] - 1
-    sizes = np.bincount(label)
+    label, sizes = connected_parts(roomy)
+    sizes = sizes[1:]
     order = np.argsort(-sizes, kind="stable")
-    rank = np.empty(len(order), dtype=np.int32)
-    rank[order] = np.arange(len(order), dtype=np.int32)
-    part = rank[label]
-    part_cells = np.argsort(part, kind="stable").astype(np.int32)
     start = np.concatenate([[0], np.cumsum(sizes[order])]).astype(np.int64)
+    part, part_cells = _by_part(pixel, label, np.argsort(order).astype(np.int32), start)
     _number_neighbours(graph, *roomy.shape)
-    longest = _landmarks(graph, part_cells, start)
+    longest = _landmarks(graph, part_cells, start, *roomy.shape)
     x, y = pixel_to_world(occupancy, *pixel.T.astype(np.int64))
     return ClydeCells(
         resolution=occupancy.resolution,
@@ -112,6 +108,29 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
         part_cells=part_cells,
         longest=longest,
     )
+
+
+@kernel
+def _nearest(position, cells, places):  # type: ignore[no-untyped-def]
+    """From each of the cells to the nearest place, m."""
+    distance = np.full(len(cells), np.inf)
+    for x, y in places:
+        for i in range(len(cells)):
+            away = math.hypot(position[cells[i], 0] - x, position[cells[i], 1] - y)
+            distance[i] = min(distance[i], away)
+    return distance
+
+
+@kernel
+def _by_part(pixel, label, rank, start):  # type: ignore[no-untyped-def]
+    """The part of each cell, and the cells sorted by part; ``rank`` is by label less 1, ``start`` by part."""
+    part, cells = np.empty(len(pixel), np.int32), np.empty(len(pixel), np.int32)
+    end = start.copy()
+    for k in range(len(pixel)):
+        part[k] = rank[label[pixel[k, 1], pixel[k, 0]] - 1]
+        cells[end[part[k]]] = k
+        end[part[k]] += 1
+    return part, cells
 
 
 @kernel
@@ -129,51 +148,62 @@ def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _landmarks(graph, part_cells, part_start):  # type: ignore[no-untyped-def]
+def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no-untyped-def]
     """Fill the landmarks' columns of ``graph``; return an upper bound of the cells of a path.
 
     Landmarks are cells of one part, each the farthest from all before. A path has no more cells than its part, and than
     the way from anywhere over one fixed cell of the part to anywhere.
     """
-    count = len(graph)
-    cost = np.empty(count, np.int32)
-    came = np.empty(count, np.uint8)
-    queue = np.empty(16 * count + 2, np.int32)
-    nearest = np.empty(count, np.int32)
-    open_floor = np.empty(count, np.bool_)
+    count, width = len(graph), columns + 2
+    place = np.empty(count, np.int32)  # in a flat picture with a margin
+    steps = np.zeros((rows + 2) * width, np.uint8)  # a bit for each that is allowed
     for k in range(count):
-        open_floor[k] = graph[k, :_AT_LANDMARKS].min() >= 0
+        place[k] = (graph[k, _AT_PIXEL + 1] + 1) * width + graph[k, _AT_PIXEL] + 1
+        bits = 0
+        for d in range(8):
+            bits |= (graph[k, d] >= 0) << d
+        steps[place[k]] = bits
+    cost = np.empty(len(steps), np.int32)
+    came = np.empty(len(steps), np.uint8)
+    queue = np.empty(16 * count + 2, np.int32)
+    nearest, away = np.empty(count, np.int32), np.empty((_LANDMARKS, count), np.int32)
     bound = 0
     for p in range(len(part_start) - 1):
         cells = part_cells[part_start[p] : part_start[p + 1]]
         if p > 0 and len(cells) < _WORTH_LANDMARKS:  # it does with the octile distance, as do the smaller ones to come
             bound = max(bound, len(cells))
             break
-        _costs_from(graph, open_floor, cells[0], cost, came, queue)
+        _costs_from(steps, width, place[cells[0]], cost, came, queue)
         source = cells[0]
         for k in cells:
             nearest[k] = _FAR
-            if cost[k] > cost[source]:
+            if cost[place[k]] > cost[place[source]]:
                 source = k
-        for column in range(_AT_LANDMARKS, _AT_PIXEL):
-            _costs_from(graph, open_floor, source, cost, came, queue)
+        for n in range(_LANDMARKS):
+            _costs_from(steps, width, place[source], cost, came, queue)
             source = cells[0]
             for k in cells:
-                graph[k, column] = cost[k]
-                nearest[k] = min(nearest[k], cost[k])
+                away[n, k] = cost[place[k]]
+                nearest[k] = min(nearest[k], away[n, k])
                 if nearest[k] > nearest[source]:
                     source = k
-        bound = max(bound, graph[cells, _AT_LANDMARKS].max() * 2 // STRAIGHT)
+        for k in cells:
+            bound = max(bound, 2 * away[0, k] // STRAIGHT)
+            for n in range(_LANDMARKS):
+                graph[k, _AT_LANDMARKS + n] = away[n, k]
     return bound + 2
 
 
 @kernel
-def _costs_from(graph, open_floor, source, cost, came, queue):  # type: ignore[no-untyped-def]
-    """Fill ``cost`` (K,) int32 with the exact cost from ``source``; _FAR where there is no way.
+def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-untyped-def]
+    """Fill ``cost`` int32 with the exact cost of each place from ``source``; _FAR where there is no way.
 
-    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``came``
-    (K,) uint8 and ``queue`` (16 K + 2,) int32 are scratch memory; ``open_floor`` (K,) marks cells with 8 neighbours.
+    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``steps`` has
+    a bit for each allowed step from a place; ``came`` uint8 and ``queue`` int32 are scratch memory.
     """
+    offset = np.empty(16 + 8, np.int64)
+    for i in range(len(offset)):
+        offset[i] = _STEPS[i & 7, 1] * width + _STEPS[i & 7, 0]
     cost[:] = _FAR
     cost[source] = 0
     heads = np.full(4, -1, np.int64)  # a step leads into the second bucket ahead at most
@@ -185,30 +215,40 @@ def _costs_from(graph, open_floor, source, cost, came, queue):  # type: ignore[n
         heads[bucket & 3] = -1
         empty = 0 if e >= 0 else empty + 1
         while e >= 0:
-            u = np.uintp(queue[np.uintp(e)])
+            u = np.int64(queue[np.uintp(e)])
             e = np.int64(queue[np.uintp(e + 1)])
-            here = cost[u]
+            here = cost[np.uintp(u)]
             if here >> 6 != bucket:
                 continue  # it was reached at less
-            # On open floor a way that turns by a right angle or more is a detour.
-            straight_on = open_floor[u] and u != source
-            first = came[u] + 7 if straight_on else 0
-            for i in range(first, first + (3 if straight_on else 8)):
-                d = i & 7
-                v = graph[u, np.uintp(d)]
-                if v < 0:
-                    continue
-                v = np.uintp(v)
-                new = here + (DIAGONAL if d & 1 else STRAIGHT)
-                old = cost[v]
-                if new < old:
-                    cost[v] = new
-                    came[v] = d
-                    if new >> 6 != old >> 6:  # else it waits there
-                        queue[np.uintp(used)] = v
-                        queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
-                        heads[new >> 6 & 3] = used
-                        used += 2
+            allowed = steps[np.uintp(u)]
+            if allowed == 255 and u != source:
+                # On open floor a way that turns by a right angle or more is a detour.
+                first = np.uintp(came[np.uintp(u)] + 7)
+                for i in range(3):
+                    d = first + np.uintp(i)
+                    v = np.uintp(u + offset[d])
+                    new, old = here + (DIAGONAL if d & np.uintp(1) else STRAIGHT), cost[v]
+                    if new < old:
+                        cost[v] = new
+                        came[v] = d & np.uintp(7)
+                        if new >> 6 != old >> 6:  # else it waits there
+                            queue[np.uintp(used)] = v
+                            queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
+                            heads[new >> 6 & 3] = used
+                            used += 2
+            else:
+                for i in range(8):
+                    d = np.uintp(i)
+                    v = np.uintp(u + offset[d])
+                    new, old = here + (DIAGONAL if d & np.uintp(1) else STRAIGHT), cost[v]
+                    if (new < old) & (allowed >> i & 1):
+                        cost[v] = new
+                        came[v] = d
+                        if new >> 6 != old >> 6:
+                            queue[np.uintp(used)] = v
+                            queue[np.uintp(used + 1)] = heads[new >> 6 & 3]
+                            heads[new >> 6 & 3] = used
+                            used += 2
         bucket += 1
 
 
@@ -233,6 +273,8 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
     wrote them, the search that settled it.
     """
     search = clear(queue)
+    if search == 1:  # of a search long ago that had this number
+        node[:, 2:] = 0
     # The three landmarks that bound this trip best.
     a, b, c = _AT_LANDMARKS, _AT_LANDMARKS, _AT_LANDMARKS
     best_a, best_b, best_c = -1, -1, -1

@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...jit import kernel
+from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
 from ...world.navigation.paths import UNREACHABLE_CM
 from .assets import MapAssets
+from .ghost_targets import are_sent
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
-_PADDED = ("snap", "clearance_cm", "ghost_snap")  # looked up by position
+_PADDED = ("snap", "clearance_cm", "clear", "ghost_snap")  # looked up by position
 _VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
 _FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")
 
@@ -40,6 +43,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,
         "clearance_cm": grid.clearance_cm,
+        "clear": clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, config.robot.radius_m),
         "goal_xy": assets.goal_xy,
         "goal_cell": assets.goal_cell,
         "goal_apart_m": assets.goal_apart_m,
@@ -58,7 +62,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "ghost_snap": np.zeros((1, 1), dtype=np.int32),
         "ghost_corner": np.zeros(4, dtype=np.int32),
     }
-    if any(behaviour != "wander" for behaviour in config.clyde.ghosts):
+    if are_sent(config.clyde):
         targets = assets.ghost_targets
         kinds |= {"ghost_place": targets.place, "ghost_snap": targets.snap, "ghost_corner": targets.corner}
     return kinds
@@ -143,8 +147,7 @@ class LevelStack:
                 stacked = self.arrays[name] = larger
                 self.version += 1
             if name in _PADDED:  # what lies beyond the map is what lies at its edge, whatever room there is
-                rows, columns = (room - n for n, room in zip(array.shape, stacked.shape[1:], strict=True))
-                stacked[slot] = np.pad(array, ((0, rows), (0, columns)), mode="edge")
+                _fill(stacked[slot], array)
             else:
                 place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
                 stacked[place] = array
@@ -172,9 +175,30 @@ class LevelStack:
         return self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1]), self._coarse_steps.shape[2]
 
     def _measure(self, assets: MapAssets) -> None:
-        lengths = assets.length_cm
-        longest = int(lengths[lengths != UNREACHABLE_CM].max(initial=0))
+        longest = int(_longest(assets.length_cm))
         if longest > self.longest_way_cm or assets.clyde.longest > self.longest_ghost_way:
             self.version += 1
         self.longest_way_cm = max(self.longest_way_cm, longest)
         self.longest_ghost_way = max(self.longest_ghost_way, assets.clyde.longest)
+
+
+@kernel
+def _fill(room, array):  # type: ignore[no-untyped-def]
+    """Copy a picture into the larger one ``room``; its last row and column go on to the far ends."""
+    rows, columns = array.shape
+    for row in range(len(room)):
+        r = min(row, rows - 1)
+        for column in range(columns):
+            room[row, column] = array[r, column]
+        for column in range(columns, room.shape[1]):
+            room[row, column] = array[r, columns - 1]
+
+
+@kernel
+def _longest(length_cm):  # type: ignore[no-untyped-def]
+    """The longest way that there is, cm."""
+    longest = 0
+    for k in range(len(length_cm)):
+        for length in length_cm[k]:
+            longest = max(longest, int(length) if length != UNREACHABLE_CM else 0)
+    return longest

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import RefugeConfig
-from ...world.navigation.grid import DriveGrid, clearance_m, connected_parts
-from ...world.navigation.paths import PathFields
+from ...jit import kernel
+from ...world.navigation.distances import clearance_m, connected_parts
+from ...world.navigation.grid import DriveGrid
+from ...world.navigation.paths import UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells
 
 
@@ -40,17 +42,39 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
     roomy = clearance >= config.clearance_m
     if not roomy.any():
         roomy = clearance >= clearance.max()
-    nearest = np.full(len(grid.cell), np.inf)
+    nearest = np.full(len(grid.cell), UNREACHABLE_CM, dtype=np.uint16)
     chosen = list(given)
     for k in range(len(given) + config.spread - 1):
         length_cm, _ = fields.to(chosen[k])
-        np.minimum(nearest, length_cm, out=nearest)
+        farthest = _come_nearer(nearest, length_cm, roomy)
         if k + 1 == len(chosen):
-            farthest = int(np.where(roomy, nearest, -1.0).argmax())
             if nearest[farthest] <= 0:
                 break
             chosen.append(farthest)
     return chosen[len(given) :]
+
+
+@kernel
+def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
+    """Take into ``nearest`` the way to one more place; the roomy cell that is then farthest away."""
+    farthest, most = 0, -1
+    for k in range(len(nearest)):
+        nearest[k] = min(nearest[k], length_cm[k])
+        if roomy[k] and nearest[k] > most:
+            farthest, most = k, int(nearest[k])
+    return farthest
+
+
+@kernel
+def _strike_out(away, affine, position, cells):  # type: ignore[no-untyped-def]
+    """Clear the grid's cells under some of Clyde's."""
+    rows, columns = away.shape
+    for k in cells:
+        x, y = position[k]
+        column = math.floor(affine[0] * x + affine[1] * y + affine[2])
+        row = math.floor(affine[3] * x + affine[4] * y + affine[5])
+        if 0 <= column < columns and 0 <= row < rows:
+            away[row, column] = False
 
 
 def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) -> list[int]:
@@ -58,9 +82,7 @@ def _nooks(grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig) 
     if config.nooks == 0:
         return []
     away = np.ones(grid.shape, dtype=np.bool_)
-    cells = clyde.cells_in(part)
-    column, row, inside = grid.locate(clyde.position[cells])
-    away[row[inside], column[inside]] = False
+    _strike_out(away, grid.affine, clyde.position, clyde.cells_in(part))
     distance = clearance_m(away, grid.resolution)
     # Clyde's positions and cell centres can be half a cell's diagonal apart.
     safe = (distance >= config.nook_clearance_m + grid.resolution * math.sqrt(0.5)) & (grid.cell_id >= 0)

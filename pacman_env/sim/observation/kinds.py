@@ -252,6 +252,7 @@ class Observer:
                 if key in found:
                     raise ConfigError(f"observation kind {kind.name!r}: {key!r} is in the observation already")
                 found[key] = part
+        batch.shows_features |= any(isinstance(kind, Features) for kind in self._kinds)
         self._by_candidate = {key for key, part in found.items() if part.by_candidate}
         if self.nearest:
             found = {key: _listed(part, self.nearest.count) for key, part in found.items()}

@@ -14,14 +14,22 @@ from numpy.typing import NDArray
 
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...jit import kernel
+from ...native import Table, address, arrays_by_address
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction
-from .situation import HOLD, PELLET, REFUGE, Situation
+from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
 VERSION = 3
 FAR_M = 20.0
 _AROUND_M = 2.5  # pellets within this way are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
+
+_REAL32 = np.float32
+_TABLE = (  # the situation's block and lengths; the robot's speed; maps; prediction; both results
+    *((np.int64, 1), (np.float64, 1), (np.uint16, 3), (np.int32, 2), (_REAL32, 2)),
+    *((_REAL32, 3), (_REAL32, 3), (_REAL32, 2)),
+)
+_arrays, _situation = arrays_by_address(_TABLE), LAYOUT.arrays
 
 CANDIDATE_FEATURES = (
     "is_pellet",
@@ -73,22 +81,25 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     meetings = prediction.encounters(situation, robot_speed_mps)
     assert situation.maps is not None
     arrays = situation.maps.arrays
-    n, c = situation.mask.shape
-    candidates = np.zeros((n, c, len(CANDIDATE_FEATURES)), dtype=np.float32)
-    whole = np.zeros((n, len(GLOBAL_FEATURES)), dtype=np.float32)
+    block, *lengths = situation.block()
+    candidates = np.zeros((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
+    whole = np.zeros((lengths[0], len(GLOBAL_FEATURES)), dtype=np.float32)
     maps = arrays["length_cm"], arrays["goal_cell"], arrays["goal_apart_m"]
-    _fill(situation.arrays(), maps, meetings, robot_speed_mps, np.empty((c, 6)), candidates, whole)
+    numbers = np.array([address(block), *lengths]), np.array([robot_speed_mps])
+    situation.threads.run(_fill, [Table(_TABLE, (*numbers, *maps, meetings, candidates, whole))], lengths[0])
     return candidates, whole
 
 
 @kernel
-def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: ignore[no-untyped-def]
+def _fill(table, first, last):  # type: ignore[no-untyped-def]
+    view, speed_mps, lengths, goal_cells, aparts, meetings, candidates, whole = _arrays(table)
+    speed = speed_mps[0]
     (
         _, robot, velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, _, goal, level,
-    ) = situation  # fmt: skip
-    lengths, goal_cells, aparts = maps
-    for i in range(len(robot)):
+    ) = _situation(view[0], view[1], view[2], view[3])  # fmt: skip
+    terms = np.empty((mask.shape[1], 6))
+    for i in range(first, last):
         length_cm, goal_cell = lengths[level[i]], goal_cells[level[i]]
         x, y = robot[i, 0], robot[i, 1]
         cx, cy = clyde[i, 0], clyde[i, 1]
@@ -154,3 +165,4 @@ def _fill(situation, maps, meetings, speed, terms, candidates, whole):  # type: 
             f[20] = around / 4.0
             f[21] = min(aparts[level[i], g], 1.0)
             f[22] = min(terms[c, TOTAL], FAR_M) / 5.0 if is_pellet else 0.0
+    return 0

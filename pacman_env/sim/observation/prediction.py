@@ -9,15 +9,15 @@ knows where Clyde really goes.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import kernel, prefetch
+from ...native import Table, address, arrays_by_address
 from ...world.navigation.coarse_steps import ARRIVED, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
-from .situation import Situation
+from .situation import LAYOUT, Situation
 
 STEP_S = 0.5  # between the instants that are looked at
 STEPS = 20  # instants: 10 s
@@ -30,6 +30,12 @@ _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
 _FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
 _AHEAD = 3  # instants written per coarse step, most of the time enough
 _LANES = 24  # candidates are compared so many at a time; a fixed number makes loops without overhead
+_REAL = np.float64
+_TABLE = (  # the situation's block and lengths, tiles across; the robot's speed; maps; result
+    *((np.int64, 1), (_REAL, 1), (_REAL, 2), (np.int32, 3), (np.float32, 3), (np.uint8, 3), (np.int32, 1)),
+    (np.float32, 3),
+)
+_arrays, _situation = arrays_by_address(_TABLE), LAYOUT.arrays
 _BLOCK = (STEPS + _AHEAD) * _LANES  # numbers of a block: instant by instant, lane by lane
 
 #: Columns of :func:`encounters`.
@@ -49,37 +55,13 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
     a = situation.maps.arrays
-    s = situation
-    goals, candidates = a["next_step"].shape[1] + 1, s.mask.shape[1]
-    result = np.zeros((*s.mask.shape, 8), dtype=np.float32)
-    _encounters(
-        (s.robot, s.clyde, s.clyde_velocity, s.clyde_speed, s.mask, s.goal, s.level),
-        (a["affine"], a["snap"], a["cell_xy"], *situation.maps.coarse_steps(s.level), a["goal_count"]),
-        robot_speed_mps,
-        (_instants(goals), _instants(goals), np.empty(goals, np.float32)),
-        (_instants(candidates), _instants(candidates), np.empty(candidates, np.int64)),
-        _walkers(max(goals, candidates)),
-        (np.empty(_LANES, np.float32), np.empty((6, _LANES), np.float32)),
-        result,
-    )
+    block, *lengths = situation.block()
+    result = np.zeros((*situation.mask.shape, 8), dtype=np.float32)
+    steps, across = situation.maps.coarse_steps(situation.level)
+    maps = a["affine"], a["snap"], a["cell_xy"], steps, a["goal_count"]
+    numbers = np.array([address(block), *lengths, across]), np.array([robot_speed_mps])
+    situation.threads.run(_encounters, [Table(_TABLE, (*numbers, *maps, result))], lengths[0])
     return result
-
-
-def _instants(walkers: int) -> NDArray[np.float32]:
-    """Room for a coordinate of each walker at each instant."""
-    return np.zeros(-(-walkers // _LANES) * _BLOCK, dtype=np.float32)
-
-
-def _walkers(count: int) -> tuple[NDArray[Any], ...]:
-    """Room for the state of so many walkers."""
-    whole = np.int32
-    return (
-        np.empty((count, 3)),
-        np.empty((count, 2), whole),
-        np.empty(count, whole),
-        np.empty(count),
-        np.empty(count, whole),
-    )
 
 
 @kernel
@@ -274,13 +256,27 @@ def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _encounters(situation, maps, speed, his, mine, walkers, scratch, result):  # type: ignore[no-untyped-def]
-    robots, clydes, velocities, speeds, mask, goals, level = situation
-    affines, snaps, cell_xys, all_steps, across, counts = maps
-    mine_x, mine_y, chosen = mine
-    starts, cells, targets = walkers[:3]
-    best, sums = scratch
-    for i in range(len(robots)):
+def _instants(walkers):  # type: ignore[no-untyped-def]
+    """Room for a coordinate of each walker at each instant."""
+    return np.zeros((walkers + _LANES - 1) // _LANES * _BLOCK, np.float32)
+
+
+@kernel
+def _encounters(table, first, last):  # type: ignore[no-untyped-def]
+    view, speed_mps, affines, snaps, cell_xys, all_steps, counts, result = _arrays(table)
+    seen = _situation(view[0], view[1], view[2], view[3])
+    robots, clydes, velocities, speeds, mask, goals, level = (
+        seen[1], seen[4], seen[5], seen[6], seen[10], seen[18], seen[19]
+    )  # fmt: skip
+    across, speed = view[4], speed_mps[0]
+    ways, candidates = all_steps.shape[2] + 1, mask.shape[1]
+    his = (_instants(ways), _instants(ways), np.empty(ways, np.float32))
+    mine_x, mine_y, chosen = _instants(candidates), _instants(candidates), np.empty(candidates, np.int64)
+    most = max(ways, candidates)
+    starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
+    walkers = (starts, cells, targets, np.empty(most), np.empty(most, np.int32))
+    best, sums = np.empty(_LANES, np.float32), np.empty((6, _LANES), np.float32)
+    for i in range(first, last):
         m = level[i]
         affine, steps = affines[m], all_steps[m]
         per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
@@ -326,3 +322,4 @@ def _encounters(situation, maps, speed, his, mine, walkers, scratch, result):  #
                 r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[0, k], sums[1, k], sums[2, k]
                 r[CLOSEST_MEAN] = sums[3, k] / per_m if used > 0 else _FAR_M
                 r[CLOSEST], r[STANDING] = math.sqrt(sums[4, k]) / per_m, math.sqrt(sums[5, k]) / per_m
+    return 0

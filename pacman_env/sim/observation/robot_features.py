@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...blocks import CANDIDATES, GHOSTS, Layout, N
 from ...jit import kernel
+from ...native import Table, address, arrays_by_address
 from .situation import HOLD, PELLET, REFUGE, Situation
+from .situation import LAYOUT as situation_layout
 
 FAR_M = 100.0  # cap of every length
 FAST_MPS = 5.0  # cap of every speed
@@ -64,6 +67,18 @@ COLUMNS: dict[str, Columns] = {
     "ghosts": GHOST_COLUMNS,
 }
 Observation = dict[str, NDArray[Any]]
+LAYOUT = Layout(
+    {
+        "robot": (np.float32, (N, len(ROBOT_COLUMNS))),
+        "clyde": (np.float32, (N, len(CLYDE_COLUMNS))),
+        "candidates": (np.float32, (N, CANDIDATES, len(CANDIDATE_COLUMNS))),
+        "round": (np.float32, (N, len(ROUND_COLUMNS))),
+        "ghosts": (np.float32, (N, GHOSTS, len(GHOST_COLUMNS))),
+    }
+)
+_TABLE = ((np.int64, 1),)  # addresses of the situation's block, its three lengths, and of the features' block
+_ROOM, _WRITTEN = "_room", "_features"  # where a situation keeps the block; likewise, until it is asked for
+_view, _situation, _features = arrays_by_address(_TABLE), situation_layout.arrays, LAYOUT.arrays
 
 
 def observe(situation: Situation) -> Observation:
@@ -79,15 +94,16 @@ def features(situation: Situation) -> Observation:
         ghosts, ``ghosts`` (N, G, 6), all float32. Rows of candidates that the mask forbids keep their kind and are 0
         otherwise.
     """
-    n, c = situation.mask.shape
-    robot = np.empty((n, len(ROBOT_COLUMNS)), dtype=np.float32)
-    clyde = np.empty((n, len(CLYDE_COLUMNS)), dtype=np.float32)
-    candidates = np.empty((n, c, len(CANDIDATE_COLUMNS)), dtype=np.float32)
-    round_ = np.empty((n, len(ROUND_COLUMNS)), dtype=np.float32)
-    ghosts = np.empty((n, situation.ghosts.shape[1], len(GHOST_COLUMNS)), dtype=np.float32)
-    _fill(situation.arrays(), robot, clyde, candidates, round_, ghosts)
-    found = {"robot": robot, "clyde": clyde, "candidates": candidates, "round": round_}
-    return found | ({"ghosts": ghosts} if ghosts.shape[1] > 1 else {})
+    block, *lengths = situation.block()
+    seen = situation.__dict__.pop(_WRITTEN, None)
+    if seen is None:
+        seen = LAYOUT.new(*lengths)
+        table = Table(_TABLE, [np.array([address(block), *lengths, address(seen)])])
+        situation.threads.run(_fill, [table], lengths[0])
+    found = LAYOUT.views(seen, *lengths)
+    if lengths[2] == 1:
+        del found["ghosts"]
+    return found
 
 
 @kernel
@@ -101,14 +117,33 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
+def room_for_features(situation: Situation, known: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """A block that :func:`write_features` may fill; the next call of :func:`features` takes it over."""
+    _, *lengths = situation.block()
+    seen: NDArray[np.uint8] | None = situation.__dict__.get(_ROOM)
+    if seen is None:
+        seen = situation.__dict__[_ROOM] = LAYOUT.again(known, *lengths)
+    situation.__dict__[_WRITTEN] = seen
+    return seen
+
+
 @kernel
-def _fill(arrays, robot, clyde, candidates, round_, ghosts):  # type: ignore[no-untyped-def]
+def _fill(table, first, last):  # type: ignore[no-untyped-def]
+    """Of the situations from ``first`` to ``last``."""
+    view = _view(table)[0]
+    write_features(view[0], view[1], view[2], view[3], view[4], first, last)
+    return 0
+
+
+@kernel
+def write_features(block, n, count, others, seen, first, last):  # type: ignore[no-untyped-def]
+    """Fill a block with features at ``seen`` from that of the situations at ``block``."""
+    robot, clyde, candidates, round_, ghosts = _features(seen, n, count, others)
     (
         time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, everyone, _, _,
-    ) = arrays  # fmt: skip
-    count = mask.shape[1]
-    for i in range(len(time_s)):
+    ) = _situation(block, n, count, others)  # fmt: skip
+    for i in range(first, last):
         x, y = pose[i, 0], pose[i, 1]
         ch, sh = math.cos(pose[i, 2]), math.sin(pose[i, 2])
         robot[i, 0], robot[i, 1], robot[i, 2], robot[i, 3] = x, y, ch, sh

@@ -25,7 +25,7 @@ from ..core.parameters import batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
 from .situation import Situation
-from .situation_kernel import fill_situation
+from .situation_kernel import VIEW, direct, look, look_table
 
 _AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
 _JUMP_M = 0.5  # Clyde was put elsewhere if he moved so much farther than his speed allows
@@ -83,9 +83,6 @@ class RobotView:
         self._levels = levels or LevelStack(assets, config)
         self._parameters = batch_parameters(config, assets.grid.resolution, assets.pellets, assets.refuges)
         self._parameters["use_tf"] = 1  # the pose that is given is the one believed, wherever it comes from
-        a = self._levels.arrays
-        seen = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
-        self._maps = tuple(a[name] for name in seen)
         pellets = generate_pellets(assets.occupancy, config.pellets)
         positions = map(tuple, pellets.position.tolist())
         self._pellets: dict[int, tuple[float, float]] = dict(zip(pellets.ids.tolist(), positions, strict=True))
@@ -105,6 +102,11 @@ class RobotView:
         self._waits = np.zeros((1, self.hold + 1), dtype=np.int64)
         self._stamp_ns: list[int | None] = [None] * count
         self._looked_s: float | None = None
+        self._view = np.zeros(VIEW, dtype=np.int64)
+        state = self._games, self._ghosts, self._cells, self._obstacles, self._alive, self._waits
+        self._look_table = look_table(
+            *state, self._parameters, self._view, np.zeros((kernels.TOLD, 1), dtype=np.int64), self._levels
+        )
 
     def begin(self) -> None:
         """A round begins: no decision has been taken in it, and no distance is remembered."""
@@ -201,18 +203,8 @@ class RobotView:
         self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
         situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
-        fill_situation(
-            self._games,
-            self._ghosts,
-            self._cells,
-            self._obstacles,
-            self._alive,
-            self._waits,
-            player,
-            self._parameters,
-            self._maps,
-            situation.arrays(),
-        )
+        direct(self._view, situation, player)
+        look(self._look_table.address, 0, 1)
         situation.time_s[0] = seen.time_s
         situation.robot_velocity[0] = seen.velocity
         situation.pose_age_s[0] = seen.pose_age_s

@@ -11,15 +11,44 @@ can be sent to, and the last one is to wander on.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...blocks import CANDIDATES, GHOSTS, Layout, N
+from ...threads import ALONE, Threads
 
 if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
 
 PELLET, REFUGE, HOLD = 0, 1, 2
+_REAL, _WHOLE = np.float64, np.int64
+#: The arrays of a situation that was made by :meth:`Situation.empty`, in the order of its fields.
+LAYOUT = Layout(
+    {
+        "time_s": (_REAL, (N,)),
+        "robot": (_REAL, (N, 3)),
+        "robot_velocity": (_REAL, (N, 2)),
+        "pose_age_s": (_REAL, (N,)),
+        "clyde": (_REAL, (N, 2)),
+        "clyde_velocity": (_REAL, (N, 2)),
+        "clyde_speed": (_REAL, (N,)),
+        "closing_speed": (_REAL, (N,)),
+        "kind": (np.int8, (N, CANDIDATES)),
+        "position": (_REAL, (N, CANDIDATES, 2)),
+        "mask": (np.bool_, (N, CANDIDATES)),
+        "path_robot": (_REAL, (N, CANDIDATES)),
+        "path_clyde": (_REAL, (N, CANDIDATES)),
+        "current": (_WHOLE, (N,)),
+        "seed": (np.uint64, (N,)),
+        "tick": (_WHOLE, (N,)),
+        "pellets_left": (_WHOLE, (N,)),
+        "ghosts": (_REAL, (N, GHOSTS, 5)),
+        "goal": (np.int32, (N, CANDIDATES)),
+        "level": (np.int32, (N,)),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -47,45 +76,60 @@ class Situation:
     goal: NDArray[np.int32]  # (N, C) number of the candidate among the map's goals, -1: none
     level: NDArray[np.int32]  # (N,) slot of the map in ``maps``
     maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None: not known
+    threads: Threads = ALONE  # who may work on what is made of the situations
 
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def arrays(self) -> tuple[NDArray, ...]:
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        """An array of the block that is asked for the first time: to make all costs as much as a step."""
+        block = self.__dict__.get("_block")
+        if block is None or name not in LAYOUT.fields:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        array = self.__dict__[name] = LAYOUT.view(block[0], name, *block[1:])
+        return array
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy's arrays lie elsewhere: they would not be those of its block any more."""
+        arrays = dict(zip(LAYOUT.fields, self.arrays(), strict=True))
+        return {**arrays, "maps": self.maps, "threads": self.threads}
+
+    def arrays(self) -> tuple[NDArray[Any], ...]:
         """The arrays in the order of the fields."""
-        return tuple(self.__dict__.values())[:-1]
+        return tuple(getattr(self, name) for name in LAYOUT.fields)
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
         """The situations at ``index`` as a smaller batch."""
-        arrays = {name: array[index] for name, array in self.__dict__.items() if name != "maps"}
-        return Situation(**arrays, maps=self.maps)
+        arrays = {name: getattr(self, name)[index] for name in LAYOUT.fields}
+        return Situation(**arrays, maps=self.maps, threads=self.threads)
+
+    def block(self) -> tuple[NDArray[np.uint8], int, int, int]:
+        """The block of memory that the arrays are in, and what it is for: situations, candidates, ghosts.
+
+        Arrays that lie elsewhere are copied into a new one.
+        """
+        if "_block" in self.__dict__:
+            return self.__dict__["_block"]
+        lengths = len(self), self.mask.shape[1], self.ghosts.shape[1]
+        block = LAYOUT.new(*lengths)
+        for name, view in LAYOUT.views(block, *lengths).items():
+            view[:] = getattr(self, name)
+        return block, *lengths
 
     @classmethod
-    def empty(cls, n: int, candidates: int, ghosts: int = 1, maps: LevelStack | None = None) -> Situation:
-        """Arrays for n situations, not yet filled."""
-        c = candidates
-        situation = cls.__new__(cls)  # a frozen dataclass sets its fields one by one, slowly
-        situation.__dict__.update(
-            time_s=np.empty(n),
-            robot=np.empty((n, 3)),
-            robot_velocity=np.empty((n, 2)),
-            pose_age_s=np.empty(n),
-            clyde=np.empty((n, 2)),
-            clyde_velocity=np.empty((n, 2)),
-            clyde_speed=np.empty(n),
-            closing_speed=np.empty(n),
-            kind=np.empty((n, c), dtype=np.int8),
-            position=np.empty((n, c, 2)),
-            mask=np.empty((n, c), dtype=np.bool_),
-            path_robot=np.empty((n, c)),
-            path_clyde=np.empty((n, c)),
-            current=np.empty(n, dtype=np.int64),
-            seed=np.empty(n, dtype=np.uint64),
-            tick=np.empty(n, dtype=np.int64),
-            pellets_left=np.empty(n, dtype=np.int64),
-            ghosts=np.empty((n, ghosts, 5)),
-            goal=np.empty((n, c), dtype=np.int32),
-            level=np.empty(n, dtype=np.int32),
-            maps=maps,
-        )
+    def empty(
+        cls,
+        n: int,
+        candidates: int,
+        ghosts: int = 1,
+        maps: LevelStack | None = None,
+        threads: Threads = ALONE,
+        known: list[NDArray[np.uint8]] | None = None,
+    ) -> Situation:
+        """Arrays for n situations, not yet filled; in one of the blocks ``known`` where nobody uses it any more."""
+        situation = cls.__new__(cls)
+        lengths = n, candidates, ghosts
+        # The fields of a frozen dataclass; the arrays follow when they are asked for.
+        block = LAYOUT.new(*lengths) if known is None else LAYOUT.again(known, *lengths)
+        situation.__dict__.update(_block=(block, *lengths), maps=maps, threads=threads)
         return situation

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...jit import kernel
+from ...native import Table, address_of, arrays_by_address
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
-from ..core.kernels import allowed, believed, nearest
-from .situation import HOLD, PELLET, REFUGE
+from ..core import records
+from ..core.kernels import allowed, believed, nearest, tell
+from ..maps.level_stack import LevelStack
+from .robot_features import room_for_features, write_features
+from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
 
 @kernel
@@ -21,26 +27,71 @@ def _metres(cell, goal, length_cm):  # type: ignore[no-untyped-def]
     return cm * 0.01 if (cell >= 0) & (cm != UNREACHABLE_CM) else np.inf
 
 
-@kernel
-def fill_situation(  # type: ignore[no-untyped-def]
-    games, ghosts, ghost_paths, obstacles, alive, waits, seat, parameters, maps, out
-):
-    """Write N situations into ``out``: the arrays of a Situation in the order of its fields.
+_WHOLE, _REAL = np.int32, np.float64
+#: dtype and axes of what :func:`look` works on.
+TABLE = (
+    *((records.GAME, 1), (records.GHOST, 2), (_WHOLE, 3), (_REAL, 3), (np.bool_, 2), (np.int64, 2)),
+    *((records.PARAMETERS, 1), (np.int64, 1), (np.int64, 2)),  # constants, view, what is told
+    *((_REAL, 3), (_REAL, 2), (_WHOLE, 3), (np.uint16, 3), (_WHOLE, 2), (_WHOLE, 2), (_WHOLE, 2)),  # maps
+)
+#: Numbers of a view: the situation's block and its three lengths, who looks, the features' block; how many they are.
+BLOCK, SEAT, FEATURES, VIEW = 0, 4, 5, 6
+_NOTHING = np.zeros(0, dtype=np.uint8)
+_MAPS = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
+_arrays = arrays_by_address(TABLE)
+_in_block = LAYOUT.arrays
 
-    Args:
-        seat: -1: the robot's policy looks; k: that of ghost k, whose candidates are the places of the robot's.
-        maps: (goal_xy, affine, snap, length_cm, ghost_drive, ghost_place, ghost_part), stacked.
+
+def look_table(
+    games: NDArray[Any],
+    ghosts: NDArray[Any],
+    ghost_paths: NDArray[np.int32],
+    obstacles: NDArray[np.float64],
+    alive: NDArray[np.bool_],
+    waits: NDArray[np.int64],
+    parameters: NDArray[Any],
+    view: NDArray[np.int64],
+    told: NDArray[np.int64],
+    levels: LevelStack,
+) -> Table:
+    """For :func:`look`; ``view`` (VIEW,) is written by :func:`direct`, ``told`` (TOLD, N) by it."""
+    maps = (levels.arrays[name] for name in _MAPS)
+    return Table(TABLE, (games, ghosts, ghost_paths, obstacles, alive, waits, parameters, view, told, *maps))
+
+
+def direct(view: NDArray[np.int64], situation: Situation, seat: int, known: list[Any] | None = None) -> None:
+    """Let the next look fill a situation: as the robot's policy sees it (-1), or that of ghost ``seat``.
+
+    With blocks that are ``known`` the features are written as well.
     """
+    block, *lengths = situation.block()
+    _aim(view, block, _NOTHING if known is None else room_for_features(situation, known), *lengths, seat)
+
+
+@kernel
+def _aim(view, block, seen, n, candidates, ghosts, seat):  # type: ignore[no-untyped-def]
+    view[0], view[1], view[2], view[3], view[SEAT] = address_of(block), n, candidates, ghosts, seat
+    view[FEATURES] = address_of(seen) if len(seen) > 0 else 0
+
+
+@kernel
+def look(table, first, last):  # type: ignore[no-untyped-def]
+    """Write the situations of the games from ``first`` to ``last``; returns 0."""
+    (
+        games, ghosts, ghost_paths, obstacles, alive, waits, parameters, view, told,
+        goal_xys, affines, snaps, lengths, drives, places, parts,
+    ) = _arrays(table)  # fmt: skip
     (
         time_s, robot, robot_velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, seed, tick, pellets_left, everyone, goals, level,
-    ) = out  # fmt: skip
-    goal_xys, affines, snaps, lengths, drives, places, parts = maps
+    ) = _in_block(view[BLOCK], view[BLOCK + 1], view[BLOCK + 2], view[BLOCK + 3])  # fmt: skip
+    seat = view[SEAT]
     p = parameters[0]
     slots, hold = p.pellet_slots, p.pellet_slots + p.refuge_slots
     _, rows, columns = snaps.shape
-    for i in range(len(games)):
+    for i in range(first, last):
         g = games[i]
+        tell(g, i, told)
         goal_xy, length_cm, drive, place = goal_xys[g.level], lengths[g.level], drives[g.level], places[g.level]
         bx, by, bh = believed(g, p.use_tf)
         robot[i, 0], robot[i, 1], robot[i, 2] = bx, by, wrap(bh)
@@ -110,3 +161,6 @@ def fill_situation(  # type: ignore[no-untyped-def]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets
                         path_clyde[i, c] = min(path_clyde[i, c], _metres(there, goal, length_cm))
+    if view[FEATURES] != 0:
+        write_features(view[BLOCK], view[BLOCK + 1], view[BLOCK + 2], view[BLOCK + 3], view[FEATURES], first, last)
+    return 0

@@ -99,7 +99,7 @@ class Room:
         shapes: list[Shape] = []
         count = 0
         for form, free, length0, length1, deep0, deep1, share in (*_FURNITURE[role], *_CLUTTER):
-            if not dice.chance(share):
+            if dice.draw() >= share:
                 continue
             for _ in range(_TRIES):
                 length, deep = dice.between(length0, length1), dice.between(deep0, deep1)
@@ -148,14 +148,16 @@ class Room:
         return (rect, _FREE) if self._is_clear(rect, _FREE) else None
 
     def _is_clear(self, rect: Rect, side: int) -> bool:
-        if any(_gap(rect, entry) < 0 for entry in self.entries):
-            return False
-        return all(_gap(rect, other) >= (0 if side == at != _FREE else self.way) for other, at in self.taken)
-
-
-def _gap(a: Rect, b: Rect) -> float:
-    """Distance of two rectangles along the axis where it is larger, m; below 0: they overlap."""
-    return max(a[0] - b[2], b[0] - a[2], a[1] - b[3], b[1] - a[3])
+        left, low, right, high = rect
+        for x0, y0, x1, y1 in self.entries:
+            if left < x1 and x0 < right and low < y1 and y0 < high:
+                return False
+        for (x0, y0, x1, y1), at in self.taken:
+            # Along one axis there has to be a way between them; none where both stand at one wall.
+            way = 0.0 if side == at != _FREE else self.way
+            if left - x1 < way and x0 - right < way and low - y1 < way and y0 - high < way:
+                return False
+        return True
 
 
 def _piece(dice: Dice, form: int, x: float, y: float, length: float, deep: float, degrees: float) -> list[Shape]:

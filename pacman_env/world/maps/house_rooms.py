@@ -5,6 +5,7 @@ Walls, glass and furniture are not built here.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ ROOMS = (4, 10)  # fewest and most
 _LENGTH_M, _DEPTH_M = (8.0, 13.0), (5.5, 10.0)
 _SPAN_M = 13.4  # of the turned building along both axes of the map
 _SHORTEST_M, _HALL_M = 1.7, 1.2  # shorter side, between the middles of the walls
+_AT_ONCE = 256  # random numbers
 _SMALL_M2 = 6.0  # such a room seldom has two doors
 
 
@@ -26,7 +28,9 @@ class Dice:
     """Random choices. All come from Generator.random, whose bits no version of NumPy has changed."""
 
     def __init__(self, *key: int) -> None:
-        self.draw = np.random.default_rng(key).random
+        generator = np.random.default_rng(key)
+        drawn = itertools.chain.from_iterable(generator.random(_AT_ONCE).tolist() for _ in itertools.count())
+        self.draw = drawn.__next__  # half the time of a call of Generator.random
 
     def between(self, low: float, high: float) -> float:
         """Uniform in [low, high)."""

@@ -177,6 +177,7 @@ def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
     """
     rows, columns = kind.shape
     seen, hit = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)
+    flat_kind, flat_seen, flat_hit = kind.ravel(), seen.ravel(), hit.ravel()
     made = 0
     for stop in tour[::_STOP_EVERY]:
         row0, column0 = stop // columns, stop % columns
@@ -197,20 +198,18 @@ def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
             row, column = row0, column0
             along, out = 0.0, False
             while along < _RANGE_PX:
-                here = kind[row, column]
+                at = np.uintp(row * columns + column)
+                here = flat_kind[at]
                 if here < OPEN:
                     if here == SOLID or (here == GLASS and (out or not passes)):
-                        hit[row, column] = 1
+                        flat_hit[at] = 1
                         break
                     if here == OUTSIDE:
                         out = True
                         beyond -= 1
                         if beyond == 0:
                             break
-                if along < _NEAR_PX:
-                    seen[row, column] = 2
-                elif seen[row, column] == 0:
-                    seen[row, column] = 1
+                flat_seen[at] = max(flat_seen[at], np.uint8(2 if along < _NEAR_PX else 1))
                 if next_row < next_column:
                     along = next_row
                     next_row += per_row

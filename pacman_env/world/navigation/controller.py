@@ -146,7 +146,7 @@ def command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[
 
 
 @kernel
-def drive_wheels(g, v, w, force, r, p):  # type: ignore[no-untyped-def]
+def drive_wheels(g, v, w, p):  # type: ignore[no-untyped-def]
     """Wheels follow (v, w) within their acceleration; the force makes the body's velocity theirs."""
     change = p.wheel_rate * p.dt
     left, right = v - w * p.half_base, v + w * p.half_base
@@ -160,8 +160,8 @@ def drive_wheels(g, v, w, force, r, p):  # type: ignore[no-untyped-def]
     c, s = _turned(g.heading_cos, g.heading_sin, g.omega * p.dt)
     g.heading_cos, g.heading_sin = c, s
     c, s = _turned(c, s, 0.5 * turn * p.dt)
-    force[r, 0] = p.mass_rate * (speed * c - g.vx)
-    force[r, 1] = p.mass_rate * (speed * s - g.vy)
+    g.force_x = p.mass_rate * (speed * c - g.vx)
+    g.force_y = p.mass_rate * (speed * s - g.vy)
     g.omega = turn
 
 

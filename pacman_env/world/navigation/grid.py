@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...config import ExecutionConfig, Nav2Config, PelletConfig, RobotConfig
 from ...jit import kernel
 from ..maps.occupancy import MapError, OccupancyMap
+from .distances import clearance_m, connected_parts, nearest_numbers
 from .paths import PathFields, navfn_weights, neighbour_table
 
 LETHAL = 254  # an obstacle's own cell
@@ -141,14 +142,34 @@ def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfi
 
     254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
     """
-    d = clearance.astype(np.float64)
-    cost = np.zeros(d.shape, dtype=np.uint8)
-    near = d <= math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6
-    decay = np.floor(252.0 * np.exp(-nav2.inflation_scale * (d[near] - robot.inscribed_radius_m)))
-    cost[near] = np.clip(decay, 0, 254).astype(np.uint8)
-    cost[d <= robot.inscribed_radius_m] = INSCRIBED
-    cost[d == 0] = LETHAL
+    reach = math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6
+    return _decay(clearance, reach, nav2.inflation_scale, robot.inscribed_radius_m)
+
+
+@kernel
+def _decay(clearance, reach, scale, inscribed):  # type: ignore[no-untyped-def]
+    cost = np.zeros(clearance.shape, np.uint8)
+    for row in range(len(cost)):
+        for column in range(cost.shape[1]):
+            d = np.float64(clearance[row, column])
+            if d == 0.0:
+                cost[row, column] = LETHAL
+            elif d <= inscribed:
+                cost[row, column] = INSCRIBED
+            elif d <= reach:
+                cost[row, column] = int(max(math.floor(252.0 * math.exp(-scale * (d - inscribed))), 0))
     return cost
+
+
+@kernel
+def _whole_cm(clearance):  # type: ignore[no-untyped-def]
+    """Clearance (H, W) in whole cm, at most 255."""
+    result = np.empty(clearance.shape, np.uint8)
+    for row in range(len(result)):
+        for column in range(result.shape[1]):
+            cm = np.float32(clearance[row, column]) * np.float32(100) + np.float32(1e-3)
+            result[row, column] = int(min(cm, np.float32(255)))
+    return result
 
 
 def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
@@ -162,15 +183,6 @@ def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
         max(int(columns[0]) - margin, 0),
         min(int(columns[-1]) + margin + 1, mask.shape[1]),
     )
-
-
-def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Number (H, W) of the 4-connected part (diagonal steps need both neighbours), from 1 on, and the area of each.
-
-    What is not set has number 0 and area 0.
-    """
-    _, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
-    return labels, np.bincount(labels[mask], minlength=1)
 
 
 def _home_cell(
@@ -193,10 +205,16 @@ def _home_cell(
     return best % columns, best // columns
 
 
-def _walls(solid: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
-    """Closed polygons (P, 2) in cells along the centres of the solid cells that bound the free ones."""
-    contours, _ = cv2.findContours(solid.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    return [cv2.approxPolyDP(c, _WALL_TOLERANCE_PX, True)[:, 0, :].astype(np.float64) for c in contours]
+def _walls(solid: NDArray[np.bool_], to_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Segments (S, 4) in m, closed polygons along the centres of the solid cells that bound the free ones."""
+    contours, _ = cv2.findContours(solid.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    polygons = [cv2.approxPolyDP(c, _WALL_TOLERANCE_PX, True)[:, 0, :] for c in contours]
+    ends = np.cumsum([len(p) for p in polygons])
+    following = np.arange(1, ends[-1] + 1)
+    following[ends - 1] = np.append(0, ends[:-1])
+    corner = np.concatenate(polygons).astype(np.float64) + 0.5
+    xy = np.stack(_apply(to_world, corner[:, 0], corner[:, 1]), axis=1)
+    return np.concatenate([xy, xy[following]], axis=1)
 
 
 def build_grid(
@@ -219,8 +237,8 @@ def build_grid(
         MapError: the map has no place for the robot, or the asked home pose is not drivable.
     """
     res = occupancy.resolution
-    free = np.flipud(occupancy.game_free(pellets.free_grey))
-    free = np.pad(free, _MARGIN, constant_values=False)
+    free = np.zeros((occupancy.height + 2 * _MARGIN, occupancy.width + 2 * _MARGIN), dtype=np.bool_)
+    free[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] = occupancy.game_free(pellets.free_grey)[::-1]
     # What lies further from all free cells is never looked at.
     keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
     r0, r1, c0, c1 = _frame(free, keep)
@@ -254,21 +272,15 @@ def build_grid(
 
     top, bottom, left, right = _frame(main, keep)
     window = np.s_[top:bottom, left:right]
-    free, main, clearance = free[window], main[window], np.ascontiguousarray(clearance[window])
+    free, main, clearance = (np.ascontiguousarray(picture[window]) for picture in (free, main, clearance))
     r0, c0 = r0 + top, c0 + left
     # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
-    cell_id = np.full(main.shape, -1, dtype=np.int32)
-    cell = cv2.findNonZero(main.astype(np.uint8)).reshape(-1, 2)
-    cell_id[main] = np.arange(len(cell), dtype=np.int32)
+    cell = cv2.findNonZero(main.view(np.uint8)).reshape(-1, 2)
+    cell_id = _numbered(main)
     snap, away = nearest_numbers(cell_id)
     swept = free & (away * res <= robot.inscribed_radius_m)
     offset = c0 - _MARGIN, r0 - _MARGIN
     to_cell, to_world = affine(*offset)
-
-    segments = []
-    for polygon in _walls(~swept):
-        xy = np.stack(_apply(to_world, polygon[:, 0] + 0.5, polygon[:, 1] + 0.5), axis=1)
-        segments.append(np.concatenate([xy, np.roll(xy, -1, axis=0)], axis=1))
     roomiest = _apply(to_world, home_cell[0] - left + 0.5, home_cell[1] - top + 0.5)
     home_xy = (hx, hy) if wished == home_cell else roomiest
     return DriveGrid(
@@ -276,43 +288,28 @@ def build_grid(
         affine=to_cell,
         inverse=to_world,
         clearance=clearance,
-        clearance_cm=np.minimum(np.floor(clearance * 100 + 1e-3), 255).astype(np.uint8),
+        clearance_cm=_whole_cm(clearance),
         cost=inflate(clearance, res, robot, nav2),
         cell_id=cell_id,
         snap=snap,
         cell=cell,
-        walls=np.concatenate(segments),
+        walls=_walls(~swept, to_world),
         home=np.array([home_xy[0], home_xy[1], heading]),
         offset=offset,
     )
 
 
-def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """(H, W) of each cell the nearest number that is not negative, and how many cells away it is."""
-    given = number >= 0
-    away, label = cv2.distanceTransformWithLabels(
-        (~given).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    by_label = np.zeros(int(label.max()) + 1, dtype=np.int32)
-    by_label[label[given]] = number[given]
-    return by_label[label], away
-
-
-def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
-    """Distance (H, W) of each cell's centre to that of the nearest cell that is not free, m."""
-    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return _whole_squares(distance, resolution)
-
-
 @kernel
-def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
-    """Distances in m. OpenCV's last bit differs from call to call; the squares are whole, so rounding is exact."""
-    rounded = np.empty(distance.shape, np.float32)
-    for row in range(len(distance)):
-        for column in range(distance.shape[1]):
-            d = np.float64(distance[row, column])
-            rounded[row, column] = np.sqrt(np.rint(d * d)) * resolution
-    return rounded
+def _numbered(mask):  # type: ignore[no-untyped-def]
+    """Number (H, W) of what is set, row by row; -1 elsewhere."""
+    number = np.full(mask.shape, -1, np.int32)
+    k = 0
+    for row in range(len(mask)):
+        for column in range(mask.shape[1]):
+            if mask[row, column]:
+                number[row, column] = k
+                k += 1
+    return number
 
 
 @kernel

@@ -139,8 +139,8 @@ def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-un
 
 
 @kernel
-def control(g, i, paths, force, r, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """One controller step of ``g`` on the plan ``paths[i]``: the force on its body goes to ``force[r]``."""
+def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
+    """One controller step of ``g`` on the plan ``paths[i]``: which sets the force on its body."""
     step = g.step
     v, w = 0.0, 0.0
     bx, by = g.x + g.error_x, g.y + g.error_y
@@ -164,7 +164,7 @@ def control(g, i, paths, force, r, p, affine, clearance):  # type: ignore[no-unt
                     g.nav_no_control_step = step
                 elif step - g.nav_no_control_step >= p.no_control_steps:
                     _end(g, ABORTED)
-    drive_wheels(g, v, w, force, r, p)
+    drive_wheels(g, v, w, p)
 
 
 @kernel

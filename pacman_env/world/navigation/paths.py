@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
+from ...jit import kernel, lowest_bit
 
 UNREACHABLE_CM = 65535  # in a length field: no way
 AT_GOAL = 0  # in a next-step field: this is the goal's cell
@@ -30,7 +30,18 @@ _PAD = 2  # no step leads further
 #: By the direction come by, the steps worth trying on open floor, in rising order.
 _ONWARDS = np.sort((np.arange(16)[:, None] + (-1, 0, 1)) % 16, axis=1)
 _EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside what a detour costs
-_BATCH = 64  # cells whose steps are looked at together
+_BATCH = 32  # cells whose steps are looked at together
+#: One place of the picture: all that a search reads and writes there lies together.
+_PLACE = np.dtype(
+    [
+        ("cost", np.float32),  # so far
+        ("weight", np.float32),
+        ("metres", np.float32),
+        ("allowed", np.uint16),  # a bit for each direction
+        ("came", np.uint8),  # direction of the last step
+        ("open", np.bool_),  # the 24 around it and itself have weight 1
+    ]
+)
 
 
 @kernel
@@ -52,10 +63,8 @@ def neighbour_table(cell_id, cell):  # type: ignore[no-untyped-def]
     rows, columns = cell_id.shape
     width = columns + 2 * _PAD
     number = np.full((rows + 2 * _PAD) * width, -1, np.int32)
-    for row in range(rows):
-        first = (row + _PAD) * width + _PAD
-        for column in range(columns):  # an assignment of slices takes three seconds to compile, for its error message
-            number[first + column] = cell_id[row, column]
+    for column, row in cell:
+        number[(row + _PAD) * width + column + _PAD] = cell_id[row, column]
     there = np.empty((16, 3), np.int64)
     for d in range(16):
         dc, dr = STEPS16[d]
@@ -88,36 +97,28 @@ class PathFields:
         resolution: float,
     ) -> None:
         """``neighbours`` (K, 16), ``cell`` (K, 2) column, row, ``weight`` (K,) at least 1."""
-        columns, rows = cell[:, 0].max() + 1 + 2 * _PAD, cell[:, 1].max() + 1 + 2 * _PAD
-        places = (cell[:, 1] + _PAD) * columns + cell[:, 0] + _PAD
+        columns, rows = (int(cell[:, k].max()) + 1 + 2 * _PAD for k in (0, 1))
         steps = np.append(STEPS16, [(0, 0)], axis=0)  # the last: _START
         length = step_lengths(steps)
         slots = 1 << math.ceil(math.log2(math.ceil(length.max() * weight.max()) + 2))
-        weights = np.full(rows * columns, np.inf, dtype=np.float32)
-        weights[places] = weight
-        allowed = np.zeros(rows * columns, dtype=np.uint16)
-        allowed[places] = np.packbits(neighbours.ravel() >= 0, bitorder="little").view("<u2")
-        light = (weights == 1.0).astype(np.uint8).reshape(rows, columns)
+        picture = np.zeros((rows, columns), dtype=_PLACE)
+        number = np.full(rows * columns, -1, dtype=np.int32)
+        light = np.zeros((rows, columns), dtype=np.uint8)
+        _lay_out(neighbours, cell, weight, picture, number, light)
+        picture["open"] = cv2.erode(light, np.ones((5, 5), np.uint8))
         self._fields: dict[int, tuple[NDArray[np.uint16], NDArray[np.int16]]] = {}
+        self._cell, self._columns = cell, columns
         self._ground = (
-            neighbours,
-            places,
-            weights,
-            allowed,
-            cv2.erode(light, np.ones((5, 5), np.uint8)).ravel(),  # open floor
+            picture.ravel(),
+            number,
             steps[:, 1] * columns + steps[:, 0],
             length,
             np.float32(0.5) * length,
             length * np.float32(resolution),
         )
-        self._labels = (
-            np.full(rows * columns, np.inf, dtype=np.float32),  # cost so far
-            np.zeros(rows * columns, dtype=np.uint8),  # direction of the last step
-            np.zeros(rows * columns, dtype=np.float32),  # m
-        )
         self._queue = (
             np.empty(slots, dtype=np.int32),  # newest entry of each bucket
-            np.empty(32 * len(cell) + 2, dtype=np.int32),  # entries: cell, entry before; a step makes one at most
+            np.empty(32 * len(cell) + 2, dtype=np.int32),  # entries: place, entry before; a step makes one at most
         )
 
     def to(self, goal: int) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
@@ -128,34 +129,55 @@ class PathFields:
         """
         known = self._fields.get(goal)
         if known is None:
-            count = len(self._ground[0])
+            count = len(self._cell)
             known = np.empty(count, dtype=np.uint16), np.empty(count, dtype=np.int16)
-            _search(goal, self._ground, self._labels, self._queue)
-            _read_out(self._ground, self._labels, *known)
+            column, row = self._cell[goal] + _PAD
+            _find(row * self._columns + column, self._ground, self._queue, *known)
             self._fields[goal] = known
         return known
 
 
 @kernel
-def _search(goal, ground, labels, queue):  # type: ignore[no-untyped-def]
-    """Dijkstra's algorithm from ``goal``; ``labels`` must be clear and hold the result until they are read out.
+def _lay_out(neighbours, cell, weight, picture, number, light):  # type: ignore[no-untyped-def]
+    """Put the cells into a picture of places, their numbers into a flat one, into a third whether their weight is 1."""
+    for row in range(len(picture)):
+        for column in range(picture.shape[1]):
+            picture[row, column].cost = picture[row, column].weight = np.inf
+    for k in range(len(cell)):
+        column, row = cell[k, 0] + _PAD, cell[k, 1] + _PAD
+        place = picture[row, column]
+        place.weight = weight[k]
+        light[row, column] = weight[k] == 1.0
+        bits = 0
+        for d in range(16):
+            bits |= (neighbours[k, d] >= 0) << d
+        place.allowed = bits
+        number[row * picture.shape[1] + column] = k
 
-    Within a bucket the newest entry comes first; older entries of a settled cell are passed over. Which of two equally
-    good ways a cell takes depends on that order and on the directions being tried in rising order.
+
+@kernel
+def _find(start, ground, queue, length_cm, next_step):  # type: ignore[no-untyped-def]
+    """Fill ``length_cm`` (K,) uint16 and ``next_step`` (K,) int16 of the goal at the place ``start``."""
+    _search(start, ground, queue)
+    _read_out(ground, length_cm, next_step)
+
+
+@kernel
+def _search(start, ground, queue):  # type: ignore[no-untyped-def]
+    """Dijkstra's algorithm; the places must be clear and hold the result until they are read out.
+
+    Within a bucket the newest entry comes first; older entries of a settled place are passed over. Which of two equally
+    good ways a place takes depends on that order and on the directions being tried in rising order.
     """
-    _, places, weights, allowed, open_floor, offset, length, half, metres_of = ground
-    cost, came, metres = labels
+    place, _, offset, length, half, metres_of = ground
     head, entry = queue
-    batch = np.empty(_BATCH, np.int32)
-    to = np.empty(16 * _BATCH + 1, np.int32)  # steps that may lead to a cheaper way: where to, by which
-    by = np.empty(16 * _BATCH + 1, np.uint8)
-    costs = np.empty(16 * _BATCH + 1, np.float32)
+    batch = np.empty(_BATCH, np.uint32)
+    better = np.empty(_BATCH, np.uint16)  # steps that may lead to a cheaper way, a bit each
     mask = len(head) - 1
     head[:] = -1
-    start = places[goal]
-    cost[start] = 0.0
-    came[start] = _START
-    metres[start] = 0.0
+    place[start].cost = 0.0
+    place[start].came = _START
+    place[start].metres = 0.0
     entry[0] = start
     entry[1] = -1
     head[0] = 0
@@ -178,63 +200,64 @@ def _search(goal, ground, labels, queue):  # type: ignore[no-untyped-def]
                 u = np.uintp(entry[np.uintp(e)])
                 e = np.int64(entry[np.uintp(e + 1)])
                 batch[n] = u
-                n += np.uintp(came[u] < _SETTLED)
-                came[u] |= _SETTLED
-            m = np.uintp(0)
+                came = place[u].came
+                n += np.uintp(came < _SETTLED)
+                place[u].came = came | _SETTLED
             for i in range(n):
                 u = np.uintp(batch[i])
-                a = np.uintp(came[u] & (_SETTLED - 1))
-                here = cost[u]
-                metres[u] = metres[np.uintp(np.int64(u) - offset[a])] + metres_of[a]
-                if open_floor[u] and a != _START and here < _EXACT_BELOW:
+                a = np.uintp(place[u].came & (_SETTLED - 1))
+                here, weight = place[u].cost, place[u].weight
+                place[u].metres = place[np.uintp(np.int64(u) - offset[a])].metres + metres_of[a]
+                found = np.uint64(0)
+                if place[u].open and a != _START and here < _EXACT_BELOW:
                     for j in range(3):
                         d = np.uintp(_ONWARDS[a, j])
                         v = np.uintp(np.int64(u) + offset[d])
-                        new = here + length[d]
-                        to[m] = v
-                        by[m] = d
-                        costs[m] = new
-                        m += np.uintp(new < cost[v])
+                        found |= np.uint64(here + length[d] < place[v].cost) << d
                 else:
-                    weight, bits = weights[u], np.uintp(allowed[u])
                     for j in range(16):
                         d = np.uintp(j)
                         v = np.uintp(np.int64(u) + offset[d])
-                        new = here + half[d] * (weight + weights[v])
-                        to[m] = v
-                        by[m] = d
-                        costs[m] = new
-                        m += np.uintp(new < cost[v]) & bits >> d
-            for i in range(m):
-                v = np.uintp(to[i])
-                new = costs[i]
-                if new < cost[v]:
-                    cost[v] = new
-                    came[v] = by[i]
-                    slot = np.uintp(np.int64(new) & mask)
-                    entry[np.uintp(used)] = v
-                    entry[np.uintp(used + 1)] = head[slot]
-                    head[slot] = used
-                    used += 2
+                        found |= np.uint64(here + half[d] * (weight + place[v].weight) < place[v].cost) << d
+                    found &= np.uint64(place[u].allowed)
+                better[i] = found
+            for i in range(n):
+                found = np.uint64(better[i])
+                u = np.uintp(batch[i])
+                here, weight = place[u].cost, place[u].weight
+                while found:
+                    d = np.uintp(lowest_bit(found))
+                    found &= found - np.uint64(1)
+                    v = np.uintp(np.int64(u) + offset[d])
+                    new = here + half[d] * (weight + place[v].weight)
+                    if new < place[v].cost:
+                        place[v].cost = new
+                        place[v].came = d
+                        slot = np.uintp(np.int64(new) & mask)
+                        entry[np.uintp(used)] = v
+                        entry[np.uintp(used + 1)] = head[slot]
+                        head[slot] = used
+                        used += 2
         bucket += 1
 
 
 @kernel
-def _read_out(ground, labels, length_cm, next_step):  # type: ignore[no-untyped-def]
-    """Fill ``length_cm`` (K,) uint16 and ``next_step`` (K,) int16 and clear the labels for the next search."""
-    neighbours, places = ground[0], ground[1]
-    cost, came, metres = labels
-    for k in range(len(places)):
-        u = np.uintp(places[k])
-        if came[u] < _SETTLED:
+def _read_out(ground, length_cm, next_step):  # type: ignore[no-untyped-def]
+    """Fill the field from the places and clear them for the next search."""
+    place, number, offset = ground[0], ground[1], ground[2]
+    for i in range(len(place)):
+        k = number[i]
+        if k < 0:
+            continue
+        came = place[i].came
+        if came < _SETTLED:
             length_cm[k] = UNREACHABLE_CM
             next_step[k] = NO_STEP
         else:
-            length_cm[k] = min(int(metres[u] * 100.0 + 0.5), UNREACHABLE_CM - 1)
-            d = came[u] - _SETTLED
-            next_step[k] = AT_GOAL if d == _START else neighbours[k, (d + 8) & 15] - k
-        came[u] = 0
-        cost[u] = np.inf
+            length_cm[k] = min(int(place[i].metres * 100.0 + 0.5), UNREACHABLE_CM - 1)
+            next_step[k] = number[i - offset[came - _SETTLED]] - k  # AT_GOAL where the way begins
+        place[i].came = 0
+        place[i].cost = np.inf
 
 
 def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -244,5 +267,14 @@ def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
 
 def navfn_weights(cost: NDArray[np.uint8], cell: NDArray[np.int32]) -> NDArray[np.float32]:
     """NavFn's cell cost 50 + 0.8 c relative to free space, float32 (K,), at least 1."""
-    c = cost[cell[:, 1], cell[:, 0]].astype(np.float32)
-    return ((50.0 + 0.8 * c) / 50.0).astype(np.float32)
+    weight = ((50.0 + 0.8 * np.arange(256, dtype=np.float32)) / 50.0).astype(np.float32)
+    return _look_up(weight, cost, cell)
+
+
+@kernel
+def _look_up(table, picture, cell):  # type: ignore[no-untyped-def]
+    """What the table has for the picture's value at each cell."""
+    found = np.empty(len(cell), table.dtype)
+    for k in range(len(cell)):
+        found[k] = table[picture[cell[k, 1], cell[k, 0]]]
+    return found

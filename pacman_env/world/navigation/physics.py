@@ -1,14 +1,16 @@
-"""The pymunk world: walls as static segments, robots as circle bodies, N games stepped together.
+"""Robots among walls: pymunk's world, one space for each robot that is about to touch a wall.
 
-The only module that knows pymunk. Robots of one space touch walls but not one another, so that many games share a
-space; beyond ``GAMES_PER_SPACE`` robots that start at one place the broad phase turns quadratic, so further games
-get further spaces. Bodies are driven by forces, never by setting velocities: Chipmunk integrates positions first,
-and a velocity written over the solver's result would push a body into the wall it touches.
+The only module that knows pymunk. A robot touches nothing but walls. Where it cannot reach one in a step, a step of
+Chipmunk's is two lines of arithmetic, which :func:`move` does in its place, to the same bits; near a wall the robot is
+in a space of its own with all walls of its map, and stays there until the solver remembers nothing of the contact.
+Bodies are driven by forces, never by setting velocities: Chipmunk integrates positions first, and a velocity written
+over the solver's result would push a body into the wall it touches.
 """
 
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,126 +19,235 @@ import pymunk.batch
 from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
-GAMES_PER_SPACE = 64
-STATE_FIELDS = 4  # x, y, vx, vy
-FORCE_FIELDS = 2  # fx, fy
+from ...jit import kernel
+from ...native import call_each, call_step, load, replace, store, store_int
+from .grid import cell_of
 
-_STATE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
-_FORCE = pymunk.batch.BodyFields.FORCE
+#: State of a robot's body, in m and m/s after the last step and N for the next one.
+BODY_FIELDS = [
+    ("body_x", np.float64),
+    ("body_y", np.float64),
+    ("body_vx", np.float64),
+    ("body_vy", np.float64),
+    ("force_x", np.float64),
+    ("force_y", np.float64),
+    ("touch", np.int32),  # steps that it still has to be in a space
+]
+_GIVEN, _TAKEN = 6, 4  # numbers of a body: position, velocity and force; position and velocity
+_HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the table of spaces
+_EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions
+_REMEMBERS = 5  # steps: more than Chipmunk keeps a contact (collision_persistence, 3)
+_FAR_M = 1e6
+_NONE = _FREE = -1  # in place of a space's number, of a robot's
+_PLACE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
+_COLLISION_SLOP_M = 0.001  # overlap that the solver tolerates; Chipmunk's default of 0.1 is made for pixels
 
-#: Overlap that the solver tolerates, m. Chipmunk's default of 0.1 is made for pixels.
-_COLLISION_SLOP_M = 0.001
+
+@kernel
+def place(g, x, y):  # type: ignore[no-untyped-def]
+    """Put a robot that is in no space somewhere, at rest."""
+    g.body_x, g.body_y, g.body_vx, g.body_vy = x, y, 0.0, 0.0
+    g.force_x = g.force_y = 0.0
+    g.touch = 0
 
 
-class PhysicsWorld:
-    """N robots among one set of walls.
+@kernel
+def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
+    """A step of a robot's body under its force; False, and nothing done, if there is no space for it.
 
-    Robot i owns row ``row[i]`` of ``state`` (4 columns: x, y in m, vx, vy in m/s after the last step) and of
-    ``force`` (2 columns: fx, fy in N for the next one), both float64. Headings are not physics' business: a disc
-    without friction gets no torque from a wall, so its wheels alone turn it.
+    Robot ``i`` takes one that is free when it comes near a wall, and leaves it when the contact is forgotten.
+    ``clear`` (H, W) are the cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
+    """
+    rows, columns = clear.shape
+    if g.touch == 0:
+        # Chipmunk's cpBodyUpdatePosition and cpBodyUpdateVelocity without damping, gravity and contacts.
+        x, y = g.body_x + g.body_vx * p.dt, g.body_y + g.body_vy * p.dt
+        column, row = cell_of(affine, rows, columns, x, y)
+        if clear[row, column]:
+            g.body_x, g.body_y = x, y
+            g.body_vx += g.force_x * p.per_mass * p.dt
+            g.body_vy += g.force_y * p.per_mass * p.dt
+            return True
+        if not _enter(i, level, spaces):
+            return False
+    table, given, taken, calls, owners, _, space_of = spaces
+    k = space_of[i]
+    body = given[k, :_GIVEN]
+    body[0], body[1], body[2], body[3], body[4], body[5] = (
+        g.body_x, g.body_y, g.body_vx, g.body_vy, g.force_x, g.force_y,
+    )  # fmt: skip
+    _step_space(table[k], calls, p.dt)
+    store_int(table[k, _TAKE_COUNT], 0)
+    call_each(calls[_EACH], table[k, _HANDLE], calls[_TAKE_FUNCTION], table[k, _TAKE])
+    g.body_x, g.body_y, g.body_vx, g.body_vy = taken[k, 0], taken[k, 1], taken[k, 2], taken[k, 3]
+    column, row = cell_of(affine, rows, columns, g.body_x, g.body_y)
+    g.touch = max(g.touch - 1, 0) if clear[row, column] else _REMEMBERS
+    if g.touch == 0:
+        _empty(table[k], body, calls, p.dt)
+        space_of[i] = _NONE
+        store(owners, k, _FREE)
+    return True
+
+
+@kernel
+def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
+    """Take a free space with the walls of a level; False: there is none."""
+    _, _, _, _, owners, levels, space_of = spaces
+    for k in range(len(levels)):
+        if levels[k] == level and load(owners, k) == _FREE and replace(owners, k, _FREE, i):
+            space_of[i] = k
+            return True
+    return False
+
+
+@kernel
+def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
+    """Hand the body's numbers over and advance."""
+    store_int(space[_GIVE_COUNT], 0)
+    call_each(calls[_EACH], space[_HANDLE], calls[_GIVE_FUNCTION], space[_GIVE])
+    call_step(calls[_STEP], space[_HANDLE], seconds)
+
+
+@kernel
+def _empty(space, body, calls, seconds):  # type: ignore[no-untyped-def]
+    """Take the robot out: far from all walls. Whoever comes next finds what he would find in a new space.
+
+    Chipmunk meets walls in the order in which it found them when the robot last left its own surroundings.
+    """
+    body[:] = 0.0
+    body[0] = body[1] = _FAR_M
+    _step_space(space, calls, seconds)
+
+
+@kernel
+def empty(spaces, k, steps, seconds):  # type: ignore[no-untyped-def]
+    """:func:`_empty` for so many steps."""
+    table, given, calls = spaces[0], spaces[1], spaces[3]
+    for _ in range(steps):
+        _empty(table[k], given[k, :_GIVEN], calls, seconds)
+
+
+class Spaces:
+    """Spaces for up to ``most`` robots on levels, made when there are not enough.
+
+    Attributes:
+        arrays: for :func:`move`.
     """
 
-    def __init__(
-        self,
-        walls: NDArray[np.float64],
-        n: int,
-        *,
-        radius_m: float,
-        mass_kg: float,
-        step_s: float,
-        shared: bool = True,
-    ) -> None:
-        """Build the spaces.
-
-        Args:
-            walls: (S, 4): x0, y0, x1, y1 in m.
-            n: number of robots.
-            radius_m: of each robot.
-            mass_kg: of each robot.
-            step_s: length of a step.
-            shared: all robots keep these walls; False: each has a space and, by :meth:`place`, walls of its own.
-        """
-        if n < 1:
-            raise ValueError(f"n = {n}: a world holds at least one robot")
-        self.n = n
-        self.step_s = step_s
+    def __init__(self, most: int, *, radius_m: float, mass_kg: float, step_s: float) -> None:
         self._robot = radius_m, mass_kg
-        self._shared = shared
-        self._per_space = GAMES_PER_SPACE if shared else 1
-        # pymunk.batch counts each space's static body as its last row: one spare row per space.
-        self.row = np.arange(n) + np.arange(n) // self._per_space
-        rows = int(self.row[-1]) + 3  # one more at the end: see _Space
-        self.state = np.zeros((rows, STATE_FIELDS))
-        self.force = np.zeros((rows, FORCE_FIELDS))
-        self._spaces = [self._space(first, walls) for first in range(0, n, self._per_space)]
+        self.step_s = step_s
+        self._spaces: list[_Space | None] = [None] * most
+        table = np.zeros((most, 5), dtype=np.int64)
+        # pymunk.batch counts a space's static body as its last one, and makes room for one more.
+        given, taken = np.zeros((most, 2 * _GIVEN)), np.zeros((most, 3 * _TAKEN))
+        self._owners, self._levels = np.full(most, _FREE, dtype=np.int64), np.full(most, _NONE, dtype=np.int64)
+        self._space_of = np.full(most, _NONE, dtype=np.int64)
+        self.arrays = table, given, taken, _functions(), self._owners, self._levels, self._space_of
 
-    def _space(self, first: int, walls: NDArray[np.float64]) -> _Space:
-        """The space of the robots from ``first`` on."""
-        count = min(self._per_space, self.n - first)
-        rows = slice(self.row[first], self.row[first] + count + 1)
-        return _Space(walls, count, self.state[rows], self.force[rows], *self._robot)
+    def __len__(self) -> int:
+        """Number of spaces that there are now."""
+        return sum(space is not None for space in self._spaces)
 
-    def place(self, index: int, x: float, y: float, walls: NDArray[np.float64] | None = None) -> None:
-        """Put one robot somewhere, at rest; where walls are not shared, among other walls if they are given."""
-        number, place = divmod(index, self._per_space)
-        if not self._shared and walls is not None and walls is not self._spaces[number].walls:
-            self._spaces[number] = self._space(index, walls)
-        body = self._spaces[number].bodies[place]
-        body.velocity = (0.0, 0.0)
-        # Moves by, and so forgets, what the solver has left over to push the body out of a wall it touched.
-        pymunk.Body.update_position(body, self.step_s)
-        body.position = (x, y)
-        self.state[self.row[index]] = (x, y, 0.0, 0.0)
-        self.force[self.row[index]] = 0.0
+    def provide(self, level: int, walls: NDArray[np.float64]) -> None:
+        """Make one more space with the walls of a level."""
+        free = np.flatnonzero(self._owners == _FREE)
+        k = int(free[self._levels[free].argmin()])  # one that was none so far, else of another level
+        self._levels[k] = _NONE
+        self._spaces[k] = None  # its memory first
+        self._spaces[k] = space = _Space(walls, 1, *self._robot)
+        table, given, taken = self.arrays[:3]
+        table[k] = space.bind(given[k], taken[k])
+        empty(self.arrays, k, _REMEMBERS, self.step_s)
+        self._levels[k] = level
 
-    def step(self) -> None:
-        """Apply ``force``, advance by one step, write ``state``."""
-        for space in self._spaces:
-            space.step(self.step_s)
+    def leave(self, robots: NDArray[np.int64]) -> None:
+        """These robots go elsewhere; nothing of their contacts is left in the spaces that they were in."""
+        for k in self._space_of[robots].tolist():
+            if k != _NONE:
+                empty(self.arrays, k, _REMEMBERS, self.step_s)
+                self._owners[k] = _FREE
+        self._space_of[robots] = _NONE
 
-    def step_some(self, awake: NDArray[np.bool_]) -> None:
-        """A step of the robots ``awake`` (N,) alone; only where walls are not shared."""
-        for k in np.flatnonzero(awake).tolist():
-            self._spaces[k].step(self.step_s)
-
-    def deepest_contact(self) -> float:
-        """Depth of the deepest overlap of a robot with a wall now, m (0: none)."""
-        return max(space.deepest_contact() for space in self._spaces)
-
-    def bare_steps(self, count: int, speed_mps: float) -> None:
-        """Step every space ``count`` times and do nothing else: the benchmark's yardstick.
-
-        The bodies start from where they are, in directions all round, and bounce, so that they keep moving.
-        """
-        for i, body in enumerate(body for space in self._spaces for body in space.bodies):
-            body.velocity = pymunk.Vec2d(speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
-        for space in self._spaces:
-            space.bounce()
-        for _ in range(count):
-            for space in self._spaces:
-                space.space.step(self.step_s)
+    def forget(self, level: int) -> None:
+        """There are other walls from now on, among which nobody is."""
+        for k in np.flatnonzero(self._levels == level).tolist():
+            self._levels[k], self._spaces[k] = _NONE, None
 
 
-def _batched(function: str, fields: pymunk.batch.BodyFields, buffer: pymunk.batch.Buffer) -> tuple[Any, Any, Any]:
-    """The arguments that ``pymunk.batch.get_space_bodies`` or ``set_space_bodies`` makes at each call, made once.
+def bare_stepper(
+    walls: NDArray[np.float64],
+    places: NDArray[np.float64],
+    *,
+    radius_m: float,
+    mass_kg: float,
+    step_s: float,
+    speed_mps: float,
+) -> Callable[[int], None]:
+    """A function that steps all robots, at ``places`` (N, 2), that often and nothing else: the benchmark's yardstick.
 
-    Returns:
-        The C function that visits a body, its data, and the array whose counter says where the data begin.
+    They share a space, move in directions all round and bounce, so that they keep moving.
     """
-    data = ffi.new("pmBatchedData *")
-    data.fields = fields.value
-    array = data.floatArray = buffer._float_arr
-    data.intArray = buffer._int_arr
-    return ffi.addressof(lib, function), data, array
+    world = _Space(walls, len(places), radius_m, mass_kg)
+    world.bounce()
+    for i, (body, (x, y)) in enumerate(zip(world.bodies, places.tolist(), strict=True)):
+        body.position = x, y
+        body.velocity = pymunk.Vec2d(speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
+
+    def step(count: int) -> None:
+        for _ in range(count):
+            world.space.step(step_s)
+
+    return step
 
 
-def _add_walls(space: pymunk.Space, walls: NDArray[np.float64]) -> list[Any]:
-    """Static segments as pymunk makes them, without an object of Python's for each: they are never asked for."""
-    body, handle = space.static_body._body, space._space
-    shapes = [lib.cpSegmentShapeNew(body, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]
-    for shape in shapes:
-        lib.cpSpaceAddShape(handle, shape)
-    return shapes
+class _Space:
+    """A pymunk space with walls and robots, which do not touch one another."""
+
+    def __init__(self, walls: NDArray[np.float64], robots: int, radius_m: float, mass_kg: float) -> None:
+        self.walls = walls
+        self.space = space = pymunk.Space()
+        space.collision_slop = _COLLISION_SLOP_M
+        # Static segments as pymunk makes them, without an object of Python's for each: they are never asked for.
+        static, handle = space.static_body._body, space._space
+        self._shapes = [lib.cpSegmentShapeNew(static, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]
+        for shape in self._shapes:
+            lib.cpSpaceAddShape(handle, shape)
+        # Not at the end of the interpreter, where a thread that nobody waits for may be in the middle of a step.
+        weakref.finalize(self, _remove_walls, space, self._shapes).atexit = False
+        self._kept: list[Any] = []  # what Chipmunk is told of by address
+        self.bodies = []
+        only_walls = pymunk.ShapeFilter(group=1)
+        for _ in range(robots):
+            body = pymunk.Body(mass_kg, float("inf"))
+            circle = pymunk.Circle(body, radius_m)
+            circle.filter = only_walls
+            space.add(body, circle)
+            self.bodies.append(body)
+
+    def bind(self, given: NDArray[np.float64], taken: NDArray[np.float64]) -> tuple[int, ...]:
+        """The only robot's row in the table of spaces; its numbers are written to and read from these arrays."""
+        give, give_count = self._batched(_PLACE | pymunk.batch.BodyFields.FORCE, given)
+        take, take_count = self._batched(_PLACE, taken)
+        return _address(self.space._space), give, give_count, take, take_count
+
+    def _batched(self, fields: pymunk.batch.BodyFields, memory: NDArray[np.float64]) -> tuple[int, int]:
+        """What a batched visit of pymunk's reads or writes: the addresses of its data and of their counter."""
+        buffer = pymunk.batch.Buffer()
+        buffer.set_float_buf(memory)
+        data = ffi.new("pmBatchedData *")
+        data.fields = fields.value
+        array = data.floatArray = buffer._float_arr
+        data.intArray = buffer._int_arr
+        self._kept += [buffer, data, memory]
+        return _address(data), _address(ffi.addressof(array, "num"))
+
+    def bounce(self) -> None:
+        """Make robots and walls elastic."""
+        for shape in self.space.shapes:
+            shape.elasticity = 1.0
+        for wall in self._shapes:
+            lib.cpShapeSetElasticity(wall, 1.0)
 
 
 def _remove_walls(space: pymunk.Space, shapes: list[Any]) -> None:
@@ -146,60 +257,16 @@ def _remove_walls(space: pymunk.Space, shapes: list[Any]) -> None:
         lib.cpShapeFree(shape)
 
 
-class _Space:
-    """One pymunk space with up to ``GAMES_PER_SPACE`` robots; reads and writes its rows of the world's arrays."""
+def _address(pointer: Any) -> int:
+    return int(ffi.cast("uintptr_t", pointer))
 
-    def __init__(
-        self,
-        walls: NDArray[np.float64],
-        count: int,
-        state: NDArray[np.float64],
-        force: NDArray[np.float64],
-        radius_m: float,
-        mass_kg: float,
-    ) -> None:
-        self.walls = walls
-        space = pymunk.Space()
-        space.collision_slop = _COLLISION_SLOP_M
-        self._walls = _add_walls(space, walls)
-        weakref.finalize(self, _remove_walls, space, self._walls)
-        self.bodies = []
-        only_walls = pymunk.ShapeFilter(group=1)
-        for _ in range(count):
-            body = pymunk.Body(mass_kg, float("inf"))
-            shape = pymunk.Circle(body, radius_m)
-            shape.filter = only_walls
-            space.add(body, shape)
-            self.bodies.append(body)
-        self.space = space
-        # Both buffers are the world's own arrays, as long as the bodies have numbers: pymunk reads and writes in place.
-        self._buffers = pymunk.batch.Buffer(), pymunk.batch.Buffer()
-        for buffer, array in zip(self._buffers, (force, state), strict=True):
-            buffer.set_float_buf(array)
-        set_force, data_in, array_in = _batched("pmSpaceBodySetIteratorFuncBatched", _FORCE, self._buffers[0])
-        get_state, data_out, array_out = _batched("pmSpaceBodyGetIteratorFuncBatched", _STATE, self._buffers[1])
-        array_out.max += STATE_FIELDS  # pymunk would make room for another body before there is one
-        each, advance, handle = lib.cpSpaceEachBody, lib.cpSpaceStep, space._space
 
-        def step(step_s: float) -> None:
-            """Apply the forces, advance, write the states: the three C calls of a step with all else made before."""
-            array_in.num = 0
-            each(handle, set_force, data_in)
-            advance(handle, step_s)
-            array_out.num = 0
-            each(handle, get_state, data_out)
-
-        self.step = step
-
-    def bounce(self) -> None:
-        """Make robots and walls elastic."""
-        for shape in self.space.shapes:
-            shape.elasticity = 1.0
-        for wall in self._walls:
-            lib.cpShapeSetElasticity(wall, 1.0)
-
-    def deepest_contact(self) -> float:
-        data = pymunk.batch.Buffer()
-        pymunk.batch.get_space_arbiters(self.space, pymunk.batch.ArbiterFields.DISTANCE_1, data)
-        distances = np.frombuffer(data.float_buf(), dtype=np.float64)
-        return max(0.0, -float(distances.min())) if len(distances) else 0.0
+def _functions() -> NDArray[np.int64]:
+    """Addresses of Chipmunk's functions that :func:`move` calls."""
+    names = (
+        "cpSpaceEachBody",
+        "cpSpaceStep",
+        "pmSpaceBodySetIteratorFuncBatched",
+        "pmSpaceBodyGetIteratorFuncBatched",
+    )
+    return np.array([_address(ffi.addressof(lib, name)) for name in names], dtype=np.int64)

@@ -135,6 +135,8 @@ def _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search):  
     gx, gy = goal_xy[goal, 0], goal_xy[goal, 1]
     goal_blocked = _keepout_violated(gx, gy, obstacles)
     stamp = clear(queue)
+    if stamp == 1:  # of a search long ago that had this number
+        node[:, 2:] = 0
     node[start, 0] = 0  # cm so far
     node[start, 1] = -1  # cell before
     node[start, 2] = stamp

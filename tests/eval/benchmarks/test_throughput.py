@@ -15,6 +15,7 @@ import pacman_env
 from eval.benchmarks import throughput
 from eval.benchmarks.throughput import main
 from eval.benchmarks.versions import ratios
+from tests.eval.helpers import refused_in_one_line
 
 SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.2"]
 
@@ -38,6 +39,9 @@ def test_all_figures_are_written(report: tuple[dict[str, Any], Path]) -> None:
     figures, path = report
     assert set(figures["decisions_per_s"]) == {"1", "64", "1024"}
     numbers = [*figures["decisions_per_s"].values(), figures["bare_decisions_per_s_64"], figures["make_again_ms"]]
+    assert {"1", "2"} <= set(figures["threads"])
+    numbers += [*figures["threads"].values(), *(figures[f"{kind}_64"] for kind in ("houses", "features"))]
+    numbers += [figures["new_house_per_episode"]]
     numbers += [figures[f"{kind}_simulated_s_per_s_64"] for kind in ("event", "tick")]
     assert all(math.isfinite(number) and number > 0 for number in numbers)
     assert list(path.parent.iterdir()) == [path]
@@ -94,12 +98,10 @@ def test_with_and_without_a_file_the_figures_are_printed(
     ],
 )
 def test_bad_arguments_are_one_line_and_status_2(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    try:
-        status = main([*SHORT, *arguments])
-    except SystemExit as stop:
-        status = stop.code  # type: ignore[assignment]
-    assert status == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
+    refused_in_one_line(main, [*SHORT, *arguments], message, tmp_path, monkeypatch, capsys)

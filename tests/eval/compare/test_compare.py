@@ -76,6 +76,17 @@ def test_workers_change_nothing_but_decision_times(tmp_path: Path) -> None:
     assert without_times(one["rows"]) == without_times(two["rows"])
 
 
+def test_threads_change_nothing_but_decision_times(tmp_path: Path) -> None:
+    policies = ["--policies", "lookahead", "nearest"]
+    one = run(tmp_path, *policies)
+    for more in (["--threads", "2"], ["--threads", "7"], ["--threads", "2", "--workers", "2"]):
+        other = run(tmp_path, *policies, *more)
+        assert without_times(one["rows"]) == without_times(other["rows"])
+        assert one.keys() == other.keys()
+        changed = {key for key in one if one[key] != other[key]} - {"rows"}
+        assert changed <= {"arguments"}
+
+
 def test_options_reach_the_game(tmp_path: Path) -> None:
     options = ["--preset", "ideal", "--execution", "as_built", "--clyde-spawn", "anywhere"]
     options += ["--clyde-spawn-distance", "0", "--set", "nav2.abort_rate=1", "--policies", "nearest"]

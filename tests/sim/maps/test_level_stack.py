@@ -155,7 +155,7 @@ class Players:
         games = self.batch.games[i : i + 1].copy()
         games["level"] = self.batch.level_numbers()[i]
         situation = self.batch.situation().rows(np.array([i]))
-        seen = {name: value for name, value in vars(situation).items() if name not in ("maps", "level")}
+        seen = {name: value for name, value in vars(situation).items() if name not in ("maps", "threads", "level")}
         arrays = {name: games[name] for name in games.dtype.names or ()} | seen
         ghosts = self.batch.ghosts[i]
         arrays |= {f"ghosts.{name}": ghosts[name] for name in ghosts.dtype.names or ()}

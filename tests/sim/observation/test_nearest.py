@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,7 +49,7 @@ def test_each_kind_is_listed_by_the_length_of_its_way(situation: Situation, near
 def test_the_candidate_that_is_pursued_is_listed_however_far_it_is(situation: Situation) -> None:
     allowed = (situation.kind == PELLET) & situation.mask
     way = np.where(allowed, situation.path_robot, -1.0)
-    situation = Situation(**{**situation.__dict__, "current": way.argmax(axis=1)})
+    situation = replace(situation, current=way.argmax(axis=1))
     order = nearest_candidates(situation, Nearest(2, 0))
     several = allowed.sum(axis=1) >= 2
     assert several.any()

@@ -55,13 +55,7 @@ def put_clyde(batch: GameBatch, game: int, x: float, y: float) -> None:
 
 def watch(batch: GameBatch, look: Callable[[np.ndarray], None]) -> None:
     """Call ``look`` with the games' records after every physics step."""
-    step = batch.physics.step
-
-    def watched() -> None:
-        step()
-        look(batch.games)
-
-    batch.physics.step = watched  # type: ignore[method-assign]
+    batch.after_physics_step = lambda: look(batch.games)
 
 
 def drive(batch: GameBatch, refuge: int = 0, at_most_s: float = 60.0) -> int:

@@ -1,0 +1,238 @@
+"""Steps random actions in one library's environments and times them; :mod:`.peers` runs it as a script.
+
+It runs with the Python of the library's own venv, where this project is not installed: it imports the standard library
+and numpy, and the function of each library that library. It first says what it can play, then answers each line of
+standard input, all in JSON, one line each.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from importlib import metadata
+from typing import Any, NamedTuple
+
+import numpy as np
+
+SEED = 0
+DRAWN = 256  # actions that are drawn before the clock runs, used again and again
+ONE = (1,)
+BATCHES = (1, 64)
+
+Step = Callable[[], Any]
+
+
+class Task(NamedTuple):
+    """An environment to step.
+
+    Attributes:
+        name: as its library calls it.
+        simulated_s: simulated seconds of a decision.
+        words: what else a decision is.
+        sizes: how many games at once.
+        threaded: whether it steps with as many threads as it is told.
+        make: makes it for so many games and threads; returns what steps all of them, ended ones anew.
+    """
+
+    name: str
+    simulated_s: float
+    words: str
+    sizes: tuple[int, ...]
+    threaded: bool
+    make: Callable[[int, int], Step]
+
+
+def ours(map_source: str) -> list[Task]:
+    """This project's environment, decided at every tick."""
+    import gymnasium as gym
+
+    from pacman_env.config import make_config
+
+    name = "pacman_env/PacManBot-v1"
+    kind: dict[str, Any] = {"map": map_source, "decide": "tick"}
+    config, space = make_config(), gym.make(name, **kind).observation_space
+    tick_s, step_s = config.execution.tick_s, config.physics_step_s
+
+    def make(size: int, threads: int) -> Step:
+        if size == 1:
+            return alone(gym.make(name, **kind))
+        env = gym.make_vec(name, num_envs=size, vectorization_mode="vector_entry_point", **kind)
+        env.reset(seed=SEED)
+        actions = drawn(env.action_space)
+        return lambda: env.step(next(actions))
+
+    (numbers,) = space.shape or ()
+    words = (
+        f"{round(tick_s / step_s)} Chipmunk steps of a robot among walls, navigation and localization as on the robot, "
+        f"Clyde without a body; {numbers} numbers, the planner's features among them"
+    )
+    return [Task("PacManBot-v1", tick_s, words, BATCHES, False, make)]
+
+
+def of_envpool(_: str) -> list[Task]:
+    """Its C++ environments, stepped synchronously; episodes begin anew by themselves."""
+    import envpool
+
+    def maker(name: str) -> Callable[[int, int], Step]:
+        def make(size: int, threads: int) -> Step:
+            env = envpool.make(name, env_type="gymnasium", num_envs=size, num_threads=threads, seed=SEED)
+            env.reset()
+            rng = np.random.default_rng(SEED)
+            actions = itertools.cycle(rng.integers(env.action_space.n, size=(DRAWN, size), dtype=np.int32))
+            return lambda: env.step(next(actions))
+
+        return make
+
+    pacman = "4 frames of an Atari 2600 that is emulated, drawn: 4 x 84 x 84 grey values; no physics"
+    lander = "one Box2D step of a lander, its two legs and the sparks of its engines over ground; 8 numbers"
+    return [
+        Task("MsPacman-v5", 4 / 60, pacman, BATCHES, True, maker("MsPacman-v5")),
+        Task("LunarLander-v3", 1 / 50, lander, BATCHES, True, maker("LunarLander-v3")),
+    ]
+
+
+def of_vmas(_: str) -> list[Task]:
+    """Its navigation scenario on the CPU; what begins anew is up to who uses it."""
+    import torch
+    from vmas import make_env
+
+    def make(size: int, threads: int) -> Step:
+        torch.set_num_threads(threads)
+        torch.manual_seed(SEED)
+        env = make_env("navigation", num_envs=size, device="cpu", max_steps=100, seed=SEED)
+        actions = itertools.cycle([[env.get_random_action(agent) for agent in env.agents] for _ in range(DRAWN)])
+
+        def step() -> None:
+            done = env.step(next(actions))[2]
+            if done.all():
+                env.reset()
+            elif done.any():
+                for game in done.nonzero().flatten().tolist():
+                    env.reset_at(game, return_observations=False)
+                env.get_from_scenario(get_observations=True, get_rewards=False, get_infos=False, get_dones=False)
+
+        return step
+
+    words = (
+        "2 substeps of 4 discs that collide, the actions of all 4 one decision; 18 numbers each, 12 of them a lidar's"
+    )
+    return [Task("navigation", 0.1, words, BATCHES, True, make)]
+
+
+def of_mpe2(_: str) -> list[Task]:
+    """Its game of tag, all agents at once."""
+    from mpe2 import simple_tag_v3
+
+    def make(size: int, threads: int) -> Step:
+        env = simple_tag_v3.parallel_env()
+        env.reset(seed=SEED)
+        one_by_one = {agent: drawn(env.action_space(agent)) for agent in env.possible_agents}
+
+        def step() -> None:
+            env.step({agent: next(actions) for agent, actions in one_by_one.items()})
+            if not env.agents:
+                env.reset()
+
+        return step
+
+    words = "one step of 4 discs among 2 obstacles in Python, the actions of all 4 one decision; 14 or 16 numbers each"
+    return [Task("simple_tag_v3", 0.1, words, ONE, False, make)]
+
+
+def of_highway_env(_: str) -> list[Task]:
+    """Its highway, and the one that its authors made faster."""
+    import gymnasium as gym
+    import highway_env  # noqa: F401  # registers them
+
+    def maker(name: str) -> Callable[[int, int], Step]:
+        return lambda size, threads: alone(gym.make(name))
+
+    words = "{} steps of {} cars in Python that drive by models of drivers; 5 x 5 numbers"
+    return [
+        Task("highway-v0", 1.0, words.format(15, 51), ONE, False, maker("highway-v0")),
+        Task("highway-fast-v0", 1.0, words.format(5, 21), ONE, False, maker("highway-fast-v0")),
+    ]
+
+
+LIBRARIES: dict[str, Callable[[str], list[Task]]] = {
+    "pacman_env": ours,
+    "envpool": of_envpool,
+    "vmas": of_vmas,
+    "mpe2": of_mpe2,
+    "highway-env": of_highway_env,
+}
+
+
+def drawn(space: Any) -> Iterator[Any]:
+    """Actions of a Gymnasium space, drawn now from the seed."""
+    space.seed(SEED)
+    return itertools.cycle([space.sample() for _ in range(DRAWN)])
+
+
+def alone(env: Any) -> Step:
+    """Steps one Gymnasium environment."""
+    env.reset(seed=SEED)
+    actions = drawn(env.action_space)
+
+    def step() -> None:
+        _, _, terminated, truncated, _ = env.step(next(actions))
+        if terminated or truncated:
+            env.reset()
+
+    return step
+
+
+def turn(step: Step, size: int, seconds: float) -> dict[str, float]:
+    """Steps for so long, at least once: decisions per second, and seconds of CPU per second, of all threads."""
+    steps, cpu, began = 0, time.process_time(), time.perf_counter()
+    while True:
+        step()
+        steps += 1
+        took = time.perf_counter() - began
+        if took >= seconds:
+            return {"decisions_per_s": steps * size / took, "cores": (time.process_time() - cpu) / took}
+
+
+def reason(error: Exception) -> str:
+    """In one line."""
+    if isinstance(error, ModuleNotFoundError):
+        return f"{error.name} is not installed"
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def main(library: str, map_source: str) -> None:
+    """Say the tasks, then measure what is asked for, until standard input ends."""
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # for what the library prints
+
+    def say(words: dict[str, Any]) -> None:
+        print(json.dumps(words), file=out, flush=True)
+
+    try:
+        tasks = LIBRARIES[library](map_source)
+        version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)
+    except Exception as error:
+        say({"error": reason(error)})
+        return
+    say({"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]})
+    step: Step | None = None
+    of_step: list[int] = []
+    for line in sys.stdin:
+        *wanted, seconds = json.loads(line)
+        number, size, threads = wanted
+        try:
+            if step is None or of_step != wanted:
+                step = None  # before the next: its threads would be in the way
+                step, of_step = tasks[number].make(size, threads), wanted
+                turn(step, size, seconds)  # to warm up
+            say(turn(step, size, seconds))
+        except Exception as error:
+            say({"error": reason(error)})
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

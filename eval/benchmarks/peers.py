@@ -1,0 +1,288 @@
+"""Well-known environments beside ours: ``pacman-env benchmark --peers``.
+
+Each library steps in a process of its own, in its own venv if a folder for venvs is given, and ours does the same in
+turns with it. Versions are pinned; what cannot be installed or played is named with the reason.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pacman_env
+
+Turn = dict[str, float]  # decisions_per_s and cores
+
+OURS = "pacman_env"
+#: By library: what its venv gets.
+PEERS = {
+    "envpool": ("envpool==1.2.5", "gymnasium==1.4.0", "numpy==2.4.6"),
+    "vmas": ("vmas==1.5.2", "torch==2.13.0", "gym==0.26.2", "numpy==2.4.6"),
+    "mpe2": ("mpe2==1.1.1", "pettingzoo==1.27.0", "gymnasium==1.4.0", "numpy==2.4.6"),
+    "highway-env": ("highway-env==1.12.1", "gymnasium==1.4.0", "numpy==2.4.6"),
+}
+SCRIPT = Path(__file__).with_name("peer_worker.py")
+CORES = len(os.sched_getaffinity(0))
+LIMIT_S = 600.0  # for an answer; the first may have to wait for kernels
+NOTE = """\
+Compared: how fast random actions are answered, each with an observation and a reward, ended episodes begun anew, after
+a warm-up; a figure is the median of turns that alternate with turns of ours at the same N. Ours steps in one thread,
+also beside those with more; MPE2 and HighwayEnv have no batches. `of ours`: the median, and the range, of the ratio of
+two turns side by side. `cores`: CPU time by wall time; below 1 per thread something else had the processor, or a thread
+waited.
+Not compared: the games, the physics, what is observed and how long a decision lasts differ, as listed above, and with
+them the work in a decision. Simulated seconds are no common measure either: one of an emulated console, one of discs in
+the plane and one of a robot with its navigation have little in common. EnvPool's asynchronous mode and VMAS on a
+graphics processor, where they are fastest, are not measured. Speed says nothing about what an environment is worth."""
+
+
+class PeerError(Exception):
+    """A library that cannot be installed or played, and why, in one line."""
+
+
+def python_of(name: str, folder: Path) -> Path:
+    """The interpreter of a library's venv in ``folder``, which is made if it is not there or has other versions.
+
+    Raises:
+        PeerError: it cannot be installed.
+    """
+    venv = folder.absolute() / name
+    python, stamp = venv / "bin" / "python", venv / "installed"
+    wanted = hashlib.sha256(repr((platform.python_version(), PEERS[name])).encode()).hexdigest()
+    if stamp.exists() and stamp.read_text() == wanted:
+        return python
+    print(f"installing {', '.join(PEERS[name])} into {venv} ...", file=sys.stderr, flush=True)
+    pip = [str(python), "-m", "pip", "--disable-pip-version-check", "install", "--quiet", *PEERS[name]]
+    for command in ([sys.executable, "-m", "venv", "--clear", str(venv)], pip):
+        done = subprocess.run(command, env=_environment(bare=True), capture_output=True, text=True)
+        if done.returncode:
+            lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
+            errors = [line for line in lines if line.startswith("ERROR")] or lines or [f"status {done.returncode}"]
+            raise PeerError(f"cannot be installed: {errors[-1]}")
+    stamp.write_text(wanted)
+    return python
+
+
+def _environment(bare: bool) -> dict[str, str]:
+    """Of a process: with this project first on its path, or for another venv without any path."""
+    found = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    if not bare:
+        here = str(Path(pacman_env.__file__).parents[1])
+        found["PYTHONPATH"] = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
+    return found
+
+
+class Worker:
+    """A process that plays a library's environments.
+
+    Attributes:
+        name: of the library.
+        version: of it.
+        tasks: what it plays, as ``peer_worker.Task`` has it.
+    """
+
+    def __init__(self, name: str, map_source: str, python: Path | None = None) -> None:
+        """Start it, with the present Python if none is given; raises PeerError if it cannot play."""
+        self.name = name
+        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  # until end()
+        self._process = subprocess.Popen(
+            [python or sys.executable, "-P", SCRIPT, name, map_source],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
+            env=_environment(bare=python is not None),
+        )
+        try:
+            said = self._answer()
+        except BaseException:
+            self.end()
+            raise
+        self.version: str = said["version"]
+        self.tasks: list[dict[str, Any]] = said["tasks"]
+
+    def title(self, task: int) -> str:
+        """A task's name, after the library's."""
+        return f"{self.name} {self.version} {self.tasks[task]['name']}"
+
+    def cases(self) -> Iterator[tuple[int, int, int]]:
+        """What is measured: a task's number, how many games, how many threads; all cores only with many games."""
+        for number, task in enumerate(self.tasks):
+            for size in task["sizes"]:
+                for threads in sorted({1, CORES if task["threaded"] and size > 1 else 1}):
+                    yield number, size, threads
+
+    def turn(self, task: int, size: int, threads: int, seconds: float) -> Turn:
+        """Decisions per second and cores in use, of one turn; raises PeerError."""
+        return self._answer(json.dumps([task, size, threads, seconds]))
+
+    def end(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.communicate()
+        self._log.close()
+
+    def _answer(self, asked: str | None = None) -> dict[str, Any]:
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        clock = threading.Timer(LIMIT_S, process.kill)
+        clock.start()
+        try:
+            if asked is not None:
+                print(asked, file=process.stdin, flush=True)
+            line = process.stdout.readline()
+        except BrokenPipeError:
+            line = ""
+        finally:
+            clock.cancel()
+        if not line:
+            status = process.wait()
+            self._log.seek(0)
+            last = [words for words in self._log.read().splitlines() if words.strip()][-1:]
+            raise PeerError(": ".join([f"ended with status {status}", *last]))
+        said: dict[str, Any] = json.loads(line)
+        if "error" in said:
+            raise PeerError(said["error"])
+        return said
+
+
+@contextmanager
+def _ours_plays() -> Iterator[None]:
+    """Without ours there is nothing to compare with."""
+    try:
+        yield
+    except PeerError as error:
+        raise ValueError(f"our own environment: {error}") from None
+
+
+def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
+    """All figures.
+
+    Args:
+        names: of ``PEERS``.
+        venvs: where each has its venv, made if needed; None: nothing is installed.
+        map_source: what ours is played on.
+        rounds: turns for each figure.
+        seconds: that these turns take together.
+
+    Raises:
+        ValueError: ours cannot be played.
+    """
+    if venvs:
+        venvs.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, Any]] = []
+    steps, failed = {}, {}
+    turns_of_ours: dict[int, list[Turn]] = {}
+    with _ours_plays():
+        own = Worker(OURS, map_source)
+    try:
+        steps[own.title(0)] = own.tasks[0]
+        for name in names:
+            try:
+                peer = Worker(name, map_source, python_of(name, venvs) if venvs else None)
+            except PeerError as error:
+                failed[name] = str(error)
+                continue
+            try:
+                for task, size, threads in peer.cases():
+                    steps[peer.title(task)] = peer.tasks[task]
+                    print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
+                    pairs = []
+                    for _ in range(rounds):
+                        with _ours_plays():
+                            beside = own.turn(0, size, 1, seconds / rounds)
+                        pairs.append((beside, peer.turn(task, size, threads, seconds / rounds)))
+                    turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
+                    row = _row(peer, task, size, threads, [turn for _, turn in pairs])
+                    rows.append(row | _ratios(pairs, peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]))
+            except PeerError as error:
+                failed[name] = str(error)
+            finally:
+                peer.end()
+        first = []
+        for task, size, threads in own.cases():
+            with _ours_plays():
+                turns = turns_of_ours.get(size) or [own.turn(task, size, 1, seconds / rounds) for _ in range(rounds)]
+            first.append(_row(own, task, size, threads, turns))
+    finally:
+        own.end()
+    return {
+        "rows": first + rows,
+        "steps": steps,
+        "failed": failed,
+        "map": map_source,
+        "rounds": rounds,
+        "venvs": venvs is not None,
+        "version": pacman_env.__version__,
+        "python": platform.python_version(),
+        "processor": platform.processor() or platform.machine(),
+        "cores": CORES,
+    }
+
+
+def _row(worker: Worker, task: int, size: int, threads: int, turns: Sequence[Turn]) -> dict[str, Any]:
+    rate, cores = (float(np.median([turn[key] for turn in turns])) for key in ("decisions_per_s", "cores"))
+    return {
+        "library": worker.name,
+        "version": worker.version,
+        "task": worker.tasks[task]["name"],
+        "n": size,
+        "threads": threads,
+        "decisions_per_s": rate,
+        "simulated_s_per_s": rate * worker.tasks[task]["simulated_s"],
+        "cores": cores,
+    }
+
+
+def _ratios(pairs: Sequence[tuple[Turn, Turn]], simulated: float) -> dict[str, Any]:
+    """To ours, of turns side by side; ``simulated``: as many seconds does a decision simulate for one of ours."""
+    ratios = np.array([turn["decisions_per_s"] / beside["decisions_per_s"] for beside, turn in pairs])
+    ratio = float(np.median(ratios))
+    return {
+        "ratio": ratio,
+        "ratio_range": [float(ratios.min()), float(ratios.max())],
+        "simulated_ratio": ratio * simulated,
+    }
+
+
+def table(figures: dict[str, Any]) -> str:
+    """The figures, what a decision is in each, what was not measured and why, and what they say."""
+    head = f"{'':<27}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}"
+    lines = [
+        f"map {figures['map']}, {figures['rounds']} turns of each, {figures['cores']} cores",
+        f"{head}{'simulated s/s':>15}{'of ours':>9}{'cores':>7}",
+    ]
+    for row in figures["rows"]:
+        ratio, simulated = "", ""
+        if "ratio" in row:
+            low, high = row["ratio_range"]
+            ratio = f"{row['ratio']:.3g} ({low:.3g} to {high:.3g})"
+            simulated = f"{row['simulated_ratio']:.3g}"
+        name = f"{row['library']} {row['task']}"
+        lines.append(
+            f"{name:<27}{row['n']:>4}{row['threads']:>9}{_rounded(row['decisions_per_s']):>13}{ratio:>32}"
+            f"{_rounded(row['simulated_s_per_s']):>15}{simulated:>9}{row['cores']:>7.2f}"
+        )
+    lines += ["", "a decision:"]
+    lines += [f"  {title}: {task['simulated_s']:.3g} s, {task['words']}" for title, task in figures["steps"].items()]
+    lines += [f"not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
+    if figures["failed"] and not figures["venvs"]:
+        lines.append("  (--venvs DIR installs them there)")
+    return "\n".join([*lines, "", NOTE])
+
+
+def _rounded(rate: float) -> str:
+    return f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}"

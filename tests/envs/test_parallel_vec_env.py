@@ -1,0 +1,470 @@
+"""What the batched environment of several agents promises: to be many of PettingZoo's, as arrays."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import re
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import pacman_env
+from pacman_env.config import Config, ConfigError
+from pacman_env.envs.agents import PACMAN, _within_half_a_turn
+from pacman_env.envs.core import EnvCore
+from pacman_env.envs.parallel_vec_env import PacManBotParallelVecEnv
+from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
+from tests.envs.helpers import QUICK, nothing_returned_is_changed_later, same
+
+MIXED = ("policy", "chase", "arcade", "policy")
+FAST_GHOSTS = {**QUICK, "clyde.speed_mps": 0.8}
+GAMES = 3
+#: Arguments of both environments.
+CASES: dict[str, dict[str, Any]] = {
+    "one ghost": {"settings": QUICK},
+    "several, separate": {"ghosts": MIXED, "rewards": "separate", "settings": FAST_GHOSTS},
+    "all four, flat": {
+        "ghosts": ("policy",) * 4,
+        "observation": "flat",
+        "normalize": True,
+        "mask": "beside",
+        "numeric_info": True,
+        "timeout": "termination",
+        "settings": FAST_GHOSTS,
+    },
+    "velocities, with a scan": {
+        "action": "velocity",
+        "ghosts": ("wander", "policy", "policy"),
+        "observation": ("features", "scan"),
+        "settings": FAST_GHOSTS,
+    },
+    "endless, progress": {
+        "endless": True,
+        "max_cycles": 45,
+        "rewards": "separate",
+        "preset": "ideal",
+        "settings": {**QUICK, "execution.death_radius_m": 0.3, "reward.progress": 0.5, "ghost_reward.progress": -0.5},
+    },
+    "houses, masks in the info": {
+        "map": "generated",
+        "num_levels": 4,
+        "ghosts": ("policy", "policy"),
+        "mask": "info",
+        "max_cycles": 30,
+        "settings": {**FAST_GHOSTS, "randomize.speed_mps": (0.6, 1.2)},
+    },
+}
+
+
+def make(num_envs: int = GAMES, **arguments: Any) -> PacManBotParallelVecEnv:
+    return pacman_env.parallel_vec_env(num_envs, **arguments)
+
+
+def actions_of(env: PacManBotParallelVecEnv, rng: np.random.Generator) -> dict[str, Any]:
+    """Any actions of every agent, also those that the mask forbids."""
+    actions: dict[str, Any] = {a: rng.integers(env.batch.candidates, size=env.num_envs) for a in env.agents}
+    if env.config.action == "velocity":
+        space: Any = env.action_space(PACMAN)
+        actions[PACMAN] = rng.uniform(space.low, space.high, (env.num_envs, 2)).astype(np.float32)
+    return actions
+
+
+def as_array(env: PacManBotParallelVecEnv, actions: dict[str, Any]) -> Any:
+    """The actions as one array (N, A), if they can be."""
+    return actions if env.config.action == "velocity" else np.stack(list(actions.values()), axis=1)
+
+
+def of_game(env: PacManBotParallelVecEnv, infos: dict[str, Any], game: int) -> dict[str, dict[str, Any]]:
+    """One game's infos as PettingZoo's environment has them."""
+    own = {k: v[game].tolist() if v[game : game + 1].dtype != object else v[game] for k, v in infos.items()}
+    by_agent = {agent: dict(own) for agent in env.agents}
+    if "action_mask" in infos:
+        for k, agent in enumerate(env.agents):
+            by_agent[agent]["action_mask"] = infos["action_mask"][game, k]
+    return by_agent
+
+
+def split(infos: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Infos of the games, and of those that ended."""
+    final = {key: value for key, value in infos.items() if key.lstrip("_").startswith("final_")}
+    return {key: value for key, value in infos.items() if key not in final}, final
+
+
+def play(env: PacManBotParallelVecEnv, steps: int, seed: int = 0, first: int | None = 5) -> list[Any]:
+    """Results of random actions, each held for four steps; goes on where ``first`` is None."""
+    rng = np.random.default_rng(seed)
+    results: list[Any] = [] if first is None else [env.reset(seed=first)]
+    actions: dict[str, Any] = {}
+    for k in range(steps):
+        actions = actions if k % 4 else actions_of(env, rng)
+        results.append((*env.step(actions), env.state()))
+    return results
+
+
+# --- many of PettingZoo's
+
+
+@pytest.mark.parametrize("num_threads", [1, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_each_game_equals_a_pettingzoo_environment_over_200_steps(case: str, num_threads: int) -> None:
+    env = make(num_threads=num_threads, **CASES[case])
+    singles: list[PacManBotParallelEnv] = [pacman_env.parallel_env(**CASES[case]) for _ in range(GAMES)]
+    assert env.possible_agents == env.agents == singles[0].possible_agents
+    assert env.num_agents == len(env.agents)
+    assert env.state_names == singles[0].state_names
+    assert env.state_space == singles[0].state_space
+    for agent in env.agents:
+        assert env.observation_space(agent) == singles[0].observation_space(agent)
+        assert env.observation_space(agent) is env.observation_space(agent)
+        assert env.action_space(agent) == singles[0].action_space(agent)
+        assert env.action_space(agent) is env.action_space(agent)
+    rng, ends = np.random.default_rng(1), 0
+    observations, infos = env.reset(seed=11)
+    for i, single in enumerate(singles):
+        seen = single.reset(seed=11 + i)
+        assert same((EnvCore.of_game(observations, i), of_game(env, infos, i)), seen)
+    actions: dict[str, Any] = {}
+    for k in range(200):
+        actions = actions if k % 4 else actions_of(env, rng)
+        observations, rewards, terminated, truncated, infos = env.step(as_array(env, actions) if k % 3 else actions)
+        assert (rewards.dtype, rewards.shape) == (np.float64, (GAMES, env.num_agents))
+        infos, final = split(infos)
+        assert bool(final) == bool((terminated | truncated).any())
+        for i, single in enumerate(singles):
+            theirs = single.step({agent: actions[agent][i] for agent in env.agents})
+            assert rewards[i].tolist() == list(theirs[1].values()), k
+            assert terminated[i] == theirs[2][PACMAN]
+            assert truncated[i] == theirs[3][PACMAN]
+            seen = theirs[0], theirs[4]
+            if not single.agents:
+                ends += 1
+                assert same((final["final_observation"][i], of_game(env, final["final_info"], i)), seen), k
+                assert same(final["final_state"][i], single.state())
+                seen = single.reset()
+            elif final:
+                assert final["final_observation"][i] is None
+                assert not any(final[f"_final_{name}"][i] for name in ("observation", "info", "state"))
+            assert same((EnvCore.of_game(observations, i), of_game(env, infos, i)), seen), k
+            assert same(env.state()[i], single.state())
+    assert ends > 1
+
+
+def test_threads_and_the_number_of_games_change_nothing() -> None:
+    arguments: dict[str, Any] = {"ghosts": MIXED, "settings": FAST_GHOSTS}
+    one = play(make(5, **arguments), 60)
+    for threads in (0, 3):
+        assert same(play(make(5, num_threads=threads, **arguments), 60), one)
+    few, rng = make(2, **arguments), np.random.default_rng(0)
+    few.reset(seed=5)
+    actions: dict[str, Any] = {}
+    for k, expected in enumerate(one[1:]):
+        actions = actions if k % 4 else {agent: rng.integers(few.batch.candidates, size=5) for agent in few.agents}
+        result = few.step({agent: chosen[:2] for agent, chosen in actions.items()})
+        assert same(result[1:4], tuple(array[:2] for array in expected[1:4]))
+
+
+def test_headings_of_the_state_are_turned_without_rounding() -> None:
+    angles = np.concatenate([np.random.default_rng(0).normal(0.0, 40.0, 5000), [0.0, math.pi, -math.pi]])
+    expected = [math.remainder(angle, 2 * math.pi) for angle in angles.tolist()]
+    assert _within_half_a_turn(angles).tolist() == expected
+
+
+# --- ends
+
+
+@pytest.mark.parametrize("case", ["several, separate", "houses, masks in the info", "endless, progress"])
+def test_autoreset_equals_resetting_by_hand(case: str) -> None:
+    auto, by_hand = (make(autoreset=autoreset, **CASES[case]) for autoreset in (True, False))
+    assert same(auto.reset(seed=2), by_hand.reset(seed=2))
+    rng, ends = np.random.default_rng(4), 0
+    for k in range(150):
+        actions = actions_of(auto, rng)
+        ours, theirs = auto.step(actions), by_hand.step(actions)
+        infos, final = split(ours[4])
+        assert same(ours[1:4], theirs[1:4]), k
+        ended = theirs[2] | theirs[3]
+        if ended.any():
+            ends += int(ended.sum())
+            assert same(final["_final_observation"], ended)
+            for i in np.flatnonzero(ended).tolist():
+                assert same(final["final_observation"][i], EnvCore.of_game(theirs[0], i))
+                assert same(final["final_state"][i], by_hand.state()[i])
+            assert not final["final_state"][~ended].any()
+            theirs = (*by_hand.reset(mask=ended), theirs[4])
+            assert same((ours[0], infos), theirs[:2]), k
+        else:
+            assert same((ours[0], infos), (theirs[0], theirs[4])), k
+        assert same(auto.state(), by_hand.state())
+    assert ends > 3
+
+
+@pytest.mark.parametrize("rewards", ["zero_sum", "separate"])
+def test_games_that_are_over_stand_still_until_they_are_reset(rewards: Any) -> None:
+    arguments: dict[str, Any] = {"ghosts": MIXED, "settings": FAST_GHOSTS, "max_cycles": 12, "rewards": rewards}
+    env = make(6, autoreset=False, **arguments)
+    rng, over, kept = np.random.default_rng(0), np.zeros(6, dtype=np.bool_), {}
+    env.reset(seed=1)
+    for _ in range(20):
+        observations, earned, terminated, truncated, infos = env.step(actions_of(env, rng))
+        assert (earned[over] == 0.0).all()
+        assert earned[~over].all()
+        state = env.state()
+        for i in range(6):
+            now = EnvCore.of_game(observations, i), terminated[i], truncated[i], state[i], infos["outcome"][i]
+            if over[i]:
+                assert same(now, kept[i])
+            elif terminated[i] or truncated[i]:
+                kept[i] = now
+        over = terminated | truncated
+        assert set(np.flatnonzero(over).tolist()) == kept.keys()
+    assert over.all()
+    outcomes = [str(one[-1]) for one in kept.values()]
+    assert {"running", "caught"} <= set(outcomes)
+    mask = np.array([True, False] * 3)
+    env.reset(mask=mask)
+    _, earned, terminated, truncated, _ = env.step(actions_of(env, rng))
+    assert same(terminated | truncated, ~mask)
+    assert same(earned.any(axis=1), mask)
+
+
+def test_max_cycles_truncate_games_that_still_run_each_by_its_own_count() -> None:
+    env = make(2, max_cycles=3, rewards="separate", autoreset=False)
+    env.reset(seed=0)
+    still = {PACMAN: np.zeros(2, dtype=int), "clyde": np.zeros(2, dtype=int)}
+    env.step(still)
+    env.reset(mask=np.array([False, True]))
+    results = [env.step(still) for _ in range(3)]
+    assert [result[3].tolist() for result in results] == [[False, False], [True, False], [True, True]]
+    assert not any(result[2].any() for result in results)
+    assert results[-1][4]["outcome"].tolist() == ["running", "running"]
+    assert results[-1][1].tolist() == [[0.0, 0.0], [-0.002, -0.002]]  # the game's own time limit is not reached
+
+
+# --- masks, stacks, options
+
+
+def test_masks_are_those_in_the_observations() -> None:
+    env = make(ghosts=("policy", "policy"), settings=FAST_GHOSTS, map="generated", num_levels=2)
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        observations = env.step(actions_of(env, rng))[0]
+        masks = env.action_masks()
+        assert (masks.dtype, masks.shape) == (np.bool_, (GAMES, 3, env.batch.candidates))
+        assert same(masks.astype(np.int8), np.stack([observations[a]["action_mask"] for a in env.agents], axis=1))
+    masks[:] = False
+    assert env.action_masks().any(axis=2).all()
+
+
+def test_with_velocities_only_ghosts_have_masks() -> None:
+    env = make(ghosts=MIXED, action="velocity")
+    observations, _ = env.reset(seed=0)
+    masks = env.action_masks()
+    assert list(masks) == ["clyde", "inky"]
+    for name, mask in masks.items():
+        assert same(mask.astype(np.int8), observations[name]["action_mask"])
+
+
+@pytest.mark.parametrize("mask", ["observation", "beside", "method"])
+def test_observations_of_one_shape_are_stacked(mask: str) -> None:
+    env = make(ghosts=("policy",) * 3, observation="flat", mask=mask)
+    observations, _ = env.reset(seed=0)
+    stacked = env.stacked(observations)
+    if mask == "beside":
+        assert set(stacked) == {"observation", "action_mask"}
+        assert stacked["action_mask"].dtype == np.int8
+    for k, agent in enumerate(env.agents):
+        part = {key: a[:, k] for key, a in stacked.items()} if isinstance(stacked, dict) else stacked[:, k]
+        assert same(copy.deepcopy(part), copy.deepcopy(observations[agent]))
+
+
+def test_what_keeps_observations_from_being_stacked_is_named() -> None:
+    env = make(observation=("flat", "features", "scan"))
+    with pytest.raises(ValueError, match=r"observations of pacman and clyde differ.*\(3, 673\) and \(3, 280\)"):
+        env.stacked(env.reset(seed=0)[0])
+    env = make(observation=("features", "scan"))
+    with pytest.raises(ValueError, match=r"pacman and clyde differ.*'scan'"):
+        env.stacked(env.reset(seed=0)[0])
+    with pytest.raises(ValueError, match="no observation of clyde"):
+        env.stacked({PACMAN: env.reset(seed=0)[0][PACMAN]})
+
+
+def test_a_level_a_round_and_settings_can_be_asked_for() -> None:
+    env = make(map="generated", num_levels=9)
+    _, infos = env.reset(seed=0, options={"round_seed": [7, 8, 9], "level": [3, 4, 3]})
+    assert infos["round_seed"].tolist() == [7, 8, 9]
+    assert infos["level"].tolist() == [3, 4, 3]
+    env = make(map="loop")
+    env.reset(options={"settings": {"clyde.speed_mps": 0.4}})
+    env.reset(mask=np.array([True, False, False]))
+    assert env.config.clyde.speed_mps == 0.4
+    env.reset()
+    assert env.config.clyde.speed_mps == 0.25
+
+
+def test_settings_that_would_change_who_the_agents_are_are_refused() -> None:
+    for env in (make(), pacman_env.parallel_env()):
+        with pytest.raises(ConfigError, match=r"clyde.ghosts would change the spaces or agents"):
+            env.reset(options={"settings": {"clyde.ghosts": ("wander",)}})
+
+
+# --- errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"num_envs": 0}, ValueError, "num_envs = 0: must be a whole number of at least 1"),
+        ({"num_envs": 2.0}, ValueError, "num_envs = 2.0"),
+        ({"num_threads": -1}, ValueError, "num_threads = -1"),
+        ({"autoreset": "no"}, ConfigError, "autoreset = 'no': must be True or False"),
+        ({"rewards": "shared"}, ConfigError, "rewards = 'shared': choose zero_sum or separate"),
+        ({"max_cycles": 0}, ConfigError, "max_cycles = 0: must be a whole number of at least 1"),
+        ({"ghosts": 2}, ConfigError, "at least one must have the behaviour 'policy'"),
+        ({"config": Config()}, ConfigError, "at least one must have the behaviour 'policy'"),
+        ({"decide": "event"}, ConfigError, "decide='event' and candidates='nearest' are for one agent"),
+        ({"render_mode": "human"}, ValueError, "render_mode = 'human'"),
+    ],
+)
+def test_an_argument_that_cannot_be_played_is_named(
+    arguments: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        pacman_env.parallel_vec_env(**arguments)
+
+
+ZEROS = np.zeros(GAMES, dtype=np.int64)
+TWO = np.zeros((GAMES, 2))
+INF = np.array([[0.0, 0.0], [0.1, np.inf], [0.0, 0.0]])
+BAD: list[tuple[str, Any, str]] = [
+    ("goal", {PACMAN: ZEROS}, "no actions of clyde"),
+    ("goal", {}, "no actions of pacman, clyde"),
+    ("goal", {PACMAN: ZEROS, "clyde": ZEROS, "blinky": ZEROS}, "actions of blinky: the agents are pacman, clyde"),
+    ("goal", {PACMAN: ZEROS[:2], "clyde": ZEROS}, r"actions of pacman must be 3 integers, got int64 of shape \(2,\)"),
+    ("goal", {PACMAN: ZEROS, "clyde": ZEROS + 0.5}, "actions of clyde must be 3 integers, got float64"),
+    ("goal", {PACMAN: ZEROS > 0, "clyde": ZEROS}, "actions of pacman must be 3 integers, got bool"),
+    ("goal", {PACMAN: ZEROS, "clyde": None}, "actions of clyde must be 3 integers, got object"),
+    ("goal", {PACMAN: ZEROS, "clyde": np.array([0, 5, 24])}, "action 24 of clyde in game 2: must be 0 to 23"),
+    ("goal", np.array([[0, 0], [-1, 0], [0, 0]]), "action -1 of pacman in game 1: must be 0 to 23"),
+    ("goal", np.full((GAMES, 2), 2**63, dtype=np.uint64), "action 9223372036854775808 of pacman in game 0"),
+    ("goal", ZEROS, r"actions must be integers of shape \(3, 2\), got int64 of shape \(3,\)"),
+    ("goal", TWO, r"actions must be integers of shape \(3, 2\), got float64"),
+    ("goal", None, r"actions must be integers of shape \(3, 2\), got object"),
+    ("velocity", np.zeros((GAMES, 2), dtype=int), "actions must be by agent, with velocities of pacman"),
+    ("velocity", {PACMAN: ZEROS, "clyde": ZEROS}, "actions of pacman must be 3 pairs of v and omega, got int64"),
+    ("velocity", {PACMAN: INF, "clyde": ZEROS}, re.escape("action [0.1, inf] of pacman in game 1: must be two finite")),
+    ("velocity", {PACMAN: TWO, "clyde": ZEROS - 1}, "action -1 of clyde in game 0: must be 0 to 23"),
+]
+
+
+@pytest.mark.parametrize(("action", "actions", "message"), BAD)
+def test_wrong_actions_are_named_and_leave_the_games_as_they_were(action: str, actions: Any, message: str) -> None:
+    env, twin = (make(action=action, max_cycles=2) for _ in range(2))
+    env.reset(seed=1)
+    twin.reset(seed=1)
+    good = actions_of(env, np.random.default_rng(0))
+    for _ in range(2):
+        with pytest.raises(ValueError, match=message):
+            env.step(actions)
+        assert same(env.step(good), twin.step(good))
+
+
+BAD_RESETS: list[tuple[dict[str, Any], str]] = [
+    ({"mask": [True] * 3}, r"mask must be a bool array of shape \(3,\)"),
+    ({"mask": np.ones(3, dtype=int)}, r"mask must be a bool array of shape \(3,\)"),
+    ({"mask": np.zeros(3, dtype=np.bool_)}, "mask must have at least one True value"),
+    ({"seed": 1.5}, "seed = 1.5: must be a whole number"),
+    ({"seed": [1, 2]}, "2 seeds for 3 games"),
+    ({"seed": [1, 2, -3]}, "Seed must be"),
+    ({"options": {"levl": 1}}, r"options\['levl'\]: choose among level, round_seed, settings"),
+    (
+        {"mask": np.array([True, False, False]), "options": {"settings": {"clyde.speed_mps": 0.4}}},
+        r"options\['settings'\] are for all games",
+    ),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD_RESETS)
+def test_a_wrong_reset_is_named_and_leaves_the_games_as_they_were(arguments: dict[str, Any], message: str) -> None:
+    env, twin = make(), make()
+    env.reset(seed=1)
+    twin.reset(seed=1)
+    with pytest.raises((ValueError, gym.error.Error), match=message):
+        env.reset(**arguments)
+    good = actions_of(env, np.random.default_rng(0))
+    assert same((env.step(good), env.reset()), (twin.step(good), twin.reset()))
+
+
+def test_nothing_can_be_asked_before_the_first_reset_of_all() -> None:
+    env = make(render_mode="rgb_array")
+    asks: list[Any] = [lambda: env.step(np.zeros((GAMES, 2), dtype=int)), env.state, env.action_masks, env.render]
+    for ask in (*asks, lambda: env.reset(mask=np.array([True, False, True]))):
+        with pytest.raises(gym.error.ResetNeeded):
+            ask()
+
+
+# --- the same again
+
+
+def test_what_was_returned_is_never_changed_later() -> None:
+    env = make(ghosts=MIXED, settings=FAST_GHOSTS, observation=("features", "scan", "grid"))
+    nothing_returned_is_changed_later(play, env, 30)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("autoreset", [True, False])
+def test_a_copy_made_in_mid_episode_goes_on_alike(copied: Any, autoreset: bool) -> None:
+    env = make(ghosts=MIXED, settings=FAST_GHOSTS, max_cycles=12, autoreset=autoreset, num_threads=2)
+    play(env, 9)
+    env.reset(mask=np.array([False, True, False]))
+    play(env, 6, first=None)
+    twin = copied(env)
+    assert same((twin.state(), twin.action_masks()), (env.state(), env.action_masks()))
+    assert same(play(env, 40, seed=9, first=None), play(twin, 40, seed=9, first=None))
+
+
+def test_pictures_are_one_for_each_game() -> None:
+    env = make(2, render_mode="rgb_array")
+    env.reset(seed=0)
+    pictures = env.render()
+    assert pictures is not None
+    assert [(picture.dtype, picture.shape[0]) for picture in pictures] == [(np.uint8, 720)] * 2
+    assert make(2).metadata["render_modes"] == ["rgb_array"]
+    env.close()
+
+
+# --- as it is used
+
+
+def test_a_loop_over_tensors_as_learners_of_several_agents_write_it() -> None:
+    torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
+    env = make(8, ghosts=("policy", "policy"), observation="flat", normalize=True, mask="beside", max_cycles=20)
+    observations, _ = env.reset(seed=0)
+    stacked = env.stacked(observations)
+    actor = torch.nn.Linear(stacked["observation"].shape[-1], stacked["action_mask"].shape[-1])
+    critic = torch.nn.Linear(env.state().shape[1], env.num_agents)
+    returns, episodes = torch.zeros(8, env.num_agents, dtype=torch.float64), 0
+    for _ in range(50):
+        seen, mask = (torch.from_numpy(stacked[key]) for key in ("observation", "action_mask"))
+        logits = actor(seen).masked_fill(mask == 0, -torch.inf)
+        actions = torch.distributions.Categorical(logits=logits).sample()
+        assert actions.shape == (8, 3)
+        assert mask.gather(2, actions[..., None]).all()
+        observations, rewards, terminated, _, infos = env.step(actions.numpy())
+        stacked = env.stacked(observations)
+        following = torch.from_numpy(env.state())
+        if "final_state" in infos:
+            ended = torch.from_numpy(infos["_final_state"])
+            following = torch.where(ended[:, None], torch.from_numpy(infos["final_state"]), following)
+            episodes += int(ended.sum())
+        going = torch.from_numpy(~terminated)[:, None]
+        targets = torch.from_numpy(rewards) + 0.99 * going * critic(following.float())
+        assert targets.isfinite().all()
+        returns += torch.from_numpy(rewards)
+    assert episodes >= 16
+    torch.testing.assert_close(returns[:, 1:].sum(dim=1), -returns[:, 0])

@@ -1,0 +1,148 @@
+"""``send`` and ``recv``: the games in parts, one of which is stepped while somebody chooses for another."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from tests.envs.helpers import same
+
+ARGUMENTS: list[dict[str, Any]] = [
+    {"map": "house"},
+    {"map": "generated", "num_levels": 40, "decide": "event", "observation": ("planner", "flat"), "normalize": True},
+    {"map": "maze", "action": "velocity", "autoreset_mode": "SameStep", "max_episode_steps": 7},
+    {"map": "house", "ghosts": ("chase", "wander"), "autoreset_mode": "SameStep", "max_episode_steps": 5},
+]
+
+
+def actions_of(env: PacManBotVectorEnv, rng: np.random.Generator) -> np.ndarray:
+    if env.config.action == "velocity":
+        return rng.uniform(0.0, 0.3, (env.num_envs, 2))
+    return rng.integers(0, env.single_action_space.n, env.num_envs)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("arguments", ARGUMENTS)
+@pytest.mark.parametrize("threads", [1, 3])
+def test_games_in_parts_are_the_same_games(arguments: dict[str, Any], threads: int) -> None:
+    whole = PacManBotVectorEnv(6, **arguments)
+    parts = PacManBotVectorEnv(6, batch_size=2, num_threads=threads, **arguments)
+    assert parts.observation_space == whole.observation_space
+    expected, _ = whole.reset(seed=3)
+    parts.async_reset(seed=3)
+    first = [parts.recv() for _ in range(3)]
+    assert [step[4]["env_id"].tolist() for step in first] == [[0, 1], [2, 3], [4, 5]]
+    for k, (observation, reward, terminated, truncated, _) in enumerate(first):
+        mine = np.s_[2 * k : 2 * k + 2]
+        rows = {key: a[mine] for key, a in expected.items()} if isinstance(expected, dict) else expected[mine]
+        assert same(observation, rows)
+        assert [reward.any(), terminated.any(), truncated.any()] == [False] * 3
+    rng = np.random.default_rng(1)
+    for _ in range(25):
+        actions = actions_of(whole, rng)
+        expected, reward, terminated, truncated, info = whole.step(actions)
+        for k in range(3):
+            parts.send(actions[2 * k : 2 * k + 2], np.array([2 * k, 2 * k + 1]))
+        for k in range(3):
+            mine = np.s_[2 * k : 2 * k + 2]
+            seen = parts.recv()
+            rows = {key: a[mine] for key, a in expected.items()} if isinstance(expected, dict) else expected[mine]
+            assert same(seen[0], rows)
+            for array, all_of_them in zip(seen[1:4], (reward, terminated, truncated), strict=True):
+                np.testing.assert_array_equal(array, all_of_them[mine])
+            np.testing.assert_array_equal(seen[4]["collected"], info["collected"][mine])
+    parts.close()
+
+
+@pytest.mark.parametrize("arguments", ARGUMENTS)
+def test_step_and_reset_of_all_parts_are_those_of_one_environment(arguments: dict[str, Any]) -> None:
+    whole, parts = (PacManBotVectorEnv(4, batch_size=size, **arguments) for size in (None, 2))
+    rng = np.random.default_rng(0)
+    observation, info = parts.reset(seed=0)
+    known, facts = whole.reset(seed=0)
+    assert same(observation, known)
+    assert all(same(info[key], facts[key]) for key in facts)
+    for _ in range(20):
+        actions = actions_of(whole, rng)
+        *expected, facts = whole.step(actions)
+        *got, info = parts.step(actions)
+        assert all(same(a, b) for a, b in zip(got, expected, strict=True))
+        assert all(same(info[key], facts[key]) for key in facts)
+    parts.close()
+
+
+def test_without_a_batch_size_all_games_are_one_part() -> None:
+    env = PacManBotVectorEnv(3, map="house")
+    env.async_reset(seed=0)
+    assert env.recv()[4]["env_id"].tolist() == [0, 1, 2]
+    env.send(np.zeros(3, dtype=np.int64))
+    assert env.recv()[1].shape == (3,)
+    env.close()
+
+
+def test_the_situation_is_that_of_the_part_received_last() -> None:
+    env = PacManBotVectorEnv(4, map="house", batch_size=2)
+    env.async_reset(seed=0)
+    for _ in range(2):
+        info = env.recv()[4]
+        assert env.situation.seed.tolist() == info["round_seed"].tolist()
+        assert env.action_masks().shape == (2, env.batch.candidates)
+    env.close()
+
+
+def test_what_cannot_be_sent_is_refused_and_nothing_is_stepped() -> None:
+    env = PacManBotVectorEnv(4, map="house", batch_size=2)
+    with pytest.raises(gym.error.ResetNeeded, match=r"async_reset\(\) first"):
+        env.send(np.zeros(2, dtype=np.int64))
+    with pytest.raises(ValueError, match=r"nothing is under way: send\(\) first"):
+        env.recv()
+    env.async_reset(seed=0)
+    env.recv()
+    with pytest.raises(ValueError, match=r"games \[2, 3\] are under way"):
+        env.send(np.zeros(2, dtype=np.int64), np.array([2, 3]))
+    with pytest.raises(ValueError, match=r"env_id = .*must be the games of one part"):
+        env.send(np.zeros(2, dtype=np.int64), np.array([0, 2]))
+    with pytest.raises(ValueError, match=r"choice 1000 of game 1: candidates are 0 to"):
+        env.send(np.array([0, 1000]), np.array([0, 1]))
+    with pytest.raises(ValueError, match=r"1 parts are under way"):
+        env.step(np.zeros(4, dtype=np.int64))
+    env.recv()
+    env.step(np.zeros(4, dtype=np.int64))
+    env.close()
+
+
+@pytest.mark.parametrize("size", [0, 3, 1.5, True])
+def test_a_batch_size_that_does_not_divide_the_games_is_refused(size: Any) -> None:
+    with pytest.raises(ValueError, match=r"batch_size = .*must be a whole number that divides num_envs = 4"):
+        PacManBotVectorEnv(4, map="house", batch_size=size)
+
+
+def test_a_copy_of_parts_goes_on_alike() -> None:
+    env = PacManBotVectorEnv(4, map="house", batch_size=2)
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(np.full(4, 2))
+    other = copy.deepcopy(env)
+    for _ in range(5):
+        assert all(same(a, b) for a, b in zip(env.step(np.full(4, 3)), other.step(np.full(4, 3)), strict=True))
+    env.close()
+    other.close()
+
+
+def test_without_copies_the_same_memory_is_written_by_the_step_after_the_next() -> None:
+    copies, views = (PacManBotVectorEnv(3, map="house", copy=one) for one in (True, False))
+    observations: list[Any] = []
+    copies.reset(seed=0)
+    observations.append(views.reset(seed=0)[0])
+    for k in range(8):
+        expected, *_ = copies.step(np.full(3, k % 4))
+        seen, *_ = views.step(np.full(3, k % 4))
+        assert same(seen, expected)
+        observations.append(dict(seen))
+    for before, after in zip(observations[2:], observations[4:], strict=False):
+        assert np.shares_memory(before["candidates"], after["candidates"])
+    assert not np.shares_memory(observations[-1]["candidates"], observations[-2]["candidates"])
