@@ -25,9 +25,9 @@ _AROUND_M = 2.5  # pellets within this way are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
 _REAL32 = np.float32
-_TABLE = (  # the situation's block and lengths; the robot's speed; maps; prediction; both results
+_TABLE = (  # the situation's block and lengths, tiles across; the robot's speed; maps; both results
     *((np.int64, 1), (np.float64, 1), (np.uint16, 3), (np.int32, 2), (_REAL32, 2)),
-    *((_REAL32, 3), (_REAL32, 3), (_REAL32, 2)),
+    *(*prediction.MAPS, (_REAL32, 3), (_REAL32, 2)),
 )
 _arrays, _situation = arrays_by_address(_TABLE), LAYOUT.arrays
 
@@ -78,28 +78,34 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     Raises:
         ValueError: the situation has no maps.
     """
-    meetings = prediction.encounters(situation, robot_speed_mps)
+    to_meet, across = prediction.maps_of(situation)
     assert situation.maps is not None
     arrays = situation.maps.arrays
     block, *lengths = situation.block()
-    candidates = np.zeros((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
-    whole = np.zeros((lengths[0], len(GLOBAL_FEATURES)), dtype=np.float32)
-    maps = arrays["length_cm"], arrays["goal_cell"], arrays["goal_apart_m"]
-    numbers = np.array([address(block), *lengths]), np.array([robot_speed_mps])
-    situation.threads.run(_fill, [Table(_TABLE, (*numbers, *maps, meetings, candidates, whole))], lengths[0])
+    candidates = np.empty((*lengths[:2], len(CANDIDATE_FEATURES)), dtype=np.float32)
+    whole = np.empty((lengths[0], len(GLOBAL_FEATURES)), dtype=np.float32)
+    maps = arrays["length_cm"], arrays["goal_cell"], arrays["goal_apart_m"], *to_meet
+    numbers = np.array([address(block), *lengths, across]), np.array([robot_speed_mps])
+    situation.threads.run(_fill, [Table(_TABLE, (*numbers, *maps, candidates, whole))], lengths[0])
     return candidates, whole
 
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    view, speed_mps, lengths, goal_cells, aparts, meetings, candidates, whole = _arrays(table)
+    (
+        view, speed_mps, lengths, goal_cells, aparts, affines, snaps, cell_xys, steps, counts, candidates, whole,
+    ) = _arrays(table)  # fmt: skip
     speed = speed_mps[0]
+    seen = _situation(view[0], view[1], view[2], view[3])
     (
         _, robot, velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, _, goal, level,
-    ) = _situation(view[0], view[1], view[2], view[3])  # fmt: skip
+    ) = seen  # fmt: skip
+    maps, room = (affines, snaps, cell_xys, steps, counts), prediction.room_to_meet(steps, mask.shape[1])
+    meetings = np.empty((mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((mask.shape[1], 6))
     for i in range(first, last):
+        prediction.meet(seen, i, maps, view[4], speed, room, meetings)
         length_cm, goal_cell = lengths[level[i]], goal_cells[level[i]]
         x, y = robot[i, 0], robot[i, 1]
         cx, cy = clyde[i, 0], clyde[i, 1]
@@ -126,9 +132,10 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         score_situation(robot[i], clyde[i], position[i], threatened, False, _SCORER, terms)
         count = mask.shape[1]
         for c in range(count):
+            f = candidates[i, c]
+            f[:] = 0.0
             if not mask[i, c]:
                 continue
-            f = candidates[i, c]
             is_pellet = kind[i, c] == PELLET
             f[0], f[1], f[2] = is_pellet, kind[i, c] == REFUGE, kind[i, c] == HOLD
             f[3] = c == current[i]
@@ -142,10 +149,10 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
             px, py = position[i, c, 0], position[i, c, 1]
             f[9] = min(math.sqrt((px - cx) ** 2 + (py - cy) ** 2), FAR_M) / 5.0
             for k in range(3):
-                f[10 + k] = meetings[i, c, k]
-            f[13] = min(meetings[i, c, 3], 10.0) / 3.0
-            f[14] = min(meetings[i, c, 4], 10.0) / 3.0
-            f[15], f[16], f[17] = meetings[i, c, 5], meetings[i, c, 6], min(meetings[i, c, 7], 10.0) / 3.0
+                f[10 + k] = meetings[c, k]
+            f[13] = min(meetings[c, 3], 10.0) / 3.0
+            f[14] = min(meetings[c, 4], 10.0) / 3.0
+            f[15], f[16], f[17] = meetings[c, 5], meetings[c, 6], min(meetings[c, 7], 10.0) / 3.0
             g = goal[i, c]
             if g < 0 or goal_cell[g] < 0:
                 continue

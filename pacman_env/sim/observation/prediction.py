@@ -9,13 +9,15 @@ knows where Clyde really goes.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import kernel, prefetch
+from ...lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
 from ...native import Table, address, arrays_by_address
-from ...world.navigation.coarse_steps import ARRIVED, NO_WAY, coarse_step, tile_index
+from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
 from .situation import LAYOUT, Situation
 
@@ -29,17 +31,16 @@ _FREE_TURN = 0.7  # rad off the way that are turned while driving (world/navigat
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
 _FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
 _AHEAD = 3  # instants written per coarse step, most of the time enough
-_LANES = 24  # candidates are compared so many at a time; a fixed number makes loops without overhead
 _REAL = np.float64
-_TABLE = (  # the situation's block and lengths, tiles across; the robot's speed; maps; result
-    *((np.int64, 1), (_REAL, 1), (_REAL, 2), (np.int32, 3), (np.float32, 3), (np.uint8, 3), (np.int32, 1)),
-    (np.float32, 3),
-)
+#: dtype and axes of what the maps are for :func:`meet`: :func:`maps_of`.
+MAPS = ((_REAL, 2), (np.int32, 3), (np.float32, 3), (np.uint8, 3), (np.int32, 1))
+_TABLE = ((np.int64, 1), (_REAL, 1), *MAPS, (np.float32, 3))  # the situation's block ..., robot's speed, maps, result
 _arrays, _situation = arrays_by_address(_TABLE), LAYOUT.arrays
-_BLOCK = (STEPS + _AHEAD) * _LANES  # numbers of a block: instant by instant, lane by lane
+_BLOCK = (STEPS + _AHEAD) * LANES  # numbers of a block: instant by instant, lane by lane
 
 #: Columns of :func:`encounters`.
 CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING = range(8)
+COLUMNS = 8
 
 
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
@@ -52,16 +53,25 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     Raises:
         ValueError: the situation has no maps.
     """
-    if situation.maps is None:
-        raise ValueError("the situation has no maps to look ahead on")
-    a = situation.maps.arrays
+    maps, across = maps_of(situation)
     block, *lengths = situation.block()
-    result = np.zeros((*situation.mask.shape, 8), dtype=np.float32)
-    steps, across = situation.maps.coarse_steps(situation.level)
-    maps = a["affine"], a["snap"], a["cell_xy"], steps, a["goal_count"]
+    result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
     numbers = np.array([address(block), *lengths, across]), np.array([robot_speed_mps])
     situation.threads.run(_encounters, [Table(_TABLE, (*numbers, *maps, result))], lengths[0])
     return result
+
+
+def maps_of(situation: Situation) -> tuple[tuple[NDArray[Any], ...], int]:
+    """What :func:`meet` walks on, and how many tiles lie side by side.
+
+    Raises:
+        ValueError: the situation has no maps.
+    """
+    if situation.maps is None:
+        raise ValueError("the situation has no maps to look ahead on")
+    steps, across = situation.maps.coarse_steps(situation.level)
+    a = situation.maps.arrays
+    return (a["affine"], a["snap"], a["cell_xy"], steps, a["goal_count"]), across
 
 
 @kernel
@@ -79,31 +89,32 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
 
     Args:
         steps: coarse ones, of the map.
-        count: of walkers; walker ``w`` has lane ``w % _LANES`` of block ``w // _LANES``.
+        count: of walkers; walker ``w`` has lane ``w % LANES`` of block ``w // LANES``.
         goals: above 1, whoever has arrived goes on to another of so many; else he stays.
         stretch: cells from one instant to the next, of all.
         walkers: (W, 3) position and the cells that others walk before the first coarse step; (W, 2) column and row of
             the drivable cell there; (W,) goals; and for use here cells walked and instants written.
-        out_x: (B, STEPS + _AHEAD, _LANES) columns.
+        out_x: (B, STEPS + _AHEAD, LANES) columns.
         out_y: likewise, rows.
     """
     starts, cells, targets, walked, written = walkers
     walking = 0
     for w in range(count):
-        at = w // _LANES * _BLOCK + w % _LANES
+        at = w // LANES * _BLOCK + w % LANES
         x, y, late = starts[w]
         waits = STEPS if late >= STEPS * stretch else int(late / stretch)
         for j in range(waits):
-            out_x[at + j * _LANES], out_y[at + j * _LANES] = x, y
+            out_x[at + j * LANES], out_y[at + j * LANES] = x, y
         written[w], walked[w] = waits, late
         walking += waits < STEPS
     per_cell = 1.0 / max(stretch, 1e-9)
+    fresh = True
     while walking > 0:
         for w in range(count):
             first = written[w]
             if first >= STEPS:
                 continue
-            at = w // _LANES * _BLOCK + w % _LANES + first * _LANES
+            at = w // LANES * _BLOCK + w % LANES + first * LANES
             x, y = starts[w, 0], starts[w, 1]
             column, row, goal = cells[w, 0], cells[w, 1], targets[w]
             here = tile_index(column, row, across)
@@ -116,7 +127,7 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
                 targets[w] = goal
             if code in (ARRIVED, NO_WAY):
                 for j in range(STEPS - first):
-                    out_x[at + j * _LANES], out_y[at + j * _LANES] = x, y
+                    out_x[at + j * LANES], out_y[at + j * LANES] = x, y
                 written[w] = STEPS
                 walking -= 1
                 continue
@@ -125,21 +136,25 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             prefetch(steps, tile_index(column, row, across))
             ahead_x, ahead_y = column + 0.5, row + 0.5
             dx, dy = ahead_x - x, ahead_y - y
-            length = math.sqrt(dx * dx + dy * dy)
+            if fresh:  # from where he is, not from the middle of a cell
+                length = math.sqrt(dx * dx + dy * dy)
+                slope = 1.0 / max(length, 1e-9)
+            else:
+                length, slope = LENGTHS[code, 0], LENGTHS[code, 1]
             before = walked[w]
             after = before + length
             last = min(int(after * per_cell), STEPS)  # instants that lie within the coarse step
-            slope = 1.0 / max(length, 1e-9)
             share, more = ((first + 1) * stretch - before) * slope, stretch * slope
             for u in range(_AHEAD):
-                _write(out_x, out_y, at + u * _LANES, x, y, dx, dy, share + u * more)
+                _write(out_x, out_y, at + u * LANES, x, y, dx, dy, share + u * more)
             if last - first > _AHEAD:
                 for u in range(_AHEAD, last - first):
-                    _write(out_x, out_y, at + u * _LANES, x, y, dx, dy, share + u * more)
+                    _write(out_x, out_y, at + u * LANES, x, y, dx, dy, share + u * more)
             walked[w], written[w] = after, max(last, first)
             starts[w, 0], starts[w, 1] = ahead_x, ahead_y
             cells[w, 0], cells[w, 1] = column, row
             walking -= last >= STEPS
+        fresh = False
 
 
 @kernel
@@ -166,7 +181,7 @@ def _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, goals, wal
     early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
     total = 0.0
     for k in range(used):
-        at = k // _LANES * _BLOCK + early * _LANES + k % _LANES
+        at = k // LANES * _BLOCK + early * LANES + k % LANES
         dx, dy = his_x[at] - cx, his_y[at] - cy
         d = math.sqrt(dx * dx + dy * dy)
         weight = 1.0
@@ -201,39 +216,39 @@ def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  #
 
 
 @kernel
-def _nearer(mine_x, mine_y, his_x, his_y, k, first, last, best):  # type: ignore[no-untyped-def]
-    """Lower the squared distances ``best`` to those of some instants; the loop over candidates has no branches."""
-    at = k // _LANES * _BLOCK + k % _LANES
-    for j in range(first, last):
-        x, y = his_x[at + j * _LANES], his_y[at + j * _LANES]
-        for c in range(_LANES):
-            dx, dy = mine_x[j, c] - x, mine_y[j, c] - y
-            d2 = dx * dx + dy * dy
-            best[c] = d2 if d2 < best[c] else best[c]
+def _nearest(mine_x, mine_y, mine, his_x, his_y, k, first, last, best):  # type: ignore[no-untyped-def]
+    """The squared distances ``best``, or those of some instants where they are smaller; a row of candidates."""
+    his = k // LANES * _BLOCK + k % LANES
+    for j in range(first * LANES, last * LANES, LANES):
+        dx = minus(load(mine_x, mine + j), all_of(his_x[his + j]))
+        dy = minus(load(mine_y, mine + j), all_of(his_y[his + j]))
+        best = lower(plus(times(dx, dx), times(dy, dy)), best)
+    return best
 
 
 @kernel
-def _meet(mine_x, mine_y, his, used, cells_per_m, best, sums):  # type: ignore[no-untyped-def]
-    """Compare a block of the robot's ways with all of Clyde's."""
+def _compare(mine_x, mine_y, mine, his, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
+    """Compare a block of the robot's ways, from element ``mine`` on, with all of Clyde's."""
     his_x, his_y, weights = his
-    soon, caught, approached, mean, least, standing = sums
-    far = np.float32((_FAR_M * cells_per_m) ** 2)
-    near, wide = np.float32((NEAR_M * cells_per_m) ** 2), np.float32((WIDE_M * cells_per_m) ** 2)
-    sums[:4], sums[4:] = 0.0, far
-    _nearer(mine_x, mine_y, his_x, his_y, used, 0, STEPS, standing)
+    far = all_of((_FAR_M * cells_per_m) ** 2)
+    near, wide = all_of((NEAR_M * cells_per_m) ** 2), all_of((WIDE_M * cells_per_m) ** 2)
+    soon, caught, approached, mean, least = all_of(0.0), all_of(0.0), all_of(0.0), all_of(0.0), far
     for k in range(used):
-        w = weights[k]
-        best[:] = far
-        _nearer(mine_x, mine_y, his_x, his_y, k, 0, _SOON, best)
-        for c in range(_LANES):
-            soon[c] += w * np.float32(best[c] < near)
-        _nearer(mine_x, mine_y, his_x, his_y, k, _SOON, STEPS, best)
-        for c in range(_LANES):
-            b = best[c]
-            caught[c] += w * np.float32(b < near)
-            approached[c] += w * np.float32(b < wide)
-            mean[c] += w * np.sqrt(b)
-            least[c] = b if b < least[c] else least[c]
+        w = all_of(weights[k])
+        best = _nearest(mine_x, mine_y, mine, his_x, his_y, k, 0, _SOON, far)
+        soon = plus(soon, where_below(best, near, w))
+        best = _nearest(mine_x, mine_y, mine, his_x, his_y, k, _SOON, STEPS, best)
+        caught = plus(caught, where_below(best, near, w))
+        approached = plus(approached, where_below(best, wide, w))
+        mean = plus(mean, times(w, roots(best)))
+        least = lower(best, least)
+    standing = _nearest(mine_x, mine_y, mine, his_x, his_y, used, 0, STEPS, far)
+    store(sums, 0, soon)
+    store(sums, LANES, caught)
+    store(sums, 2 * LANES, approached)
+    store(sums, 3 * LANES, mean)
+    store(sums, 4 * LANES, least)
+    store(sums, 5 * LANES, standing)
 
 
 @kernel
@@ -258,68 +273,72 @@ def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
 @kernel
 def _instants(walkers):  # type: ignore[no-untyped-def]
     """Room for a coordinate of each walker at each instant."""
-    return np.zeros((walkers + _LANES - 1) // _LANES * _BLOCK, np.float32)
+    return np.zeros((walkers + LANES - 1) // LANES * _BLOCK, np.float32)
+
+
+@kernel
+def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
+    """What :func:`meet` works in: Clyde's ways, the robot's, who walks, sums."""
+    ways = steps.shape[2] + 1
+    his = (_instants(ways), _instants(ways), np.empty(ways, np.float32))
+    mine = (_instants(candidates), _instants(candidates), np.empty(candidates, np.int64))
+    most = max(ways, candidates)
+    starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
+    walkers = (starts, cells, targets, np.empty(most), np.empty(most, np.int32))
+    return his, mine, walkers, np.empty(6 * LANES, np.float32)
+
+
+@kernel
+def meet(seen, i, maps, across, speed, room, result):  # type: ignore[no-untyped-def]
+    """The encounters of one situation: fill in its rows, (C, COLUMNS)."""
+    robots, clydes, velocities, speeds, mask, goals, level = (
+        seen[1], seen[4], seen[5], seen[6], seen[10], seen[18], seen[19]
+    )  # fmt: skip
+    affines, snaps, cell_xys, all_steps, counts = maps
+    his, (mine_x, mine_y, chosen), walkers, sums = room
+    starts, cells, targets = walkers[:3]
+    m = level[i]
+    affine, steps = affines[m], all_steps[m]
+    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+    clyde = _in_cells(affine, clydes[i, 0], clydes[i, 1])
+    cell = _drivable_cell(affine, snaps[m], cell_xys[m], clydes[i, 0], clydes[i, 1])
+    velocity = _turned(affine, velocities[i, 0], velocities[i, 1])
+    stretch, first = speeds[i] * STEP_S * per_m, _FIRST_M * per_m
+    used = _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, counts[m], walkers, his)
+    robot = _in_cells(affine, robots[i, 0], robots[i, 1])
+    cell = _drivable_cell(affine, snaps[m], cell_xys[m], robots[i, 0], robots[i, 1])
+    x, y = _turned(affine, math.cos(robots[i, 2]), math.sin(robots[i, 2]))
+    heading = x / per_m, y / per_m
+    count = 0
+    result[:] = 0.0
+    for c in range(mask.shape[1]):
+        if not mask[i, c]:
+            continue
+        goal = goals[i, c]
+        starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
+        if goal >= 0:
+            turning = _first_stretch(steps, across, robot, cell, heading, clyde, goal, result[c])
+            starts[count, 2] = turning * speed * per_m
+        cells[count, 0], cells[count, 1] = cell
+        targets[count] = goal
+        chosen[count] = c
+        count += 1
+    _walk(steps, across, count, 0, speed * STEP_S * per_m, walkers, mine_x, mine_y)
+    for block in range(-(-count // LANES)):
+        _compare(mine_x, mine_y, block * _BLOCK, his, used, per_m, sums)
+        for k in range(min(count - block * LANES, LANES)):
+            r = result[chosen[block * LANES + k]]
+            r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[k], sums[LANES + k], sums[2 * LANES + k]
+            r[CLOSEST_MEAN] = sums[3 * LANES + k] / per_m if used > 0 else _FAR_M
+            r[CLOSEST] = math.sqrt(sums[4 * LANES + k]) / per_m
+            r[STANDING] = math.sqrt(sums[5 * LANES + k]) / per_m
 
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     view, speed_mps, affines, snaps, cell_xys, all_steps, counts, result = _arrays(table)
     seen = _situation(view[0], view[1], view[2], view[3])
-    robots, clydes, velocities, speeds, mask, goals, level = (
-        seen[1], seen[4], seen[5], seen[6], seen[10], seen[18], seen[19]
-    )  # fmt: skip
-    across, speed = view[4], speed_mps[0]
-    ways, candidates = all_steps.shape[2] + 1, mask.shape[1]
-    his = (_instants(ways), _instants(ways), np.empty(ways, np.float32))
-    mine_x, mine_y, chosen = _instants(candidates), _instants(candidates), np.empty(candidates, np.int64)
-    most = max(ways, candidates)
-    starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
-    walkers = (starts, cells, targets, np.empty(most), np.empty(most, np.int32))
-    best, sums = np.empty(_LANES, np.float32), np.empty((6, _LANES), np.float32)
+    maps, room = (affines, snaps, cell_xys, all_steps, counts), room_to_meet(all_steps, result.shape[1])
     for i in range(first, last):
-        m = level[i]
-        affine, steps = affines[m], all_steps[m]
-        per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
-        clyde = _in_cells(affine, clydes[i, 0], clydes[i, 1])
-        cell = _drivable_cell(affine, snaps[m], cell_xys[m], clydes[i, 0], clydes[i, 1])
-        velocity = _turned(affine, velocities[i, 0], velocities[i, 1])
-        used = _clyde_ways(
-            steps,
-            across,
-            clyde,
-            cell,
-            velocity,
-            speeds[i] * STEP_S * per_m,
-            _FIRST_M * per_m,
-            counts[m],
-            walkers,
-            his,
-        )
-        robot = _in_cells(affine, robots[i, 0], robots[i, 1])
-        cell = _drivable_cell(affine, snaps[m], cell_xys[m], robots[i, 0], robots[i, 1])
-        x, y = _turned(affine, math.cos(robots[i, 2]), math.sin(robots[i, 2]))
-        heading = x / per_m, y / per_m
-        count = 0
-        for c in range(mask.shape[1]):
-            if not mask[i, c]:
-                continue
-            goal = goals[i, c]
-            starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
-            if goal >= 0:
-                turning = _first_stretch(steps, across, robot, cell, heading, clyde, goal, result[i, c])
-                starts[count, 2] = turning * speed * per_m
-            cells[count, 0], cells[count, 1] = cell
-            targets[count] = goal
-            chosen[count] = c
-            count += 1
-        _walk(steps, across, count, 0, speed * STEP_S * per_m, walkers, mine_x, mine_y)
-        for block in range(-(-count // _LANES)):
-            part = slice(block * _BLOCK, (block + 1) * _BLOCK)
-            block_x, block_y = mine_x[part].reshape(-1, _LANES), mine_y[part].reshape(-1, _LANES)
-            _meet(block_x, block_y, his, used, per_m, best, sums)
-            for k in range(min(count - block * _LANES, _LANES)):
-                r = result[i, chosen[block * _LANES + k]]
-                r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[0, k], sums[1, k], sums[2, k]
-                r[CLOSEST_MEAN] = sums[3, k] / per_m if used > 0 else _FAR_M
-                r[CLOSEST], r[STANDING] = math.sqrt(sums[4, k]) / per_m, math.sqrt(sums[5, k]) / per_m
+        meet(seen, i, maps, view[4], speed_mps[0], room, result[i])
     return 0

@@ -18,6 +18,7 @@ NO_WAY = 0
 ARRIVED = 85  # no cell on
 _REACH = 6  # three steps of at most two cells
 _SIDE = 2 * _REACH + 1
+CODES = 1 + _SIDE**2
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -41,6 +42,16 @@ def coarse_step(code):  # type: ignore[no-untyped-def]
     """Columns and rows that the coarse step of a code goes on."""
     row = (code - 1) // _SIDE
     return code - 1 - row * _SIDE - _REACH, row - _REACH
+
+
+def _measured() -> NDArray[np.float64]:
+    """(CODES, 2) length of the coarse step of each code, cells, and its reciprocal; the longest cell step is 2."""
+    codes = np.arange(CODES)
+    lengths = np.hypot((codes - 1) % _SIDE - _REACH, (codes - 1) // _SIDE - _REACH)
+    return np.stack([lengths, 1.0 / np.maximum(lengths, 1e-9)], axis=1)
+
+
+LENGTHS = _measured()
 
 
 @kernel
