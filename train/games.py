@@ -14,6 +14,7 @@ from pacman_env.envs.arguments import Ghosts
 from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.generated import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
+from pacman_env.threads import cores
 
 from .arguments import Arguments, Hyperparameters
 from .parts import PartedGames
@@ -126,6 +127,7 @@ def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None)
     if hyper.levels > VALIDATION_LEVEL:
         raise ValueError(f"levels = {hyper.levels}: there are {VALIDATION_LEVEL} to train on")
     first = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
+    threads = arguments.threads or cores()  # of which each of two groups has half: more would wait for one another
     parts = min(_PARTS, hyper.games, hyper.levels)
     levels, games = (np.linspace(0, count, parts + 1).astype(int).tolist() for count in (hyper.levels, hyper.games))
     settings = game_settings(arguments, clyde_limit(arguments, segment))
@@ -140,9 +142,9 @@ def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None)
             execution=arguments.execution,
             settings=settings | (wide if k == _PARTS - 1 else {}),
             ghosts=ghosts,
-            num_threads=arguments.threads,
+            num_threads=max(threads // 2, 1),
             infos="ends",
         )
         for k in range(parts)
     ]
-    return TrainingGames(PartedGames(made, background=arguments.threads != 1), hyper.reward_scale)
+    return TrainingGames(PartedGames(made, background=threads != 1), hyper.reward_scale)

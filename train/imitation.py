@@ -16,23 +16,22 @@ from pacman_env.envs.sb3_vec_env import Observation
 
 from .games import TrainingGames
 from .learner import Learner
-from .network import Packed, joined
+from .network import Packed, Row
 
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has something to compare
 
 
 class _Lesson(NamedTuple):
-    """Rows that are learned from."""
+    """What the teacher says of situations."""
 
-    situations: Packed
-    slots: torch.Tensor  # (B,) the teacher's choices, as the situations have them
+    slots: torch.Tensor  # (B,) his choices, as the situations have them
     returns: torch.Tensor  # (B,) discounted
     known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time
 
-    def loss(self, model: Learner, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Of some of a minibatch of ``count``; nothing beside it."""
-        situations, slots = self.situations.of(rows), self.slots[rows]
+    def loss(self, model: Learner, met: Packed, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Of some of a minibatch of ``count`` of the situations ``met``; nothing beside it."""
+        situations, slots = met.of(rows), self.slots[rows]
         logits, values = model.policy.network.judge_packed(situations)
         log_probs = logits.log_softmax(dim=1)
         entropy = -(log_probs.exp() * log_probs).sum()
@@ -55,31 +54,39 @@ def imitate(model: Learner, games: TrainingGames, teacher: str, decisions: int, 
     steps = max(decisions // games.num_envs // _ROUNDS, 1)
     optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
-    lessons: list[_Lesson] = []
+    met, lessons = Row(_ROUNDS * steps * games.num_envs), list[_Lesson]()
     agreement = 0.0
     observation = games.reset()
     for number in range(_ROUNDS):
-        observation, lesson, agreement = _play(model, games, teacher, steps, observation, number > 0)
+        observation, lesson, agreement = _play(model, games, teacher, steps, observation, number > 0, met)
         lessons.append(lesson)
-        _fit(model, optimizer, lessons, generator)
+        _fit(model, optimizer, met.situations(), lessons, generator)
     return {"agreement": agreement}
 
 
-def _fit(model: Learner, optimizer: torch.optim.Optimizer, lessons: list[_Lesson], generator: torch.Generator) -> None:
+def _fit(
+    model: Learner,
+    optimizer: torch.optim.Optimizer,
+    met: Packed,
+    lessons: list[_Lesson],
+    generator: torch.Generator,
+) -> None:
     model.policy.set_training_mode(True)
-    situations = joined([lesson.situations for lesson in lessons])
-    whole = _Lesson(situations, *map(torch.cat, zip(*(lesson[1:] for lesson in lessons), strict=True)))
-    for _ in range(_EPOCHS):
-        for rows in torch.randperm(len(whole.slots), generator=generator).to(model.device).split(_BATCH):
-            model.descend(optimizer, partial(whole.loss, model, len(rows)), rows, situations.counts)
+    whole = _Lesson(*map(torch.cat, zip(*lessons, strict=True)))
+    with model.workers() as pool:
+        for _ in range(_EPOCHS):
+            for rows in torch.randperm(len(whole.slots), generator=generator).to(model.device).split(_BATCH):
+                model.descend(pool, optimizer, partial(whole.loss, model, met, len(rows)), rows, met.counts)
 
 
 def _play(
-    model: Learner, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool
+    model: Learner, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool, met: Row
 ) -> tuple[Observation, _Lesson, float]:
-    """Play on, the teacher or (``alone``) the model; the last observation, the lesson, and how often they agreed."""
+    """Play on, the teacher or (``alone``) the model, and add the situations to those ``met``.
+
+    Returns the last observation, the lesson, and how often they agreed.
+    """
     n = games.num_envs
-    met: list[Packed] = []
     slots: list[torch.Tensor] = []
     rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
     agreed = 0.0
@@ -87,11 +94,11 @@ def _play(
         told = games.venv.choices(teacher)  # type: ignore[attr-defined]
         choices, own = model.choose(observation, deterministic=True)
         agreed += float((own == told).mean()) / steps
-        met.append(choices.situations)
+        met.add(choices.situations)
         slots.append((choices.order == torch.as_tensor(told, device=model.device)[:, None]).byte().argmax(dim=1))
         observation, rewards[t], dones[t], _ = games.step(own if alone else told)  # type: ignore[assignment]
     flat = (torch.from_numpy(array.ravel()).to(model.device) for array in discounted(rewards, dones, model.gamma))
-    return observation, _Lesson(joined(met), torch.cat(slots), *flat), agreed
+    return observation, _Lesson(torch.cat(slots), *flat), agreed
 
 
 def discounted(

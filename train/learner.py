@@ -23,7 +23,7 @@ from pacman_env.threads import cores
 
 from .arguments import Hyperparameters
 from .games import TrainingGames
-from .network import Packed, joined
+from .network import Packed, Row
 from .policy import EntityPolicy
 
 #: The loss of the situations with these numbers, and what is to be added up beside it.
@@ -55,6 +55,7 @@ class Learner(MaskablePPO):
 
     threads = 1  # 0: one for each core
     rollout_buffer: Rollout
+    _met: Row | None = None
     _last_obs: Any
 
     @torch.inference_mode()
@@ -85,7 +86,10 @@ class Learner(MaskablePPO):
         callback.on_rollout_start()
         groups, steps = env.groups, n_rollout_steps
         seen: list[Any] = [{key: array[rows] for key, array in self._last_obs.items()} for rows in groups]
-        met: list[Choices] = []
+        met: list[tuple[torch.Tensor, ...]] = []
+        if self._met is None:
+            self._met = Row(steps * env.num_envs)
+        self._met.clear()
         values = torch.zeros(steps + 1, env.num_envs)
         rewards, dones = np.zeros((2, steps, env.num_envs), dtype=np.float32)
         for t in range(steps + 1):
@@ -101,16 +105,19 @@ class Learner(MaskablePPO):
                 choices, actions = self.choose(seen[k])
                 values[t, rows] = choices.values.cpu()
                 if t < steps:
-                    met.append(choices)
                     env.send(k, actions)
+                    self._met.add(choices.situations)
+                    met.append(choices[1:])
         self._last_obs = {key: np.concatenate([part[key] for part in seen]) for key in seen[0]}
         found = advantages(torch.from_numpy(rewards), values, torch.from_numpy(dones), self.gamma, self.gae_lambda)
         both = (array.flatten().to(self.device) for array in (found, found + values[:-1]))
-        situations = joined([choices.situations for choices in met])
-        rest = map(torch.cat, zip(*(choices[1:] for choices in met), strict=True))
-        self.rollout_buffer = Rollout(Choices(situations, *rest), *both)
+        rest = map(torch.cat, zip(*met, strict=True))
+        self.rollout_buffer = Rollout(Choices(self._met.situations(), *rest), *both)
         callback.on_rollout_end()
         return True
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "_met"]
 
     def train(self) -> None:
         """Some epochs over the rollout.
@@ -123,12 +130,13 @@ class Learner(MaskablePPO):
         choices, gains, returns = self.rollout_buffer
         clip = self.clip_range(self._current_progress_remaining)
         measured = []
-        for _ in range(self.n_epochs):
-            for rows in torch.randperm(len(gains)).to(self.device).split(self.batch_size):
-                scaled = (gains - gains[rows].mean()) / (gains[rows].std() + 1e-8)
-                loss = partial(self._loss, clip, scaled, len(rows))
-                measured.append(self.descend(self.policy.optimizer, loss, rows, choices.situations.counts))
-            self._n_updates += 1
+        with self.workers() as pool:
+            for _ in range(self.n_epochs):
+                for rows in torch.randperm(len(gains)).to(self.device).split(self.batch_size):
+                    scaled = (gains - gains[rows].mean()) / (gains[rows].std() + 1e-8)
+                    loss = partial(self._loss, clip, scaled, len(rows))
+                    measured.append(self.descend(pool, self.policy.optimizer, loss, rows, choices.situations.counts))
+                self._n_updates += 1
         means = torch.stack(measured).mean(dim=0)
         _check(means)
         for name, value in zip(_MEASURES, means.tolist(), strict=True):
@@ -155,12 +163,22 @@ class Learner(MaskablePPO):
             measures = torch.stack([-worth, error, -entropy, divergence, clipped]) / count
         return (self.vf_coef * error - worth - self.ent_coef * entropy) / count, measures
 
+    def workers(self) -> ThreadPoolExecutor:
+        """The threads that share a minibatch; they end with the ``with`` block that they are used in."""
+        return ThreadPoolExecutor(self.threads or cores(), "learner")
+
     def descend(
-        self, optimizer: torch.optim.Optimizer, loss: Loss, rows: torch.Tensor, counts: torch.Tensor
+        self,
+        pool: ThreadPoolExecutor,
+        optimizer: torch.optim.Optimizer,
+        loss: Loss,
+        rows: torch.Tensor,
+        counts: torch.Tensor,
     ) -> torch.Tensor:
         """One step of the optimizer by the losses of a minibatch's pieces, added up; what else they added up.
 
         Args:
+            pool: :meth:`workers`.
             optimizer: of the network's parameters.
             loss: is called in threads.
             rows: numbers of the situations in the minibatch.
@@ -173,8 +191,7 @@ class Learner(MaskablePPO):
             return torch.autograd.grad(total, weights), measures
 
         pieces = rows[counts[rows].argsort(stable=True)].split(_PIECE if self.device.type == "cpu" else len(rows))
-        with ThreadPoolExecutor(self.threads or cores()) as pool:
-            found, measured = zip(*pool.map(gradients, pieces), strict=True)
+        found, measured = zip(*pool.map(gradients, pieces), strict=True)
         for weight, *parts in zip(weights, *found, strict=True):
             weight.grad = torch.stack(parts).sum(dim=0)
         torch.nn.utils.clip_grad_norm_(weights, self.max_grad_norm)
@@ -209,7 +226,7 @@ def use_device(name: str) -> str:
         ValueError: there is no such device, or it cannot be used here.
     """
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # else its sums come in whatever order
-    torch.use_deterministic_algorithms(True)
+    torch.set_deterministic_debug_mode("error")  # its other name takes two seconds to import a compiler
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # none is read
     torch.set_num_threads(1)  # threads are the learner's
     if name.partition(":")[0] not in ("cpu", "cuda"):

@@ -42,9 +42,43 @@ class Packed(NamedTuple):
         return Packed(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)
 
 
-def joined(parts: Sequence[Packed]) -> Packed:
-    """Situations in a row."""
-    return Packed(*map(torch.cat, zip(*parts, strict=True)))
+class Row:
+    """Situations one behind the other, in memory that is taken once: large blocks that come and go cost a step's time.
+
+    Args:
+        room: for so many.
+    """
+
+    def __init__(self, room: int) -> None:
+        self._room, self._count = room, 0
+        self._all: Packed | None = None
+
+    def clear(self) -> None:
+        """Begin anew; what was given out before is written over."""
+        self._count = 0
+
+    def add(self, part: Packed) -> None:
+        """Behind the others.
+
+        Raises:
+            RuntimeError: there is no room left, or they are of other candidates.
+        """
+        if self._all is None:
+            self._all = Packed(*(torch.empty(self._room, *a.shape[1:], dtype=a.dtype, device=a.device) for a in part))
+        last = self._count + len(part.counts)
+        for array, new in zip(self._all, part, strict=True):
+            array[self._count : last] = new
+        self._count = last
+
+    def situations(self) -> Packed:
+        """All of them, not copied.
+
+        Raises:
+            RuntimeError: there is none.
+        """
+        if self._all is None:
+            raise RuntimeError("no situations were met")
+        return Packed(*(array[: self._count] for array in self._all))
 
 
 class _Maximum(torch.autograd.Function):

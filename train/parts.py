@@ -1,7 +1,8 @@
 """Training games in parts with houses of their own, stepped while the network chooses.
 
-The few houses of a part stay in the processor's cache while it is stepped. The parts are in two groups: one is stepped
-by a thread in the background while the other is chosen for. How many threads there are changes nothing in the games.
+The few houses of a part stay in the processor's cache while it is stepped. The parts are in two groups, each with a
+thread in the background: one is stepped while the other is chosen for. How many threads there are changes nothing in
+the games.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class PartedGames(VecEnv):
 
     Args:
         parts: the games of each.
-        background: step games in a thread of their own.
+        background: step each group in a thread of its own.
 
     Raises:
         ValueError: no parts, or parts whose candidates differ.
@@ -73,7 +74,7 @@ class PartedGames(VecEnv):
         self._halves = [half for half in (range(middle), range(middle, len(parts))) if half]
         self.groups = [slice(self._starts[half[0]], self._starts[half[-1] + 1]) for half in self._halves]
         self._sent: list[Callable[[], VecEnvStepReturn]] = [self._nothing_sent for _ in self.groups]
-        self._pool = ThreadPoolExecutor(1, "games") if background else None
+        self._pool = ThreadPoolExecutor(len(self.groups), "games") if background else None
         super().__init__(self._starts[-1], parts[0].observation_space, parts[0].action_space)
 
     def reset(self) -> Observation:

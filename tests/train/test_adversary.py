@@ -37,10 +37,10 @@ TINY = (
 @pytest.fixture(scope="module", autouse=True)
 def _torch_as_before() -> Iterator[None]:
     """The command sets threads and determinism for the whole process."""
-    threads, deterministic = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
+    threads, mode = torch.get_num_threads(), torch.get_deterministic_debug_mode()
     yield
     torch.set_num_threads(threads)
-    torch.use_deterministic_algorithms(deterministic)
+    torch.set_deterministic_debug_mode(mode)
 
 
 def tiny(out: Path, *more: str) -> Arguments:

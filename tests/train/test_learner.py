@@ -81,6 +81,8 @@ def test_an_update_is_that_of_stable_baselines(
     ours.train()
     moved = 0.0
     for name, value in ours.policy.state_dict().items():
+        if name == "network.judge.bias":  # one number on all logits changes no choice: its gradient is rounding alone
+            continue
         torch.testing.assert_close(value, other.policy.state_dict()[name], atol=1e-5, rtol=1e-5)
         moved = max(moved, float((value - before[name]).abs().max()))
     assert moved > 1e-2

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...jit import kernel
+from ...native import Kinds, Table
 from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
 from ...world.navigation.paths import UNREACHABLE_CM
@@ -94,6 +95,7 @@ class LevelStack:
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
         self._coarse_steps = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
+        self._tables: dict[tuple[str, ...], tuple[int, Table]] = {}  # with the version that they are of
         self._has_coarse_steps = np.zeros(slots, dtype=np.bool_)  # of the map that lies in the slot now
         kinds = _kinds(first, config)
         if slots == 1:
@@ -108,6 +110,19 @@ class LevelStack:
 
     def __len__(self) -> int:
         return self.slots
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy's arrays lie elsewhere."""
+        return {**self.__dict__, "_tables": {}}
+
+    def table(self, kinds: Kinds, names: tuple[str, ...]) -> Table:
+        """Arrays by name for kernels, and ``coarse_steps`` as the last :meth:`coarse_steps` gave them."""
+        version, table = self._tables.get(names, (-1, None))
+        if table is None or version != self.version:
+            known = {**self.arrays, "coarse_steps": self._in_a_row}
+            table = Table(kinds, [known[name] for name in names])
+            self._tables[names] = self.version, table
+        return table
 
     def assets(self, slot: int) -> MapAssets:
         """The map in a slot."""
@@ -158,21 +173,32 @@ class LevelStack:
     def coarse_steps(self, slots: NDArray[np.int32]) -> tuple[NDArray[np.uint8], int]:
         """(S, R C 64, G) ways in coarse steps (``coarse_steps.py``), computed for maps when they are first asked for.
 
-        Only the rows of ``slots`` are those of the maps that lie there now.
+        Only the rows of ``slots`` are those of the maps that lie there now. Beside them, how many tiles lie side by
+        side.
         """
+        if not self._has_coarse_steps[slots].all():
+            self._find_coarse_steps(slots)
+        return self._in_a_row, self._coarse_steps.shape[2]
+
+    def _find_coarse_steps(self, slots: NDArray[np.int32]) -> None:
         height, width = self.arrays["snap"].shape[1:]
         goals = self.arrays["next_step"].shape[1]
         shape = self.slots, -(-height // TILE), -(-width // TILE), TILE, TILE, goals
         if self._coarse_steps.shape != shape:
             self._coarse_steps = np.zeros(shape, dtype=np.uint8)
             self._has_coarse_steps[:] = False
+            self.version += 1
         for slot in np.unique(slots[~self._has_coarse_steps[slots]]).tolist():
             assets = self.assets(slot)
             found = coarse_steps(assets.next_step, assets.grid.cell, assets.grid.shape)
             rows, columns, *_, goals = found.shape
             self._coarse_steps[slot, :rows, :columns, :, :, :goals] = found
             self._has_coarse_steps[slot] = True
-        return self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1]), self._coarse_steps.shape[2]
+
+    @property
+    def _in_a_row(self) -> NDArray[np.uint8]:
+        """The coarse steps, tile by tile."""
+        return self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1])
 
     def _measure(self, assets: MapAssets) -> None:
         longest = int(_longest(assets.length_cm))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...jit import kernel
-from ...native import Table, address, arrays_by_address
+from ...native import Table, arrays_by_address
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
@@ -25,11 +25,10 @@ _AROUND_M = 2.5  # pellets within this way are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
 _REAL32 = np.float32
-_TABLE = (  # the situation's block and lengths, tiles across; the robot's speed; maps; both results
-    *((np.int64, 1), (np.float64, 1), (np.uint16, 3), (np.int32, 2), (_REAL32, 2)),
-    *(*prediction.MAPS, (_REAL32, 3), (_REAL32, 2)),
-)
-_arrays, _situation = arrays_by_address(_TABLE), LAYOUT.arrays
+_MAPS = ("length_cm", "goal_cell", "goal_apart_m", *prediction.MAPS)
+_MAP_KINDS = ((np.uint16, 3), (np.int32, 2), (_REAL32, 2), *prediction.MAP_KINDS)
+_TABLE = ((np.int64, 1), (np.float64, 1), (_REAL32, 3), (_REAL32, 2))  # situation and maps; robot's speed; both results
+_arrays, _maps, _situation = arrays_by_address(_TABLE), arrays_by_address(_MAP_KINDS), LAYOUT.arrays
 
 CANDIDATE_FEATURES = (
     "is_pellet",
@@ -78,25 +77,20 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     Raises:
         ValueError: the situation has no maps.
     """
-    to_meet, across = prediction.maps_of(situation)
-    assert situation.maps is not None
-    arrays = situation.maps.arrays
-    block, *lengths = situation.block()
-    candidates = np.empty((*lengths[:2], len(CANDIDATE_FEATURES)), dtype=np.float32)
-    whole = np.empty((lengths[0], len(GLOBAL_FEATURES)), dtype=np.float32)
-    maps = arrays["length_cm"], arrays["goal_cell"], arrays["goal_apart_m"], *to_meet
-    numbers = np.array([address(block), *lengths, across]), np.array([robot_speed_mps])
-    situation.threads.run(_fill, [Table(_TABLE, (*numbers, *maps, candidates, whole))], lengths[0])
+    numbers = prediction.numbers_of(situation, _MAP_KINDS, _MAPS)
+    candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
+    whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
+    table = Table(_TABLE, (numbers, np.array([robot_speed_mps]), candidates, whole))
+    situation.threads.run(_fill, [table], len(candidates))
     return candidates, whole
 
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    (
-        view, speed_mps, lengths, goal_cells, aparts, affines, snaps, cell_xys, steps, counts, candidates, whole,
-    ) = _arrays(table)  # fmt: skip
-    speed = speed_mps[0]
-    seen = _situation(view[0], view[1], view[2], view[3])
+    view, speed_mps, candidates, whole = _arrays(table)
+    lengths, goal_cells, aparts, affines, snaps, cell_xys, steps, counts = _maps(view[prediction.MAPS_AT])
+    speed, block = speed_mps[0], prediction.BLOCK
+    seen = _situation(view[block], view[block + 1], view[block + 2], view[block + 3])
     (
         _, robot, velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, _, goal, level,
@@ -105,7 +99,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
     meetings = np.empty((mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((mask.shape[1], 6))
     for i in range(first, last):
-        prediction.meet(seen, i, maps, view[4], speed, room, meetings)
+        prediction.meet(seen, i, maps, view[prediction.ACROSS], speed, room, meetings)
         length_cm, goal_cell = lengths[level[i]], goal_cells[level[i]]
         x, y = robot[i, 0], robot[i, 1]
         cx, cy = clyde[i, 0], clyde[i, 1]

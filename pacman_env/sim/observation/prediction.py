@@ -9,14 +9,13 @@ knows where Clyde really goes.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import kernel, prefetch
 from ...lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
-from ...native import Table, address, arrays_by_address
+from ...native import Kinds, Table, address, arrays_by_address
 from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
 from .situation import LAYOUT, Situation
@@ -32,10 +31,13 @@ _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
 _FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
 _AHEAD = 3  # instants written per coarse step, most of the time enough
 _REAL = np.float64
-#: dtype and axes of what the maps are for :func:`meet`: :func:`maps_of`.
-MAPS = ((_REAL, 2), (np.int32, 3), (np.float32, 3), (np.uint8, 3), (np.int32, 1))
-_TABLE = ((np.int64, 1), (_REAL, 1), *MAPS, (np.float32, 3))  # the situation's block ..., robot's speed, maps, result
-_arrays, _situation = arrays_by_address(_TABLE), LAYOUT.arrays
+#: Names, dtypes and axes of what :func:`meet` walks on.
+MAPS = ("affine", "snap", "cell_xy", "coarse_steps", "goal_count")
+MAP_KINDS = ((_REAL, 2), (np.int32, 3), (np.float32, 3), (np.uint8, 3), (np.int32, 1))
+_TABLE = ((np.int64, 1), (_REAL, 1), (np.float32, 3))  # see numbers_of; the robot's speed; result
+_arrays, _maps, _situation = arrays_by_address(_TABLE), arrays_by_address(MAP_KINDS), LAYOUT.arrays
+#: In what :func:`numbers_of` gives: the situation's block and its lengths, the maps' table, tiles side by side.
+BLOCK, MAPS_AT, ACROSS = 0, 4, 5
 _BLOCK = (STEPS + _AHEAD) * LANES  # numbers of a block: instant by instant, lane by lane
 
 #: Columns of :func:`encounters`.
@@ -53,25 +55,23 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     Raises:
         ValueError: the situation has no maps.
     """
-    maps, across = maps_of(situation)
-    block, *lengths = situation.block()
+    numbers = numbers_of(situation, MAP_KINDS, MAPS)
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
-    numbers = np.array([address(block), *lengths, across]), np.array([robot_speed_mps])
-    situation.threads.run(_encounters, [Table(_TABLE, (*numbers, *maps, result))], lengths[0])
+    situation.threads.run(_encounters, [Table(_TABLE, (numbers, np.array([robot_speed_mps]), result))], len(result))
     return result
 
 
-def maps_of(situation: Situation) -> tuple[tuple[NDArray[Any], ...], int]:
-    """What :func:`meet` walks on, and how many tiles lie side by side.
+def numbers_of(situation: Situation, kinds: Kinds, maps: tuple[str, ...]) -> NDArray[np.int64]:
+    """Where a kernel finds a situation and its maps.
 
     Raises:
         ValueError: the situation has no maps.
     """
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    steps, across = situation.maps.coarse_steps(situation.level)
-    a = situation.maps.arrays
-    return (a["affine"], a["snap"], a["cell_xy"], steps, a["goal_count"]), across
+    _, across = situation.maps.coarse_steps(situation.level)
+    block, *lengths = situation.block()
+    return np.array([address(block), *lengths, situation.maps.table(kinds, maps).address, across])
 
 
 @kernel
@@ -336,9 +336,10 @@ def meet(seen, i, maps, across, speed, room, result):  # type: ignore[no-untyped
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
-    view, speed_mps, affines, snaps, cell_xys, all_steps, counts, result = _arrays(table)
-    seen = _situation(view[0], view[1], view[2], view[3])
-    maps, room = (affines, snaps, cell_xys, all_steps, counts), room_to_meet(all_steps, result.shape[1])
+    view, speed_mps, result = _arrays(table)
+    seen = _situation(view[BLOCK], view[BLOCK + 1], view[BLOCK + 2], view[BLOCK + 3])
+    maps = _maps(view[MAPS_AT])
+    room = room_to_meet(maps[3], result.shape[1])
     for i in range(first, last):
-        meet(seen, i, maps, view[4], speed_mps[0], room, result[i])
+        meet(seen, i, maps, view[ACROSS], speed_mps[0], room, result[i])
     return 0
