@@ -7,6 +7,7 @@ lock of the kernel is taken between the first two, and the cache asked again. No
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import sys
 import time
@@ -19,11 +20,12 @@ from numba.core.compiler_lock import global_compiler_lock
 SAY_AFTER_S = 1.0
 LONGEST_WAIT_S = 600.0  # of a process in all, for a holder that does not go on; then it compiles beside him
 _WAITING = "pacman_env: another process compiles; waiting for it (pacman-env warm-up does it beforehand)"
-_COMPILING = "pacman_env: compiling for the first time on this machine, about a minute"
+_COMPILING = "pacman_env: compiling for the first time on this machine, about half a minute"
 
 _waited_s = 0.0  # by this process, for all kernels
 _compiling_since: float | None = None
 _said: set[str] = set()
+_helped = False  # the other process is one of ours
 
 
 def take_turns(kernel: Any, folder: Path) -> None:
@@ -48,6 +50,7 @@ def take_turns(kernel: Any, folder: Path) -> None:
 
     def compile_in_turn(signature: Any) -> Any:
         with global_compiler_lock, contextlib.ExitStack() as turn:
+            turn.enter_context(_nothing_collected())
             turns.append(turn)
             try:
                 return compile_alone(signature)
@@ -55,6 +58,18 @@ def take_turns(kernel: Any, folder: Path) -> None:
                 turns.pop()
 
     kernel._cache.load_overload, kernel.compile = ask_or_wait, compile_in_turn
+
+
+@contextlib.contextmanager
+def _nothing_collected() -> Iterator[None]:
+    """No garbage collection meanwhile: it would look at the compiler's many objects again and again."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 @contextlib.contextmanager
@@ -72,12 +87,25 @@ def _alone(file: Path) -> Iterator[None]:
                 held.enter_context(lock.acquire(timeout=max(0.0, limit - _waited_s)))
                 break
             except Timeout:
-                _say_once(_WAITING)
+                _say_waiting()
             except OSError:  # Timeout is one, too
                 break
             finally:
                 _waited_s += time.monotonic() - began
         yield
+
+
+def expect_help() -> None:
+    """From now on, who compiles beside this process does it for this process."""
+    global _helped
+    _helped = True
+
+
+def _say_waiting() -> None:
+    if not _helped:
+        _say_once(_WAITING)
+    elif sys.stderr.isatty():
+        _say_once(_COMPILING)
 
 
 def _note_compiling() -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
 from ..game.execution import RUNNING
+from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK, Observer
@@ -51,6 +52,7 @@ class EnvCore:
             ghost_agents: whoever steps the games chooses for ghosts whose behaviour is ``policy``.
             settings: fields of the configuration that are other than the arguments say.
         """
+        compile_ahead.begin()
         self.config, self._policies = arguments.make_config()
         self.settings = dict(settings or {})
         self.config = self.config.with_fields(**self.settings)

@@ -50,7 +50,7 @@ def wander_on(ghost, path, m, ways, search):  # type: ignore[no-untyped-def]
     node, queue = search
     here = path[ghost.path_index]
     target = choose_target(ghost, here, part[m], part_start[m], part_cells[m])
-    ghost.path_length = find_path(here, target, graph[m], node, queue, path)
+    ghost.path_length = find_path(np.int64(here), np.int64(target), graph[m], node, queue, path)
     ghost.path_index = 0
     ghost.path_offset = 0.0
     if ghost.path_length == 0:  # cannot happen within a part; he stays where he is
@@ -74,7 +74,7 @@ def head_for(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-d
     if ghost.path_offset > 0.0:
         kept = 1
         following = path[ghost.path_index + 1]
-    count = find_path(following, target, graph[m], node, queue, path[kept:])
+    count = find_path(np.int64(following), np.int64(target), graph[m], node, queue, path[kept:])
     if count > 0:
         path[0] = here
         ghost.path_index = 0

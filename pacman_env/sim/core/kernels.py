@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ...game.decisions import decision_due
 from ...game.execution import (
     CANCEL,
@@ -101,7 +103,7 @@ def reset_games(  # type: ignore[no-untyped-def]
             alive[i, slot] = slot < g.pellets
         waits[i, :] = 0
         aborts[i, :] = 0
-        localization.update(g, 0)
+        localization.update(g, np.int64(0))
         for n in range(ghosts.shape[1]):
             ghost = ghosts[i, n]
             ghost.speed = g.clyde_speed
@@ -159,7 +161,7 @@ def decide(g, i, chosen, decisions, goal_xy, alive, waits, aborts, obstacles, p)
     if chosen == p.pellet_slots + p.refuge_slots or not allowed(g, i, chosen, alive, waits, p):
         chosen = NO_CHOICE
     bx, by, _ = believed(g, p.use_tf)
-    action = follow(g, i, CHOICE, chosen, bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    action = follow(g, i, np.int64(CHOICE), np.int64(chosen), bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
     if action == SEND:
         navigator.send_goal(g, goal_of(g, chosen, p), g.step)
 
@@ -175,7 +177,7 @@ def sense(g, p):  # type: ignore[no-untyped-def]
     """Take the true pose and velocity over from the body; localize."""
     g.x, g.y, g.vx, g.vy = g.body_x, g.body_y, g.body_vx, g.body_vy
     if p.perfect:
-        localization.update(g, g.step)
+        localization.update(g, np.int64(g.step))
     elif g.step % p.scan_steps == 0:
         localization.scan(g, g.step)
 
@@ -208,7 +210,7 @@ def apply_result(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ig
     if g.nav_next >= 0:  # the result of a goal given up for the one that waits
         return
     x, y, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
-    follow(g, i, RESULT, status, x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    follow(g, i, np.int64(RESULT), np.int64(status), x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
     if g.end != RUNNING:
         end_tick(g, obstacles[i], p)
 
@@ -217,7 +219,7 @@ def apply_result(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ig
 def look(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ignore[no-untyped-def]
     """Pick-up, completion and death on the believed pose."""
     bx, by, _ = believed(g, p.use_tf)
-    follow(g, i, LOOK, 0, bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    follow(g, i, np.int64(LOOK), np.int64(0), bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
 
 
 @kernel

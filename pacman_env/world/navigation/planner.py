@@ -96,7 +96,7 @@ def _go_on(g, i, paths, bx, by, p, goal_xy, nav):  # type: ignore[no-untyped-def
         points -= at
         g.nav_ahead = max(g.nav_ahead - at, 0)
         g.nav_at = 0
-    return _follow_field(g, i, paths, points, g.nav_tail, p, goal_xy, nav)
+    return _follow_field(g, i, paths, np.int64(points), np.int64(g.nav_tail), p, goal_xy, nav)
 
 
 def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArray[np.int32], Queue]:
@@ -185,7 +185,7 @@ def _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search):  
     if goal_blocked:
         g.nav_end_x, g.nav_end_y = cell_xy[reached, 0], cell_xy[reached, 1]
     elif cell < 0:
-        count = _follow_field(g, i, paths, count, reached, p, goal_xy, nav)
+        count = _follow_field(g, i, paths, np.int64(count), np.int64(reached), p, goal_xy, nav)
     return count
 
 
@@ -235,7 +235,7 @@ def write_plan(g, i, paths, bx, by, obstacles, p, goal_xy, nav, search):  # type
                 g.nav_at = 0
                 g.nav_ahead = 0
                 paths[i, 0, 0], paths[i, 0, 1] = cell_xy[start, 0], cell_xy[start, 1]
-                count = _follow_field(g, i, paths, 1, start, p, goal_xy, nav)
+                count = _follow_field(g, i, paths, np.int64(1), np.int64(start), p, goal_xy, nav)
     g.nav_points = count
     g.nav_static = static
     if count > 0:

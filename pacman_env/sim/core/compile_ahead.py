@@ -1,0 +1,74 @@
+"""On a machine where nothing is compiled yet, another process compiles the ticks while this one prepares the map.
+
+Half of what a first game waits for is compilation that depends on nothing but the code. What the other process has
+compiled is found on disk (``compile_turns.py``); it ends with this process, or when it is done.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from numba.core import config as numba_config
+
+from ...compile_turns import expect_help
+from ...jit import kernel_folder
+from ...native import address_of_kernel
+from ...threads import cores
+
+_ROOT = Path(__file__).resolve().parents[3]
+_LOOK_S = 0.5
+
+
+def begin() -> None:
+    """Start the other process if no kernel of this version is kept yet, once, and if there is a core for it."""
+    folder = kernel_folder()
+    if folder is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
+        return
+    try:
+        (folder / "compiled-ahead").mkdir()
+    except OSError:  # another process has made it, or nothing can be written
+        return
+    paths = os.environ.get("PYTHONPATH")
+    known = {"PYTHONPATH": os.pathsep.join([str(_ROOT), *([paths] if paths else [])])}
+    try:
+        other = subprocess.Popen(
+            [sys.executable, "-m", __name__, str(os.getpid())],
+            env={**os.environ, **known},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    except OSError:  # no process to be had: this one compiles
+        return
+    atexit.register(_end, os.getpid(), other)
+    expect_help()
+
+
+def _end(process: int, other: subprocess.Popen[bytes]) -> None:
+    if process == os.getpid():  # not a fork of it
+        other.kill()
+        other.wait()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOK_S)
+    os._exit(1)
+
+
+def main(parent: int) -> None:
+    """Compile the ticks, for the process with that number and those to come."""
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+    from .ticks import play
+
+    address_of_kernel(play)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
