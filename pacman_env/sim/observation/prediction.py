@@ -175,7 +175,7 @@ def _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, goals, wal
             targets[used] = k
             used += 1
     starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, np.inf
-    _walk(steps, across, used + 1, goals, stretch, walkers, his_x, his_y)
+    _walk(steps, across, np.int64(used + 1), np.int64(goals), stretch, walkers, his_x, his_y)
     vx, vy = velocity
     v = math.sqrt(vx * vx + vy * vy)
     early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
@@ -323,7 +323,7 @@ def meet(seen, i, maps, across, speed, room, result):  # type: ignore[no-untyped
         targets[count] = goal
         chosen[count] = c
         count += 1
-    _walk(steps, across, count, 0, speed * STEP_S * per_m, walkers, mine_x, mine_y)
+    _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, mine_x, mine_y)
     for block in range(-(-count // LANES)):
         _compare(mine_x, mine_y, block * _BLOCK, his, used, per_m, sums)
         for k in range(min(count - block * LANES, LANES)):
