@@ -21,6 +21,7 @@ FLOORS = (
         "jit",
         "native",
         "blocks",
+        "lanes",
         "threads",
         "compile_turns",
         "rng",

@@ -25,15 +25,15 @@ _ROOT = Path(__file__).resolve().parents[3]
 _LOOK_S = 0.5
 
 
-def begin() -> None:
+def begin() -> subprocess.Popen[bytes] | None:
     """Start the other process if no kernel of this version is kept yet, once, and if there is a core for it."""
     folder = kernel_folder()
     if folder is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
-        return
+        return None
     try:
         (folder / "compiled-ahead").mkdir()
     except OSError:  # another process has made it, or nothing can be written
-        return
+        return None
     paths = os.environ.get("PYTHONPATH")
     known = {"PYTHONPATH": os.pathsep.join([str(_ROOT), *([paths] if paths else [])])}
     try:
@@ -45,9 +45,10 @@ def begin() -> None:
             stderr=subprocess.DEVNULL,
         )
     except OSError:  # no process to be had: this one compiles
-        return
+        return None
     atexit.register(_end, os.getpid(), other)
     expect_help()
+    return other
 
 
 def _end(process: int, other: subprocess.Popen[bytes]) -> None:

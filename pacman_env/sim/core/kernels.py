@@ -161,7 +161,21 @@ def decide(g, i, chosen, decisions, goal_xy, alive, waits, aborts, obstacles, p)
     if chosen == p.pellet_slots + p.refuge_slots or not allowed(g, i, chosen, alive, waits, p):
         chosen = NO_CHOICE
     bx, by, _ = believed(g, p.use_tf)
-    action = follow(g, i, np.int64(CHOICE), np.int64(chosen), bx, by, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    action = follow(
+        g,
+        i,
+        np.int64(CHOICE),
+        np.int64(chosen),
+        bx,
+        by,
+        g.step,
+        goal_xy[g.level],
+        obstacles[i],
+        alive,
+        waits,
+        aborts,
+        p,
+    )
     if action == SEND:
         navigator.send_goal(g, goal_of(g, chosen, p), g.step)
 
@@ -210,7 +224,9 @@ def apply_result(g, i, goal_xy, alive, waits, aborts, obstacles, p):  # type: ig
     if g.nav_next >= 0:  # the result of a goal given up for the one that waits
         return
     x, y, _ = believed(g, True)  # the pose in Nav2's feedback is TF's, whatever the rules go by
-    follow(g, i, np.int64(RESULT), np.int64(status), x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p)
+    follow(
+        g, i, np.int64(RESULT), np.int64(status), x, y, g.step, goal_xy[g.level], obstacles[i], alive, waits, aborts, p
+    )
     if g.end != RUNNING:
         end_tick(g, obstacles[i], p)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...jit import kernel
-from ...native import Table, arrays_by_address
+from ...native import Table, address_of, arrays_by_address
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
@@ -27,7 +27,7 @@ _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 _REAL32 = np.float32
 _MAPS = ("length_cm", "goal_cell", "goal_apart_m", *prediction.MAPS)
 _MAP_KINDS = ((np.uint16, 3), (np.int32, 2), (_REAL32, 2), *prediction.MAP_KINDS)
-_TABLE = ((np.int64, 1), (np.float64, 1), (_REAL32, 3), (_REAL32, 2))  # situation and maps; robot's speed; both results
+_TABLE = (*prediction.PLACES, (np.float64, 1), (_REAL32, 3), (_REAL32, 2))  # the robot's speed, both results
 _arrays, _maps, _situation = arrays_by_address(_TABLE), arrays_by_address(_MAP_KINDS), LAYOUT.arrays
 
 CANDIDATE_FEATURES = (
@@ -77,20 +77,20 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     Raises:
         ValueError: the situation has no maps.
     """
-    numbers = prediction.numbers_of(situation, _MAP_KINDS, _MAPS)
+    places = prediction.places_of(situation, _MAP_KINDS, _MAPS)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    table = Table(_TABLE, (numbers, np.array([robot_speed_mps]), candidates, whole))
+    table = Table(_TABLE, (*places, np.array([robot_speed_mps]), candidates, whole))
     situation.threads.run(_fill, [table], len(candidates))
     return candidates, whole
 
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    view, speed_mps, candidates, whole = _arrays(table)
+    block, view, speed_mps, candidates, whole = _arrays(table)
     lengths, goal_cells, aparts, affines, snaps, cell_xys, steps, counts = _maps(view[prediction.MAPS_AT])
-    speed, block = speed_mps[0], prediction.BLOCK
-    seen = _situation(view[block], view[block + 1], view[block + 2], view[block + 3])
+    speed, first_length = speed_mps[0], prediction.LENGTHS_AT
+    seen = _situation(address_of(block), view[first_length], view[first_length + 1], view[first_length + 2])
     (
         _, robot, velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, _, goal, level,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...jit import kernel, prefetch
 from ...lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
-from ...native import Kinds, Table, address, arrays_by_address
+from ...native import Kinds, Table, address_of, arrays_by_address
 from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
 from .situation import LAYOUT, Situation
@@ -34,10 +34,12 @@ _REAL = np.float64
 #: Names, dtypes and axes of what :func:`meet` walks on.
 MAPS = ("affine", "snap", "cell_xy", "coarse_steps", "goal_count")
 MAP_KINDS = ((_REAL, 2), (np.int32, 3), (np.float32, 3), (np.uint8, 3), (np.int32, 1))
-_TABLE = ((np.int64, 1), (_REAL, 1), (np.float32, 3))  # see numbers_of; the robot's speed; result
+#: Of what :func:`places_of` gives.
+PLACES = ((np.uint8, 1), (np.int64, 1))
+_TABLE = (*PLACES, (_REAL, 1), (np.float32, 3))  # where things are; the robot's speed; result
 _arrays, _maps, _situation = arrays_by_address(_TABLE), arrays_by_address(MAP_KINDS), LAYOUT.arrays
-#: In what :func:`numbers_of` gives: the situation's block and its lengths, the maps' table, tiles side by side.
-BLOCK, MAPS_AT, ACROSS = 0, 4, 5
+#: In its numbers: the situation's lengths, the maps' table, how many tiles lie side by side.
+LENGTHS_AT, MAPS_AT, ACROSS = 0, 3, 4
 _BLOCK = (STEPS + _AHEAD) * LANES  # numbers of a block: instant by instant, lane by lane
 
 #: Columns of :func:`encounters`.
@@ -55,14 +57,14 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     Raises:
         ValueError: the situation has no maps.
     """
-    numbers = numbers_of(situation, MAP_KINDS, MAPS)
+    places = places_of(situation, MAP_KINDS, MAPS)
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
-    situation.threads.run(_encounters, [Table(_TABLE, (numbers, np.array([robot_speed_mps]), result))], len(result))
+    situation.threads.run(_encounters, [Table(_TABLE, (*places, np.array([robot_speed_mps]), result))], len(result))
     return result
 
 
-def numbers_of(situation: Situation, kinds: Kinds, maps: tuple[str, ...]) -> NDArray[np.int64]:
-    """Where a kernel finds a situation and its maps.
+def places_of(situation: Situation, kinds: Kinds, maps: tuple[str, ...]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Where a kernel finds a situation and its maps: the block, which is there as long as somebody has it, and numbers.
 
     Raises:
         ValueError: the situation has no maps.
@@ -71,7 +73,7 @@ def numbers_of(situation: Situation, kinds: Kinds, maps: tuple[str, ...]) -> NDA
         raise ValueError("the situation has no maps to look ahead on")
     _, across = situation.maps.coarse_steps(situation.level)
     block, *lengths = situation.block()
-    return np.array([address(block), *lengths, situation.maps.table(kinds, maps).address, across])
+    return block, np.array([*lengths, situation.maps.table(kinds, maps).address, across])
 
 
 @kernel
@@ -336,8 +338,8 @@ def meet(seen, i, maps, across, speed, room, result):  # type: ignore[no-untyped
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
-    view, speed_mps, result = _arrays(table)
-    seen = _situation(view[BLOCK], view[BLOCK + 1], view[BLOCK + 2], view[BLOCK + 3])
+    block, view, speed_mps, result = _arrays(table)
+    seen = _situation(address_of(block), view[LENGTHS_AT], view[LENGTHS_AT + 1], view[LENGTHS_AT + 2])
     maps = _maps(view[MAPS_AT])
     room = room_to_meet(maps[3], result.shape[1])
     for i in range(first, last):

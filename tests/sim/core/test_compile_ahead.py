@@ -1,0 +1,92 @@
+"""Another process compiles the ticks: once, where nothing is kept, and never longer than the first one lives."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pacman_env.native import _RANGE
+from pacman_env.sim.core import compile_ahead
+from pacman_env.sim.core.ticks import play
+
+ROOT = Path(__file__).resolve().parents[3]
+BEGIN = """
+import sys
+from pacman_env.sim.core import compile_ahead
+print(*(other and other.pid for other in (compile_ahead.begin(), compile_ahead.begin())), flush=True)
+sys.stdin.readline()
+"""
+
+
+@pytest.fixture
+def parent(tmp_path: Path) -> subprocess.Popen[str]:
+    """A process with an empty cache that has begun twice, and lives until it reads a line."""
+    environment = {**os.environ, "PACMAN_ENV_CACHE": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([sys.executable, "-c", BEGIN], env=environment, cwd=tmp_path, text=True, **pipes)
+
+
+def pid_of_other(parent: subprocess.Popen[str]) -> int:
+    """The other process; the second time none was started."""
+    assert parent.stdout is not None
+    first, second = parent.stdout.readline().split()
+    assert second == "None"
+    return int(first)
+
+
+def lives(pid: int) -> bool:
+    """Whether there is such a process, other than one that has ended and is not yet asked for."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def wait_until_gone(pid: int) -> None:
+    until = time.monotonic() + 60.0
+    while lives(pid):
+        assert time.monotonic() < until, "it goes on"
+        time.sleep(0.05)
+
+
+@pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
+def test_it_ends_with_the_process_that_began_it_without_a_word(parent: subprocess.Popen[str]) -> None:
+    other = pid_of_other(parent)
+    assert lives(other)
+    _, said = parent.communicate("\n", timeout=60)
+    assert parent.returncode == 0
+    assert said == ""
+    wait_until_gone(other)
+
+
+@pytest.mark.skipif(compile_ahead.cores() < 2, reason="one core")
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
+def test_it_ends_when_the_process_that_began_it_is_killed(parent: subprocess.Popen[str]) -> None:
+    other = pid_of_other(parent)
+    parent.send_signal(signal.SIGKILL)
+    parent.communicate(timeout=60)
+    wait_until_gone(other)
+
+
+def test_on_one_core_nothing_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compile_ahead, "cores", lambda: 1)
+    monkeypatch.setattr(compile_ahead, "kernel_folder", lambda: tmp_path)
+    assert compile_ahead.begin() is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_where_nothing_can_be_kept_nothing_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compile_ahead, "kernel_folder", lambda: None)
+    assert compile_ahead.begin() is None
+
+
+def test_what_it_compiles_is_what_a_batch_runs() -> None:
+    compile_ahead.main(os.getppid())
+    assert _RANGE in play.overloads
