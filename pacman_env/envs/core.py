@@ -121,9 +121,14 @@ class EnvCore:
         return action_space(self.batch, self.candidates)
 
     def reset(
-        self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
+        self,
+        index: NDArray[np.int64],
+        seeds: NDArray[np.uint64],
+        levels: NDArray[np.int64] | None = None,
+        *,
+        in_step: bool = False,
     ) -> None:
-        """New episodes in the games ``index``."""
+        """New episodes in the games ``index``; ``in_step``: nobody has seen yet what came of the last step."""
         self.elapsed_s[index] = 0.0
         self.batch.reset(index, seeds, levels)
         if self._policies:
@@ -131,7 +136,7 @@ class EnvCore:
             mask[index] = True
             for policy in self._policies.values():
                 policy.reset(mask)
-        self._look()
+        self._look(index if in_step else None)
 
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
@@ -139,11 +144,15 @@ class EnvCore:
         config = replace(self.config.observation, kinds=("features",), candidates="all")
         return Observer(self.batch, config, ghost=True)
 
-    def _look(self) -> None:
-        self._reused.reverse()
-        self._situation = self._reused[0] = self.batch.situation(again=self._reused[0])
-        if self._copies:
-            self._reused[0] = None
+    def _look(self, index: NDArray[np.int64] | None = None) -> None:
+        """At all games, or again at some whose last look nobody has seen."""
+        if index is not None:
+            self._situation = self.batch.situation(again=self._situation, index=index)
+        else:
+            self._reused.reverse()
+            self._situation = self._reused[0] = self.batch.situation(again=self._reused[0])
+            if self._copies:
+                self._reused[0] = None
         self._listed = self._observer.listed(self._situation)
         if self._way_counts:
             self._way = outcome.way_left(self.batch.alive, self._situation)

@@ -169,14 +169,14 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         self._cut_long_episodes(terminated, truncated)
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
-            self._new_rounds(np.flatnonzero(over))
+            self._new_rounds(np.flatnonzero(over), in_step=True)
             terminated[over] = truncated[over] = False
             reward[over] = 0.0
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             ended = np.flatnonzero(terminated | truncated)
             if len(ended):
                 final = self._final(ended)
-                self._new_rounds(ended)
+                self._new_rounds(ended, in_step=True)
         infos = {**final, **self._infos(self._all)} if self.tells_all else final
         return core.observe(), reward, terminated, truncated, infos
 
@@ -269,8 +269,9 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         index: NDArray[np.int64],
         wanted: ResetOptions = _NOTHING_WANTED,
         levels: NDArray[np.int64] | None = None,
+        in_step: bool = False,
     ) -> None:
-        self._core.reset(index, self._seeds.of(index, wanted, self.batch), levels)
+        self._core.reset(index, self._seeds.of(index, wanted, self.batch), levels, in_step=in_step)
         self._steps[index] = 0
         self._cut[index] = False
 

@@ -79,7 +79,8 @@ class GameBatch:
         self.levels = LevelStack(first, config, source.slots(n))
         self._held = [-1] * n  # the slot of each game's map
         robot = config.robot
-        self.spaces = Spaces(n, radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
+        body = {"radius_m": robot.radius_m, "mass_kg": robot.mass_kg, "step_s": config.physics_step_s}
+        self.spaces = Spaces(n, len(self.levels), **body)
         self._parameters = batch_parameters(config, self.levels.resolution, slots, self.refuge_slots)
         self._sends_ghosts = bool(self._ghosts.sent_from_outside.any())
         self._history = History(n, self.ghosts.shape[1], self._sends_ghosts, config)
@@ -473,10 +474,13 @@ class GameBatch:
         )
         return float(cells[cell, 0]), float(cells[cell, 1])
 
-    def situation(self, seat: int = -1, again: Situation | None = None) -> Situation:
+    def situation(
+        self, seat: int = -1, again: Situation | None = None, index: NDArray[np.int64] | None = None
+    ) -> Situation:
         """What a policy sees now, the robot's or (``seat`` k) that of ghost k.
 
-        The arrays are new, or those of a situation that this batch has given before and that is written ``again``.
+        The arrays are new, or those of a situation that this batch has given before and that is written ``again``; of
+        that only the games ``index``, if the others are as they were.
         """
         lengths = self.n, self.candidates, self.ghosts.shape[1]
         situation = Situation.empty(*lengths, self.levels, self.threads, self._blocks[0]) if again is None else again
@@ -484,5 +488,9 @@ class GameBatch:
             state = self.games, self.ghosts, self._ghosts.paths, self.obstacles, self.alive, self._waits
             self._look_table = situation_kernel.look_table(*state, self._parameters, self._view, self.told, self.levels)
         situation_kernel.direct(self._view, situation, seat, self._blocks[1] if self.shows_features else None)
-        self.threads.run(situation_kernel.look, [self._look_table], self.n)
+        if index is None:
+            self.threads.run(situation_kernel.look, [self._look_table], self.n)
+        else:
+            for i in index.tolist():
+                situation_kernel.look(self._look_table.address, i, i + 1)
         return situation

@@ -93,7 +93,9 @@ def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
 def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
     """Take a free space with the walls of a level; False: there is none."""
     _, _, _, _, owners, levels, space_of = spaces
-    for k in range(len(levels)):
+    count = len(levels)
+    for j in range(count):
+        k = (level + j) % count  # where its spaces are made
         if levels[k] == level and load(owners, k) == _FREE and replace(owners, k, _FREE, i):
             space_of[i] = k
             return True
@@ -128,13 +130,21 @@ def empty(spaces, k, steps, seconds):  # type: ignore[no-untyped-def]
 
 
 class Spaces:
-    """Spaces for up to ``most`` robots on levels, made when there are not enough.
+    """Spaces for so many robots on levels, made when there are not enough.
+
+    Args:
+        robots: how many there are.
+        levels: how many there are at once; a space of each is kept, beside those that robots are in.
+        radius_m: of a robot.
+        mass_kg: of a robot.
+        step_s: of physics.
 
     Attributes:
         arrays: for :func:`move`.
     """
 
-    def __init__(self, most: int, *, radius_m: float, mass_kg: float, step_s: float) -> None:
+    def __init__(self, robots: int, levels: int = 1, *, radius_m: float, mass_kg: float, step_s: float) -> None:
+        most = robots + levels
         self._robot = radius_m, mass_kg
         self.step_s = step_s
         self._spaces: list[_Space | None] = [None] * most
@@ -142,7 +152,7 @@ class Spaces:
         # pymunk.batch counts a space's static body as its last one, and makes room for one more.
         given, taken = np.zeros((most, 2 * _GIVEN)), np.zeros((most, 3 * _TAKEN))
         self._owners, self._levels = np.full(most, _FREE, dtype=np.int64), np.full(most, _NONE, dtype=np.int64)
-        self._space_of = np.full(most, _NONE, dtype=np.int64)
+        self._space_of = np.full(robots, _NONE, dtype=np.int64)
         self.arrays = table, given, taken, _functions(), self._owners, self._levels, self._space_of
 
     def __len__(self) -> int:
@@ -151,8 +161,9 @@ class Spaces:
 
     def provide(self, level: int, walls: NDArray[np.float64]) -> None:
         """Make one more space with the walls of a level."""
-        free = np.flatnonzero(self._owners == _FREE)
-        k = int(free[self._levels[free].argmin()])  # one that was none so far, else of another level
+        places = (level + np.arange(len(self._levels))) % len(self._levels)
+        free = places[self._owners[places] == _FREE]
+        k = int(free[(self._levels[free] != _NONE).argmin()])  # the first that was none so far, else of another level
         self._levels[k] = _NONE
         self._spaces[k] = None  # its memory first
         self._spaces[k] = space = _Space(walls, 1, *self._robot)

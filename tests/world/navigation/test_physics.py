@@ -28,9 +28,9 @@ BODY = {"radius_m": ROBOT.radius_m, "mass_kg": ROBOT.mass_kg, "step_s": STEP_S}
 class Robots:
     """N robots among the walls of the room."""
 
-    def __init__(self, n: int, clear: np.ndarray = CLEAR, most: int | None = None) -> None:
+    def __init__(self, n: int, clear: np.ndarray = CLEAR) -> None:
         self.games = np.zeros(n, dtype=records.GAME)
-        self.spaces = Spaces(n if most is None else most, **BODY)
+        self.spaces = Spaces(n, **BODY)
         self.parameters = batch_parameters(CONFIG, 0.05, 1, 0)[0]
         self.clear = clear
         self.chipmunk_steps = 0
@@ -156,7 +156,7 @@ def test_what_befalls_a_robot_does_not_depend_on_who_used_its_space_before(seed:
 
 
 def test_fewer_spaces_than_robots_are_handed_on() -> None:
-    robots = Robots(6, most=6)
+    robots = Robots(6)
     for i in range(6):
         robots.place(i, -1.0, -1.0)
     for i in range(6):  # one after the other goes to the wall and comes back
