@@ -5,6 +5,7 @@ Addresses are arguments, never constants: Numba cannot keep machine code on disk
 
 from __future__ import annotations
 
+import functools
 import platform
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -180,11 +181,9 @@ def call_range(typing_context, function, table, first, last):  # type: ignore[no
 _RANGE = (types.int64, types.int64, types.int64)
 
 
+@functools.cache  # to ask Numba takes as long as a hundred games' decisions
 def address_of_kernel(kernel: Any) -> int:
-    """Where the machine code of a kernel ``(table, first, last) -> int64`` lies; compiles it if need be.
-
-    The kernel has to be kept as long as the address is used.
-    """
+    """Where the machine code of a kernel ``(table, first, last) -> int64`` lies; compiles it if need be."""
     if _RANGE not in kernel.overloads:
         kernel.compile(_RANGE)
     compiled = kernel.overloads[_RANGE]
