@@ -116,10 +116,11 @@ class LevelStack:
         return {**self.__dict__, "_tables": {}}
 
     def table(self, kinds: Kinds, names: tuple[str, ...]) -> Table:
-        """Arrays by name for kernels, and ``coarse_steps`` as the last :meth:`coarse_steps` gave them."""
+        """Arrays by name for kernels, and ``coarse_steps`` as :meth:`find_coarse_steps` left them."""
         version, table = self._tables.get(names, (-1, None))
         if table is None or version != self.version:
-            known = {**self.arrays, "coarse_steps": self._in_a_row}
+            tile_by_tile = self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1])
+            known = {**self.arrays, "coarse_steps": tile_by_tile}
             table = Table(kinds, [known[name] for name in names])
             self._tables[names] = self.version, table
         return table
@@ -170,15 +171,14 @@ class LevelStack:
         self._has_coarse_steps[slot] = False
         self._measure(assets)
 
-    def coarse_steps(self, slots: NDArray[np.int32]) -> tuple[NDArray[np.uint8], int]:
-        """(S, R C 64, G) ways in coarse steps (``coarse_steps.py``), computed for maps when they are first asked for.
+    def find_coarse_steps(self, slots: NDArray[np.int32]) -> int:
+        """See to it that ``coarse_steps``, (S, R C 64, G), has the ways on the maps in ``slots`` (``coarse_steps.py``).
 
-        Only the rows of ``slots`` are those of the maps that lie there now. Beside them, how many tiles lie side by
-        side.
+        They are computed for a map when they are first asked for. Returns how many tiles lie side by side.
         """
         if not self._has_coarse_steps[slots].all():
             self._find_coarse_steps(slots)
-        return self._in_a_row, self._coarse_steps.shape[2]
+        return self._coarse_steps.shape[2]
 
     def _find_coarse_steps(self, slots: NDArray[np.int32]) -> None:
         height, width = self.arrays["snap"].shape[1:]
@@ -194,11 +194,6 @@ class LevelStack:
             rows, columns, *_, goals = found.shape
             self._coarse_steps[slot, :rows, :columns, :, :, :goals] = found
             self._has_coarse_steps[slot] = True
-
-    @property
-    def _in_a_row(self) -> NDArray[np.uint8]:
-        """The coarse steps, tile by tile."""
-        return self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1])
 
     def _measure(self, assets: MapAssets) -> None:
         longest = int(_longest(assets.length_cm))

@@ -88,14 +88,15 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
     block, view, speed_mps, candidates, whole = _arrays(table)
-    lengths, goal_cells, aparts, affines, snaps, cell_xys, steps, counts = _maps(view[prediction.MAPS_AT])
+    found = _maps(view[prediction.MAPS_AT])
+    (lengths, goal_cells, aparts), maps = found[:3], found[3:]
     speed, first_length = speed_mps[0], prediction.LENGTHS_AT
     seen = _situation(address_of(block), view[first_length], view[first_length + 1], view[first_length + 2])
     (
         _, robot, velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
         path_robot, path_clyde, current, _, _, pellets_left, _, goal, level,
     ) = seen  # fmt: skip
-    maps, room = (affines, snaps, cell_xys, steps, counts), prediction.room_to_meet(steps, mask.shape[1])
+    room = prediction.room_to_meet(maps[3], mask.shape[1])
     meetings = np.empty((mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((mask.shape[1], 6))
     for i in range(first, last):

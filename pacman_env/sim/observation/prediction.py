@@ -71,7 +71,7 @@ def places_of(situation: Situation, kinds: Kinds, maps: tuple[str, ...]) -> tupl
     """
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    _, across = situation.maps.coarse_steps(situation.level)
+    across = situation.maps.find_coarse_steps(situation.level)
     block, *lengths = situation.block()
     return block, np.array([*lengths, situation.maps.table(kinds, maps).address, across])
 
