@@ -136,11 +136,13 @@ class GameBatch:
         levels = self.level_numbers()
         started = [i for i in range(self.n) if self._held[i] >= 0]
         rounds = [self._history.so_far(i, self.games[i], int(levels[i])) for i in started]
-        return {"made_from": (self.source, self.config, self.n, self.threads.number), "rounds": rounds}
+        made_from = self.source, self.config, self.n, self.threads.number
+        return {"made_from": made_from, "rounds": rounds, "shows_features": self.shows_features}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Play every round again, so that the copy is the same down to the solver's memory of contacts."""
         self.__init__(*state["made_from"])  # type: ignore[misc]
+        self.shows_features = state["shows_features"]
         rounds: list[RoundSoFar] = state["rounds"]
         longest = max((len(r.decisions) for r in rounds), default=0)
         self.games["end"][[r.game for r in rounds]] = TIMEOUT  # they stand still until they begin
