@@ -127,9 +127,9 @@ class OccupancyMap:
         occupied, free = np.float32(self.occupied_thresh), np.float32(self.free_thresh)
         table = np.where(dark >= occupied, 100, -1)
         if self.mode == "scale" and occupied > free:
-            share = (dark - free) / np.float32(self.occupied_thresh - self.free_thresh) * np.float32(100)
-            between = (dark > free) & (dark < occupied)
-            table = np.where(between, np.floor(share.astype(np.float64) + 0.5), table)
+            between = (dark > free) & (dark < occupied)  # beyond, a share may be too large for a number
+            share = (dark[between] - free) / np.float32(self.occupied_thresh - self.free_thresh) * np.float32(100)
+            table[between] = np.floor(share.astype(np.float64) + 0.5)
         return np.where(dark <= free, 0, table).astype(np.int8)
 
     @property
