@@ -145,7 +145,9 @@ class Game:
         return float(self.latest(topics.ODOMETRY).twist.twist.angular.z)
 
     def sound(self) -> Any:
-        return json.loads(self.value(AUDIO_SHOWN))
+        """What the loudspeaker was told last; silence, if it was told nothing yet."""
+        told = self.value(AUDIO_SHOWN)
+        return {"playing": False, "notes": []} if told is None else json.loads(told)
 
     def menu(self) -> None:
         """Nothing goes on; what was heard before is forgotten."""
@@ -431,7 +433,9 @@ def test_a_robot_whose_spin_has_lost_its_node_stands_and_the_node_comes_back_sil
 
 
 def ring(game: Game) -> Any:
-    return json.loads(game.value(LIGHT_RING_SHOWN))
+    """What the ring was told last; the base's own lights, if it was told nothing yet."""
+    told = game.value(LIGHT_RING_SHOWN)
+    return {"override_system": False, "leds": []} if told is None else json.loads(told)
 
 
 def starts(game: Game) -> bool:
