@@ -56,7 +56,7 @@ def parse(argv: Sequence[str]) -> Arguments:
         SystemExit: after ``--help`` and bad arguments.
     """
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--quick", action="store_true", help="some minutes on two cores")
+    first.add_argument("--quick", action="store_true", help="about a minute on two cores")
     first.add_argument(
         "--config", type=Path, default=FOLDER / "PacManBot-v0.yaml", help="hyperparameters (%(default)s)"
     )

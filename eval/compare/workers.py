@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import EPISODE, play
+from pacman_env.sim.core import compile_ahead
 
 from .policies import is_checkpoint, load_policy
 from .scenarios import Levels, Scenario, open_scenario, parts_of_play
@@ -46,6 +47,7 @@ class _Piece(NamedTuple):
 
 def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> Played:
     """Records and decision times of one block, as :func:`pacman_env.episodes.rollout.play` gives them."""
+    compile_ahead.begin()
     source = open_scenario(block.scenario, block.config)
     policy = load_policy(block.policy) if is_checkpoint(block.policy) else block.policy
     return play(source, block.config, policy, block.seeds, on_end=on_end, num_threads=block.threads)
