@@ -1,11 +1,17 @@
 """Settings that hold for every test."""
 
+import signal
+
 import pytest
 from hypothesis import HealthCheck, settings
 
 # The first example of a kernel compiles it, and the machine may be busy: the time of an example says nothing.
 settings.register_profile("kernels", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("kernels")
+
+# A shell's job in the background is born with Ctrl-C ignored, and so would be the processes that tests send it to.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 #: Files that take longest, by what they wait for: begun first, so that none is left to run alone at the end.
 LONGEST = (

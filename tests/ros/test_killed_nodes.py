@@ -449,7 +449,6 @@ def test_a_light_node_that_is_back_in_a_round_shows_what_belongs_to_it(game: Gam
     game.kill("game_light_node")
     game.forget(LIGHT_RING_SHOWN)
     shown = game.probe.heard(LIGHT_RING_SHOWN)
-    game.start("game_light_node")
     yellow, black = [255, 180, 0], [0, 0, 0]
 
     def mouths() -> set[str]:
@@ -460,7 +459,9 @@ def test_a_light_node_that_is_back_in_a_round_shows_what_belongs_to_it(game: Gam
             if one["override_system"] and all(led in (yellow, black) for led in one["leds"])
         }
 
-    game.wait(lambda: len(mouths()) == 3, "the mouth to open and shut")
+    with game.held():
+        game.start("game_light_node")
+        game.wait(lambda: len(mouths()) == 3, "the mouth to open and shut")
 
 
 def test_a_light_node_that_is_back_in_the_menu_releases_the_ring(game: Game) -> None:
