@@ -232,11 +232,11 @@ from pacman_env.native import Table
 threads = Threads(3)
 met, table = counted(1000, {work})
 threads.run(count_up, [table], 1000)
+signal.signal(signal.SIGALRM, signal.default_int_handler)
 caught = 0
 for k in range({rounds}):
-    signal.setitimer(signal.ITIMER_REAL, {first} + k * {step})
-    signal.signal(signal.SIGALRM, signal.default_int_handler)
     try:
+        signal.setitimer(signal.ITIMER_REAL, {first} + k * {step})
         while True:
             threads.run(count_up, [table], 1000)
     except KeyboardInterrupt:
@@ -269,8 +269,8 @@ env = PacManBotVectorEnv(8, num_threads=3)
 for k in range(20):
     env.reset(seed=1)
     timer = threading.Timer(0.01 + 0.002 * k, _thread.interrupt_main)
-    timer.start()
     try:
+        timer.start()
         while True:
             env.step(np.full(8, 3))
     except KeyboardInterrupt:

@@ -146,8 +146,7 @@ class Game:
 
     def sound(self) -> Any:
         """What the loudspeaker was told last; silence, if it was told nothing yet."""
-        told = self.value(AUDIO_SHOWN)
-        return {"playing": False, "notes": []} if told is None else json.loads(told)
+        return json.loads(self.value(AUDIO_SHOWN) or '{"playing": false}')
 
     def menu(self) -> None:
         """Nothing goes on; what was heard before is forgotten."""
@@ -434,8 +433,7 @@ def test_a_robot_whose_spin_has_lost_its_node_stands_and_the_node_comes_back_sil
 
 def ring(game: Game) -> Any:
     """What the ring was told last; the base's own lights, if it was told nothing yet."""
-    told = game.value(LIGHT_RING_SHOWN)
-    return {"override_system": False, "leds": []} if told is None else json.loads(told)
+    return json.loads(game.value(LIGHT_RING_SHOWN) or '{"override_system": false}')
 
 
 def starts(game: Game) -> bool:

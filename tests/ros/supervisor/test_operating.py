@@ -65,6 +65,11 @@ class Terminal:
         """Everything shown, also what was written over."""
         return [line for line in re.split(r"\r\n|\r\x1b\[K|\n|\r", self._shown.decode()) if line.strip()]
 
+    @property
+    def too_long(self) -> list[str]:
+        """Lines that do not fit, but for the one with the logs' path."""
+        return [line for line in self.lines if len(line) >= COLUMNS and not line.startswith("logs in")]
+
     def press(self, key: str) -> None:
         os.write(self._master, key.encode())
 
@@ -110,7 +115,7 @@ def test_the_line_says_what_is_awaited_and_fits_the_terminal(game: Terminal) -> 
     assert game.shows(r"^starting: waiting for .*pellet_manager")
     assert game.shows(r"^starting: waiting for goal_selector")
     assert game.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g go on, q quit$")
-    assert max(len(line) for line in game.lines if not line.startswith("logs in")) < COLUMNS
+    assert game.too_long == []
 
 
 def test_keys_start_and_reset_a_game_and_what_is_refused_is_said(game: Terminal) -> None:
@@ -228,8 +233,7 @@ def test_the_key_q_stops_everything_and_says_what_is_being_stopped(game: Termina
 
 
 BEGUN = """
-import signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's job in the background is born without it
+import sys
 from pacman_env.cli.main import main
 try:
     print("begun", flush=True)
@@ -248,7 +252,7 @@ def test_a_simulated_game_plays_round_after_round_where_it_is_asked_to(domain: i
         for number in (1, 2, 3):
             terminal.wait_for(lambda n=number: terminal.shows(rf"^running +round {n}"), f"round {number}")  # type: ignore[misc]
         assert terminal.shows(r"Complete - Score: 3")
-        assert [line for line in terminal.lines if len(line) >= COLUMNS and not line.startswith("logs in")] == []
+        assert terminal.too_long == []
     finally:
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.end() == 0

@@ -256,16 +256,11 @@ begun, interrupted = threading.Event(), threading.Event()
 ahead = LevelsAhead(Slow(make_config(), 0, 1000))
 ahead.ask([40])
 begun.wait()
-def interrupt():
-    time.sleep(0.3)
-    os.kill(os.getpid(), signal.SIGINT)
-timer = threading.Thread(target=interrupt)
 try:
-    timer.start()
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     ahead.take(40)
 except KeyboardInterrupt:
     interrupted.set()
     print(ahead.take(40).occupancy.name)
-timer.join()
 """)
     assert (done.returncode, done.stdout, done.stderr) == (0, "generated-40\n", "")
