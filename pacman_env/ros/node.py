@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import signal
-import socket
 import sys
 import time
 import warnings
@@ -35,6 +33,7 @@ from .discovery import simulated, stay_on_this_machine
 from .messages import BadMessage
 from .process_memory import settle
 from .standstill import STOOD_STILL, Standstill, lease_s
+from .surroundings import current
 from .topics import CONFIGURATION
 
 LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
@@ -51,12 +50,29 @@ class BaseNode(Node):
     """A node with last messages, whose troubles are said once."""
 
     def __init__(self, name: str, **options: Any) -> None:
-        super().__init__(name, **options)
+        self.surroundings = current()
+        super().__init__(name, **{**self.surroundings.options(), **options})
         self.once = Once(self.get_logger())
         self.status: int | None = None  # with which the node ends by itself; None: it goes on
         self.silent = False  # the node ends without its last messages
         self._latest_s = 0.0
         self._set_back_s = 0.0  # by how much the clock was, in all
+
+    def create_publisher(self, *arguments: Any, **options: Any) -> Any:
+        """As rclpy's; the node's surroundings may watch what is published."""
+        return self._watched(super().create_publisher(*arguments, **options))
+
+    def create_client(self, *arguments: Any, **options: Any) -> Any:
+        """As rclpy's, likewise."""
+        return self._watched(super().create_client(*arguments, **options))
+
+    def create_service(self, *arguments: Any, **options: Any) -> Any:
+        """As rclpy's, likewise."""
+        return self._watched(super().create_service(*arguments, **options))
+
+    def _watched(self, entity: Any) -> Any:
+        self.surroundings.watch(entity)
+        return entity
 
     def now_s(self) -> float:
         """The node's time, s, to measure how long something takes: it goes on where the clock is set back."""
@@ -128,7 +144,7 @@ class GameNode(BaseNode):
         self._plays: dict[str, Any] = {
             "node": name,
             "acts": self.acts(),
-            "started": this_process(),
+            "started": self.surroundings.process(),
             "hash": self.config.hash,
             "map": self.map.hash[:12] if with_map else None,
             "configuration": self.config.as_dict(),
@@ -166,11 +182,6 @@ class GameNode(BaseNode):
         more = [f"{len(fields) - _LISTED} fields more"] if len(fields) > _LISTED else []
         text = "; ".join([*fields[:_LISTED], *more])
         self.once.warning(trouble, f"{node} plays by another configuration: {text}")
-
-
-def this_process() -> list[Any]:
-    """What tells processes apart: when this one started (s since 1970), on which machine, its number."""
-    return [time.time(), socket.gethostname(), os.getpid()]
 
 
 def process_of(message: Any) -> dict[str, Any] | None:

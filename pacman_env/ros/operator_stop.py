@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
 from .messages import BadMessage
+from .surroundings import current
 from .topics import OPERATOR_STOP
 
 _LONGEST = 1000  # characters
@@ -34,6 +34,7 @@ class OperatorStop:
     """
 
     def __init__(self, node: Any, changed: Callable[[bool, str], None] | None = None, obeys: bool = True) -> None:
+        self._surroundings = current()
         self._changed, self._obeys = changed, obeys
         self._by = node.get_fully_qualified_name()
         self._words: dict[str, tuple[int, bool]] = {}  # of the others
@@ -65,8 +66,8 @@ class OperatorStop:
     def say(self, stopped: bool, who: str) -> None:
         """Stop or release, from any thread."""
         with self._lock:
-            self._insists_s = time.monotonic() + _INSISTS_S if stopped else 0.0
-            self._take((max(time.time_ns(), self._last[0] + 1), stopped), who)
+            self._insists_s = self._surroundings.monotonic() + _INSISTS_S if stopped else 0.0
+            self._take((max(self._surroundings.time_ns(), self._last[0] + 1), stopped), who)
             self._publish()
 
     def _publish(self) -> None:
@@ -81,7 +82,7 @@ class OperatorStop:
             self._changed(self.stopped, who)
 
     def _hear(self, message: Any) -> None:
-        word, who, by = word_of_stop(message, self._last[0])
+        word, who, by = word_of_stop(message, self._surroundings.time_ns(), self._last[0])
         with self._lock:
             if by == self._by:
                 return
@@ -89,7 +90,7 @@ class OperatorStop:
                 self._words[by] = word
             if word <= self._last:
                 return
-            if not word[1] and time.monotonic() < self._insists_s:
+            if not word[1] and self._surroundings.monotonic() < self._insists_s:
                 word, who = (word[0] + 1, True), self.who
             elif not self._obeys:
                 self._take(word, who)
@@ -103,7 +104,7 @@ class OperatorStop:
         node.destroy_publisher(self._publisher)
 
 
-def word_of_stop(message: Any, last_ns: int = 0) -> tuple[tuple[int, bool], str, str]:
+def word_of_stop(message: Any, now_ns: int, last_ns: int = 0) -> tuple[tuple[int, bool], str, str]:
     """When, whether the robot is to stand, who said so, and which node says it.
 
     The bare word ``stop`` is one that is said now: somebody has nothing but ROS's own tools at hand.
@@ -115,7 +116,7 @@ def word_of_stop(message: Any, last_ns: int = 0) -> tuple[tuple[int, bool], str,
     if len(text) > _LONGEST:
         raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")
     if text.strip().lower() == "stop":
-        return (max(time.time_ns(), last_ns + 1), True), "somebody", ""
+        return (max(now_ns, last_ns + 1), True), "somebody", ""
     try:
         said = json.loads(text)
         at, stopped, who, by = said["at"], said["stopped"], str(said["who"])[:100], str(said["by"])[:200]

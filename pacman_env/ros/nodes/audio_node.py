@@ -11,6 +11,7 @@ from typing import Any
 
 from irobot_create_msgs.msg import AudioNote, AudioNoteVector
 from rclpy.duration import Duration
+from unique_identifier_msgs.msg import UUID
 
 from pacman_env.game.sounds import MELODIES, SoundQueue, frequency_hz
 
@@ -60,7 +61,7 @@ class AudioNode(GameNode):
             return
         self.once.over("no loudspeaker")
         number = self._number
-        self._player.send_goal_async(goal_of(word)).add_done_callback(lambda sent: self._sent(sent, number))
+        self._player.send_goal_async(goal_of(word), goal_uuid=UUID(uuid=list(self.surroundings.new_id()))).add_done_callback(lambda sent: self._sent(sent, number))
 
     def _sent(self, sent: Any, number: int) -> None:
         if sent.exception() is not None or not sent.result().accepted:

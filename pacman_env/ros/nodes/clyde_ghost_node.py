@@ -7,10 +7,8 @@ Those that a policy moves see what the robot's policy sees.
 from __future__ import annotations
 
 import math
-import secrets
 import sys
 from collections.abc import Iterable, Sequence
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -72,7 +70,7 @@ class ClydeGhostNode(GameNode):
             0.0,
             3600.0,
         )
-        seed = secrets.randbelow(2**31) if seed < 0 else seed
+        seed = self.surroundings.new_seed() if seed < 0 else seed
         behaviours, self._policies = split_ghosts(config.clyde.ghosts)
         config = config.with_fields(**{"clyde.ghosts": behaviours})
         assets = map_assets(self.map, config)
@@ -88,7 +86,7 @@ class ClydeGhostNode(GameNode):
         self.ghosts = MapGhosts(assets, config, seed)
         self.ghosts.rehearse(self._choices())
         self._state = "menu"
-        self._began_s = monotonic()
+        self._began_s = self.surroundings.monotonic()
         self._home: Position | None = None  # the first pose there is, then where a round starts
         self._robot: Position | None = None
         self._chosen: int | None = None  # Clyde's cell for the coming round, if someone clicked on one
@@ -177,7 +175,7 @@ class ClydeGhostNode(GameNode):
         return [pose[:2] for pose in self.ghosts.poses]
 
     def _update(self) -> None:
-        if self._robot is None and monotonic() - self._began_s < _LISTEN_S:
+        if self._robot is None and self.surroundings.monotonic() - self._began_s < _LISTEN_S:
             return  # after a start in the middle of a round they would perhaps appear beside the robot
         if self._state == "running":
             now = self.now_s()

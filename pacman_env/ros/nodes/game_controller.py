@@ -13,12 +13,9 @@ import os
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 from platformdirs import user_state_path
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.round import Action, RoundController
@@ -71,7 +68,7 @@ class GameController(GameNode):
         topics.START_GAME.server(self, lambda request, response: self._answer(self._start(), response))
         topics.RESET_GAME.server(self, lambda request, response: self._answer(self._reset(), response))
         self.create_timer(_TICK_S, self._tick)
-        self.create_timer(_SAVE_S, self._save, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(_SAVE_S, self._save, clock=self.surroundings.clock())
         if self._saved is None:
             self._do(self.game.announce())
 
@@ -126,7 +123,7 @@ class GameController(GameNode):
 
     def _call_services(self) -> None:
         """Call what is there until it answers: one that is frozen hears of it when it is back, or never."""
-        now = monotonic()
+        now = self.surroundings.monotonic()
         for kind, due in sorted(self._due.items()):
             client = self._resets[kind]
             if self.game.state == "running" and self.game.collected:  # too late: the round is on

@@ -11,8 +11,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from irobot_create_msgs.msg import LedColor, LightringLeds
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from std_msgs.msg import Header
 
 from pacman_env.game.lights import BLACK, LASTING, LIGHTS, LightRing, Ring
@@ -40,7 +38,7 @@ class GameLightNode(GameNode):
         self._timer.cancel()
         self._fresh = True  # the game's state is not known yet
         self._greetings = _GREETINGS
-        self._greeting = self.create_timer(1.0, self._greet, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._greeting = self.create_timer(1.0, self._greet, clock=self.surroundings.clock())
         self.listen(topics.GAME_LIGHT, self._hear, "bad light")
         self.listen(topics.GAME_STATE, self._hear_state, "bad state")
 

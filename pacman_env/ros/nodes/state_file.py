@@ -8,10 +8,11 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from ..surroundings import current
 
 _FORMAT = 3
 _LARGEST = 1_000_000  # bytes
@@ -30,6 +31,7 @@ class StateFile:
         self.path = path
         self._max_age_s = max_age_s
         self._owner = dict(owner)
+        self._time_ns = current().time_ns
 
     def load(self) -> Any:
         """The state saved last; None: nothing, or nothing of this owner's, or too long ago.
@@ -56,7 +58,7 @@ class StateFile:
             raise ValueError("damaged, or something else") from None
         if not known:
             raise ValueError("of another version")
-        return state if owner == self._owner and abs(time.time() - written_s) <= self._max_age_s else None
+        return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self._max_age_s else None
 
     def save(self, state: Any) -> None:
         """Write plain values in place of those saved before.
@@ -66,7 +68,7 @@ class StateFile:
         """
         if self.path is None:
             return
-        whole = {"format": _FORMAT, "written_s": time.time(), "owner": self._owner, "state": state}
+        whole = {"format": _FORMAT, "written_s": self._time_ns() * 1e-9, "owner": self._owner, "state": state}
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_name(f".{self.path.name}.tmp")  # one name: a kill leaves at most one behind
         temporary.write_text(json.dumps(whole))

@@ -6,9 +6,6 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-
 from .. import topics
 from ..messages import pose_of
 from ..node import BaseNode, parameter, run
@@ -25,7 +22,7 @@ class PoseWaiter(BaseNode):
         super().__init__(NAME)
         self._timeout_s = parameter(self, "timeout_s", 0.0, "give up after this time, s; 0: never", 0.0, 86400.0)
         if self._timeout_s > 0.0:  # on the wall: a simulated clock may not run before the robot is there
-            self.create_timer(self._timeout_s, self._give_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self.create_timer(self._timeout_s, self._give_up, clock=self.surroundings.clock())
         self.listen(topics.AMCL_POSE, self._hear, "bad pose")
 
     def _hear(self, message: Any) -> None:

@@ -14,8 +14,6 @@ from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.lifecycle.node import LifecycleNodeMixin, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from std_msgs.msg import Int32, String
@@ -142,10 +140,10 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         ]
         self._transforms = MessageQueue(self, topics.TF, self._take_transforms)
         timer = self.create_timer(1.0 / self._tell_rate, self._tell_condition)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        timers = [timer, self.create_timer(_REPEAT_S, self._repeat, clock=steady)]
+        wall = self.surroundings.clock()
+        timers = [timer, self.create_timer(_REPEAT_S, self._repeat, clock=wall)]
         if self.get_parameter("use_sim_time").value:
-            timers.append(self.create_timer(_LOOK_S, self._look_for_nav2, clock=steady))
+            timers.append(self.create_timer(_LOOK_S, self._look_for_nav2, clock=wall))
         self._destroy = [
             self._nav2.destroy,
             self._transforms.destroy,

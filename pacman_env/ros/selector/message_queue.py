@@ -6,11 +6,13 @@ usual rates would keep a node busier than all that it does with them.
 
 from __future__ import annotations
 
-import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+
+from pacman_env.ros.surroundings import current
 
 
 class _Nobody(CallbackGroup):
@@ -39,15 +41,30 @@ class MessageQueue:
 
     def __init__(self, node: Any, topic: Any, take: Callable[[Any, float], object]) -> None:
         self._node, self._take = node, take
-        self._subscription = topic.subscription(node, lambda message: None, callback_group=_Nobody())
+        self._surroundings = current()
+        self._waiting: deque[tuple[Any, float]] = deque(maxlen=topic.qos.depth)  # of a lock-step game, with arrival
+        if self._surroundings.lock_step:  # where each message comes at a simulated moment, and waking costs nothing
+            self._subscription = topic.subscription(node, self._put)
+        else:
+            self._subscription = topic.subscription(node, lambda message: None, callback_group=_Nobody())
+
+    def _put(self, message: Any) -> None:
+        self._waiting.append((message, self._surroundings.monotonic()))
 
     def catch_up(self) -> None:
         """Take what waits."""
+        now_s = self._surroundings.monotonic()
+        while self._waiting:
+            message, arrived_s = self._waiting.popleft()
+            self._take(message, now_s - arrived_s)
+        if self._surroundings.lock_step:
+            return
         with self._subscription.handle:
             while taken := self._subscription.handle.take_message(self._subscription.msg_type, False):
                 message, info = taken
                 received_ns = info["received_timestamp"]  # 0 where the middleware does not say
-                self._take(message, max(0.0, (time.time_ns() - received_ns) * 1e-9) if received_ns else 0.0)
+                waited_ns = self._surroundings.time_ns() - received_ns if received_ns else 0
+                self._take(message, max(0.0, waited_ns * 1e-9))
 
     def destroy(self) -> None:
         """Take no more."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Callable
 from functools import partial
-from time import monotonic
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -16,6 +14,7 @@ from pacman_env.game.execution import CANCELED
 from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, pose_of
 from pacman_env.ros.selector.message_queue import MessageQueue
+from pacman_env.ros.surroundings import current
 
 _TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _ASK_AGAIN_S = 5.0  # of wall time
@@ -41,7 +40,7 @@ class NavigationClient:
         rejected: Callable[[int], None],
         finished: Callable[[int, int, Position | None], None],
     ) -> None:
-        self._node = node
+        self._node, self._surroundings = node, current()
         action = topics.NAVIGATE_TO_POSE
         # Not rclpy's ActionClient, whom every feedback wakes: Nav2 sends a hundred in a second.
         self._asker, self._results = action.goal_client(node), action.result_client(node)
@@ -73,11 +72,11 @@ class NavigationClient:
         """
         if self._clearing is None and self.ready:
             request = self._canceller.srv_type.Request()  # all zero: every goal
-            self._clearing = self._canceller.call_async(request), monotonic() + _CLEAR_S
+            self._clearing = self._canceller.call_async(request), self._surroundings.monotonic() + _CLEAR_S
         if self._clearing is None:
             return False
         answer, end = self._clearing
-        return monotonic() > end or (answer.done() and not answer.result().goals_canceling)
+        return self._surroundings.monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def cancel_all(self) -> None:
         """Have every goal cancelled, whoever sent it."""
@@ -92,7 +91,7 @@ class NavigationClient:
         for number, name in self._taken.items():
             if (status := status_of.get(bytes(name.uuid))) in _ENDED:
                 self._ended[number] = status
-        if not self.forbidden and (self._clearing is None or monotonic() > self._clearing[1]):
+        if not self.forbidden and (self._clearing is None or self._surroundings.monotonic() > self._clearing[1]):
             return
         own = {bytes(name.uuid) for goals in (self._taken, self._unanswered) for name in goals.values()}
         for goal in message.status_list:
@@ -106,7 +105,7 @@ class NavigationClient:
         miss it, answers that it knows no such goal.
         """
         for number, (answer, asked_s) in list(self._asked.items()):
-            if monotonic() - asked_s > _ASK_AGAIN_S and number in self._taken and self._results.service_is_ready():
+            if self._surroundings.monotonic() - asked_s > _ASK_AGAIN_S and number in self._taken and self._results.service_is_ready():
                 self._results.remove_pending_request(answer)
                 self._ask_for_result(number)
         self._ended = {number: status for number, status in self._ended.items() if number in self._taken}
@@ -116,7 +115,7 @@ class NavigationClient:
 
     def send(self, number: int, pose: Pose) -> None:
         """Send a goal in the map frame."""
-        name = self._unanswered[number] = UUID(uuid=list(uuid.uuid4().bytes))
+        name = self._unanswered[number] = UUID(uuid=list(self._surroundings.new_id()))
         request = self._asker.srv_type.Request(goal_id=name)
         request.goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
         self._asker.call_async(request).add_done_callback(partial(self._on_answer, number, name))
@@ -165,7 +164,7 @@ class NavigationClient:
     def _ask_for_result(self, number: int) -> None:
         request = self._results.srv_type.Request(goal_id=self._taken[number])
         answer = self._results.call_async(request)
-        self._asked[number] = answer, monotonic()
+        self._asked[number] = answer, self._surroundings.monotonic()
         answer.add_done_callback(partial(self._on_result, number))
 
     def _on_result(self, number: int, answer: Any) -> None:

@@ -7,7 +7,6 @@ choices and events. Nothing is published here: the node does what it is told, an
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -27,6 +26,7 @@ from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, 
 from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
 from pacman_env.ros.selector.goal_scores import DecisionTimes
 from pacman_env.ros.selector.rehearsal import rehearsed
+from pacman_env.ros.surroundings import current
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
@@ -62,7 +62,7 @@ class Selection:
         pose_timeout_s: float,
         warn: Callable[[str, str], None],
     ) -> None:
-        self._warn = warn
+        self._warn, self._perf_counter = warn, current().perf_counter
         self._home_given = home is not None
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else Home(*home))
@@ -181,7 +181,7 @@ class Selection:
         The policy is asked where ``config.decisions`` says that a decision is due; until then its last choice is made
         again at each look, as in the simulator.
         """
-        began = time.perf_counter()
+        began = self._perf_counter()
         belief = self._believe(now)
         do(self.executor.look(None if belief is None else belief.pose[:2], self.view.ghosts, now))
         self.seen = None
@@ -210,7 +210,7 @@ class Selection:
         choice = self._last.choice
         do(self.executor.choose(None if choice == HOLD else self.view.goal(choice), now))
         if due:
-            self._times.add(time.perf_counter() - began)
+            self._times.add(self._perf_counter() - began)
             self.seen = situation, chosen
 
     def _distance(self, belief: Belief) -> float:

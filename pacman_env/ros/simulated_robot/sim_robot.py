@@ -10,14 +10,11 @@ import dataclasses
 import json
 import math
 import sys
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
@@ -27,7 +24,7 @@ from ...sim.core.robot import SimulatedRobot
 from .. import topics
 from ..discovery import publishers, stay_on_this_machine
 from ..messages import GHOST_OBSTACLE, BadMessage, points_of, pose_of
-from ..node import GameNode, parameter, process_of, process_words, run, started, this_process
+from ..node import GameNode, parameter, process_of, process_words, run, started
 from .sim_actions import NavigateServer, NotesServer
 from .sim_faults import Faults
 from .sim_sensors import TRANSFORM_TOLERANCE_NS, Sensors
@@ -83,8 +80,8 @@ class SimRobot(GameNode):
             raise ValueError(reason)
         self._step_ns = round(config.physics_step_s * 1e9)
         self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
-        self._start_ns = START_NS if self._simulated else time.time_ns()
-        self._began = time.monotonic()  # wall time of step 0
+        self._start_ns = START_NS if self._simulated else self.surroundings.time_ns()
+        self._began = self.surroundings.monotonic()  # wall time of step 0
         self._marks: dict[int, tuple[float, float]] = {}  # where ghosts were seen
         self._marked_step: int | None = None  # when one was seen last
         self._faults = Faults()
@@ -95,7 +92,7 @@ class SimRobot(GameNode):
         self._notes = NotesServer(self, lambda what: self._audio.publish(String(data=json.dumps(what))))
         self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
         if self._simulated:
-            self._owner = {"namespace": self.get_namespace(), "started": this_process()}
+            self._owner = {"namespace": self.get_namespace(), "started": self.surroundings.process()}
             self.listen(topics.CLOCK_OWNER, self._hear_clock_owner, "bad clock owner")
             self._owner_out = topics.CLOCK_OWNER.publisher(self)
             self._owner_out.publish(String(data=json.dumps(self._owner)))
@@ -108,8 +105,9 @@ class SimRobot(GameNode):
             self._apply_fault(text)
         self._show_faults()
         period_s = config.physics_step_s / self._speed
-        self.create_timer(period_s, self.tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.create_timer(LOOK_S, self._look_for_others, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        if not self.surroundings.lock_step:
+            self.create_timer(period_s, self.tick, clock=self.surroundings.clock())
+        self.create_timer(LOOK_S, self._look_for_others, clock=self.surroundings.clock())
         x, y, heading = robot.pose
         self.get_logger().info(f"{robot.occupancy.name}: robot at ({x:.2f}, {y:.2f}, {heading:.2f}), seed {seed}")
 
@@ -172,7 +170,7 @@ class SimRobot(GameNode):
     def tick(self) -> None:
         """Step the world on to what the wall's clock says, but not deaf for long."""
         step_s = self._step_ns * 1e-9 / self._speed
-        behind = math.floor((time.monotonic() - self._began) / step_s) - self.robot.steps
+        behind = math.floor((self.surroundings.monotonic() - self._began) / step_s) - self.robot.steps
         most = max(round(CATCH_UP_S / step_s), 1)
         lost = behind - most
         if lost > 0:
@@ -181,9 +179,10 @@ class SimRobot(GameNode):
             if not self._simulated:  # stamps stay with the wall's clock
                 self._start_ns += lost * self._step_ns
         for _ in range(min(behind, most, AT_ONCE)):
-            self._step()
+            self.step()
 
-    def _step(self) -> None:
+    def step(self) -> None:
+        """One step of the world, and all that is published after it."""
         robot = self.robot
         if self._marked_step is not None and (robot.steps - self._marked_step) * self._step_ns > MARK_LASTS_S * 1e9:
             self._unmark()

@@ -1,0 +1,149 @@
+"""A whole game over the simulated robot, in lock-step: the nodes that ``ros up --sim`` starts, in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from ..node import BAD_START, BaseNode
+from ..nodes.audio_node import AudioNode
+from ..nodes.clyde_ghost_node import ClydeGhostNode
+from ..nodes.game_controller import GameController
+from ..nodes.game_event_mapper import GameEventMapper
+from ..nodes.game_light_node import GameLightNode
+from ..nodes.pellet_manager import PelletManager
+from ..nodes.wait_for_amcl_pose import FOUND, PoseWaiter
+from ..selector.goal_selector import GoalSelector
+from ..simulated_robot.sim_robot import SimRobot
+from ..standstill import DEFAULT_LEASE_S, STOOD_STILL
+from ..supervisor.game_nodes import SELECTOR, SIMULATOR, STOP_ORDER, WAIT, GameSetup, full_namespace
+from ..topics import Service
+from .members import Member
+from .stepper import LockStep, NodeFailed
+
+CLASSES: dict[str, Callable[[], BaseNode]] = {
+    SIMULATOR: SimRobot,
+    "pellet_manager": PelletManager,
+    "audio_node": AudioNode,
+    "game_light_node": GameLightNode,
+    "clyde_ghost_node": ClydeGhostNode,
+    "game_event_mapper": GameEventMapper,
+    "game_controller": GameController,
+    WAIT: PoseWaiter,
+    SELECTOR: GoalSelector,
+}
+RESTART_S = 3.0  # of simulated time: the pause before a node is started again, and its start
+LOCALIZED_S = 60.0  # of simulated time, for the robot's first pose
+SEEDED = (SIMULATOR, "clyde_ghost_node")
+
+
+class LockStepGame(LockStep):
+    """The nodes of a game; after the making the robot has its pose and every node is there.
+
+    Args:
+        setup: of the game; ``sim`` must be true.
+        seed: of robot, ghosts and everything else that is drawn.
+        options: of :class:`LockStep`.
+
+    Raises:
+        ValueError: no simulated robot; a map, policy or number that cannot be played.
+        NodeFailed: a node does not start, or the robot is not localized.
+    """
+
+    def __init__(self, setup: GameSetup, seed: int = 0, **options: Any) -> None:
+        if not setup.sim:
+            raise ValueError("lock-step: only with a simulated robot")
+        extra = {name: {"seed": seed, **setup.extra.get(name, {})} for name in SEEDED}
+        self.setup = replace(setup, speed=1.0, extra={**setup.extra, **extra})
+        super().__init__(seed, **options)
+        self.ended = self._ended
+        self.restarts: list[tuple[float, str, int | None]] = []  # when (s), which node, and with which status it ended
+        self._due: dict[str, float] = {}  # nodes that are started again, and when, s
+        self.namespace = full_namespace(setup.namespace)
+        try:
+            for name in self.setup.first_nodes:
+                self.start(name)
+            if not self.until(lambda: self.member(WAIT) is None, LOCALIZED_S):
+                raise NodeFailed(f"the robot has no pose after {LOCALIZED_S:g} s of simulated time")
+            self.start(SELECTOR)
+        except BaseException:
+            self.close()
+            raise
+
+    def start(self, name: str) -> Member:
+        """Make one of the game's nodes."""
+        return self.add(CLASSES[name], self.setup.command(name)[1:])
+
+    def join(self, make: Callable[[], BaseNode]) -> Any:
+        """Add a node that is none of the game's, in its namespace; the node."""
+        arguments = ["--ros-args", "-r", f"__ns:={self.namespace}", "-p", "use_sim_time:=true"]
+        return self.add(make, arguments).node
+
+    def call(self, node: BaseNode, service: Service, limit_s: float = 10.0) -> Any:
+        """The answer of a service, asked for by a node that has joined.
+
+        Raises:
+            NodeFailed: there is none within so much simulated time, s.
+        """
+        client = service.client(node)
+        answer = self.within(node, lambda: client.call_async(service.type.Request()))
+        if not self.until(answer.done, limit_s):
+            raise NodeFailed(f"{service.name}: no answer within {limit_s:g} s of simulated time")
+        node.destroy_client(client)
+        return answer.result()
+
+    # Faults
+
+    def kill(self, name: str) -> None:
+        """The node is gone, without last messages; it is started again as ``ros up`` does."""
+        if (member := self.member(name)) is not None:
+            self.remove(member, last_messages=False)
+            self._start_again(name, None)
+
+    def freeze_node(self, name: str) -> None:
+        """The node stands still."""
+        if (member := self.member(name)) is not None and member.frozen_s is None:
+            self.freeze(member)
+
+    def thaw_node(self, name: str) -> None:
+        """It goes on; after a standstill of more than the middleware's lease it ends, to be started again."""
+        member = self.member(name)
+        if member is None or member.frozen_s is None:
+            return
+        if self.wall.now_s - member.frozen_s > DEFAULT_LEASE_S:
+            member.node.status = STOOD_STILL
+            member.inbox.clear()
+        self.thaw(member)
+        if member.node.status is not None:
+            self.remove(member)
+            self._ended(member)
+
+    def _ended(self, member: Member) -> None:
+        if member.name == WAIT:
+            if member.node.status != FOUND:
+                raise NodeFailed("the robot is not localized")
+        elif member.name in CLASSES:
+            if member.node.status == BAD_START:
+                raise NodeFailed(f"{member.name} does not start")
+            self._start_again(member.name, member.node.status)
+
+    def _start_again(self, name: str, status: int | None) -> None:
+        self.restarts.append((self.wall.now_s, name, status))
+        self._due[name] = self.wall.now_s + RESTART_S
+
+    def step(self) -> None:
+        """As of any lock-step; nodes that are due are started again."""
+        super().step()
+        for name in [name for name, due_s in self._due.items() if due_s <= self.wall.now_s]:
+            del self._due[name]
+            self.start(name)
+
+    def stop(self) -> None:
+        """Stop all nodes in the order of ``ros up``, with their last messages, then ROS."""
+        self._due.clear()
+        order = [*STOP_ORDER, *(member.name for member in reversed(self.members))]
+        for name in dict.fromkeys(order):
+            if (member := self.member(name)) is not None:
+                self.remove(member)
+        self.close()

@@ -1,0 +1,514 @@
+"""Steps the nodes of one process: each message is handled before the next one, and all of them before time goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import os
+import sys
+import threading
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient, ActionServer
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.service import Service
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+
+from ..node import LAST_MESSAGES_S, BaseNode
+from ..surroundings import within
+from .losses import Losses
+from .members import Delivery, Member, NodeExecutor
+from .surroundings import LockStepSurroundings, SimulatedWall
+
+SILENCE_S = 60.0  # of real time that one callback may take
+SILENT = 70  # exit status: EX_SOFTWARE of sysexits.h
+MOST_DELIVERIES = 100_000  # in one step
+_JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
+_ACTION = "/_action/"
+Witness = Callable[[Delivery], None]
+
+
+class NodeFailed(RuntimeError):
+    """A callback of a node has raised an exception, or nodes answer one another without end."""
+
+
+class LockStep:
+    """Nodes of this process, and the simulated time that they share.
+
+    Args:
+        seed: of what nodes draw, and of losses.
+        domain: ROS domain; None: that of the environment.
+        silence_s: after so much real time in one callback, its node is named and the process ends.
+    """
+
+    def __init__(self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S) -> None:
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        self.wall = SimulatedWall(seed)
+        self.losses = Losses(seed)
+        self.members: list[Member] = []
+        self.witnesses: list[Witness] = []  # see each delivery before it is handled
+        self.ended: Callable[[Member], None] = lambda member: None  # called after a node has ended by itself
+        self._started = 0
+        self._queue: deque[Delivery] = deque()
+        self._turn: Member | None = None  # whose code runs
+        self._published: dict[Any, int] = {}  # by publisher: messages
+        self._index = _Index()
+        self._changed = True
+        self._closed = False
+        self._watchdog = _Watchdog(silence_s)
+
+    # Members
+
+    def add(self, make: Callable[[], BaseNode], arguments: list[str]) -> Member:
+        """Make a node; what is latched reaches it before this returns.
+
+        Args:
+            make: called without arguments.
+            arguments: of ROS, ``--ros-args ...``.
+
+        Raises:
+            Exception: what the making raises.
+            NodeFailed: a latched message does not arrive.
+        """
+        self._started += 1
+        surroundings = LockStepSurroundings(self.wall, self._started, self.context, arguments, self._watch)
+        before, self._turn = self._turn, None
+        with within(surroundings), self._watchdog.during(f"the making of node {self._started}"):
+            node = make()
+        executor = NodeExecutor(self.context, self._entities_changed)
+        member = Member(node.get_name(), self._started, make, arguments, node, executor)
+        node.executor = executor
+        self.members.append(member)
+        self._changed = True
+        self._turn = before
+        self._join(member)
+        self.drain()
+        return member
+
+    def _join(self, member: Member) -> None:
+        """Take what was published while the member was made, and what is latched for it, by the times of publication."""
+        self._refresh()
+        taken: list[tuple[int, Member, Subscription, Any]] = []
+        owed = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions}
+        end = time.monotonic() + _JOIN_S
+        while True:
+            for other, sub in self._index.subscriptions:
+                for message in _messages(sub):
+                    taken.append((message[1]["source_timestamp"], other, sub, message))
+                    owed[sub] = owed.get(sub, 0) - 1
+            missing = [sub for sub, count in owed.items() if count > 0]
+            if not missing:
+                break
+            if time.monotonic() > end:
+                names = ", ".join(sub.topic_name for sub in missing)
+                raise NodeFailed(f"{member.name}: what is latched on {names} has not arrived within {_JOIN_S:g} s")
+            time.sleep(0.001)
+        for _, other, sub, message in sorted(taken, key=lambda one: one[0]):
+            self._put(self._delivery(other, sub, message))
+
+    def _latched_for(self, member: Member, sub: Subscription) -> int:
+        """How many messages of other members the middleware keeps for a subscription that was made now."""
+        if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
+            return 0
+        name = sub.topic_name
+        publishers = (p for other in self.members if other is not member for p in other.node.publishers)
+        return sum(
+            min(self._published.get(publisher, 0), publisher.qos_profile.depth)
+            for publisher in publishers
+            if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL and publisher.topic_name == name
+        )
+
+    def member(self, name: str) -> Member | None:
+        """The node of that name that is there; None: none is."""
+        return next((one for one in self.members if one.name == name and one.present), None)
+
+    def remove(self, member: Member, last_messages: bool = True) -> None:
+        """End a node, as a signal does, or as its death does: without its last messages, and with those of its fellows
+        that it has not handled."""
+        if member.ending:
+            return
+        member.ending = True
+        if last_messages and not member.node.silent:
+            answers: list[Any] = []
+            self._run(member, lambda: answers.extend(member.node.last_messages()))
+            end_s = self.wall.now_s + LAST_MESSAGES_S
+            self.drain()
+            while not all(one.done() for one in answers) and self.wall.now_s < end_s and not self._closed:
+                self.step()
+            member.node.once.summary()
+        member.present = False
+        self.members.remove(member)
+        self._queue = deque(one for one in self._queue if one.member is not member)
+        self.losses.forget(member)
+        for publisher in member.node.publishers:
+            self._published.pop(publisher, None)
+        member.executor.shutdown()
+        member.node.destroy_node()
+        self._changed = True
+
+    def close(self) -> None:
+        """End all nodes that are left, without last messages, and ROS."""
+        self._closed = True
+        self._watchdog.close()
+        for member in self.members[::-1]:
+            self.remove(member, last_messages=False)
+        self.context.try_shutdown()
+
+    # Faults
+
+    def freeze(self, member: Member) -> None:
+        """The node does not run any more; what comes for it waits."""
+        member.frozen_s = self.wall.now_s
+
+    def thaw(self, member: Member) -> None:
+        """The node runs again."""
+        member.frozen_s = None
+        inbox, member.inbox = member.inbox, []
+        self._queue.extend(inbox)
+
+    # Time
+
+    def step(self) -> None:
+        """Let time go on by one step of the simulated robot, and have everything handled.
+
+        Raises:
+            NodeFailed: what a callback has raised; without a simulated robot, nothing says how long a step is.
+        """
+        self.wall.advance(self.step_ns)
+        for delivery in self.losses.due(self.wall.now_s):
+            self._put(delivery, again=True)
+        self.drain()
+        robot = self._robot()
+        if robot is not None and robot.frozen_s is None:
+            self._run(robot, robot.node.step)  # type: ignore[attr-defined]
+            self.drain()
+        for member in self.members[:]:
+            if member.frozen_s is None and member.present:
+                self._fire_timers(member)
+
+    @property
+    def step_ns(self) -> int:
+        """The length of a step, ns."""
+        return 50_000_000
+
+    def _robot(self) -> Member | None:
+        return next((one for one in self.members if hasattr(one.node, "step")), None)
+
+    def _fire_timers(self, member: Member) -> None:
+        for timer in list(member.node.timers):
+            with timer.handle:
+                due = timer.handle.is_timer_ready()
+                if due:
+                    timer.handle.call_timer()
+            if due and member.present and member.frozen_s is None:
+                self._run(member, partial(_call, member, timer.callback))
+                self.drain()
+
+    def until(self, condition: Callable[[], object], limit_s: float) -> bool:
+        """Step until the condition holds, at most so much simulated time, s; whether it does."""
+        end_s = self.wall.now_s + limit_s
+        while not condition():
+            if self.wall.now_s >= end_s:
+                return False
+            self.step()
+        return True
+
+    def within(self, node: BaseNode, do: Callable[[], Any]) -> Any:
+        """Have a member do something between two steps; what ``do`` returns."""
+        member = next(one for one in self.members if one.node is node)
+        results: list[Any] = []
+        self._run(member, lambda: results.append(do()))
+        self.drain()
+        return results[0]
+
+    def advance(self, seconds: float) -> None:
+        """Let so much time pass, s."""
+        self.until(lambda: False, seconds - 1e-6)
+
+    # Messages
+
+    def _watch(self, entity: Any) -> None:
+        """Have what the entity sends taken at once by those who are to get it."""
+        if isinstance(entity, Publisher):
+            entity.publish = partial(self._publish, entity, entity.publish)  # type: ignore[method-assign]
+        elif isinstance(entity, Client):
+            entity.call_async = partial(self._request, entity, entity.call_async)  # type: ignore[method-assign]
+        elif isinstance(entity, Service):
+            entity.send_response = partial(self._respond, entity, entity.send_response)  # type: ignore[method-assign]
+
+    def _publish(self, publisher: Publisher, publish: Callable[[Any], None], message: Any) -> None:
+        publish(message)
+        self._published[publisher] = self._published.get(publisher, 0) + 1
+        if self._turn is not None:
+            self._refresh()
+            for member, sub in self._index.by_publisher(publisher):
+                self._take(member, sub)
+
+    def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
+        answer = call(request)
+        self._refresh()
+        name = self._index.name_of(client)
+        for member, service in self._index.services.get(name, ()):
+            self._take(member, service)
+        if _ACTION in name:
+            self._take_actions()
+        return answer
+
+    def _respond(self, service: Service, send: Callable[[Any, Any], None], response: Any, header: Any) -> None:
+        send(response, header)
+        self._refresh()
+        for member, client in self._index.clients.get(self._index.name_of(service), ()):
+            self._take(member, client)
+
+    def _take(self, member: Member, entity: Subscription | Service | Client) -> None:
+        takes = _messages if isinstance(entity, Subscription) else _requests if isinstance(entity, Service) else _answers
+        for taken in takes(entity):
+            self._put(self._delivery(member, entity, taken))
+
+    def _take_actions(self) -> None:
+        """What actions' clients and servers have sent, which rclpy does not say in Python."""
+        for member, entity in self._index.of_actions:
+            self._take(member, entity)
+        for member, waitable in self._index.waitables:
+            while data := _data(waitable):
+                self._put(self._delivery(member, waitable, data))
+
+    def take_all(self) -> None:
+        """What others than the members have sent, too."""
+        self._refresh()
+        self._turn = None
+        for member, sub in self._index.subscriptions:
+            self._take(member, sub)
+        for group in (self._index.services, self._index.clients):
+            for pairs in group.values():
+                for member, entity in pairs:
+                    self._take(member, entity)
+        self._take_actions()
+
+    def _delivery(self, member: Member, entity: Any, taken: Any) -> Delivery:
+        sender = self._turn
+        if isinstance(entity, Subscription):
+            qos = entity.qos_profile
+            arguments = taken[:1] if entity._callback_type is Subscription.CallbackType.MessageOnly else taken
+            handle = partial(_call, member, entity.callback, *arguments)
+            reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
+            latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            name = self._index.name_of(entity)
+            return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, reliable, latched)
+        if isinstance(entity, Service):
+            return Delivery(
+                member, entity, self._index.name_of(entity), taken[0], partial(_serve, member, entity, *taken), sender
+            )
+        if isinstance(entity, Client):
+            return Delivery(
+                member, entity, self._index.name_of(entity), taken[1], partial(_answer, member, entity, *taken), sender
+            )
+        handle = partial(_execute, member, entity, taken)
+        return Delivery(member, entity, "action", taken, handle, sender)
+
+    def _put(self, delivery: Delivery, again: bool = False) -> None:
+        if not again and self.losses.holds(delivery, self.wall.now_s):
+            return
+        if delivery.member.frozen_s is not None:
+            delivery.member.keep(delivery)
+        else:
+            self._queue.append(delivery)
+
+    def drain(self) -> None:
+        """Have everything handled that waits, and what follows from it.
+
+        Raises:
+            NodeFailed: what a callback has raised, or there is no end to it.
+        """
+        for _ in range(MOST_DELIVERIES):
+            if not self._queue:
+                return
+            delivery = self._queue.popleft()
+            member = delivery.member
+            if not member.present:
+                continue
+            if member.frozen_s is not None:
+                member.keep(delivery)
+                continue
+            for witness in self.witnesses:
+                witness(delivery)
+            self._run(member, delivery.handle)
+        names = sorted({f"{one.member.name} ({one.name})" for one in self._queue})
+        raise NodeFailed(f"no end to messages in one step, {MOST_DELIVERIES} so far; waiting: {', '.join(names)}")
+
+    def _run(self, member: Member, handle: Callable[[], object]) -> None:
+        before, self._turn = self._turn, member
+        try:
+            with self._watchdog.during(member.name):
+                handle()
+                member.executor.run_tasks()
+            if member in self._index.with_actions:
+                self._refresh()
+                self._take_actions()
+        except Exception as error:
+            raise NodeFailed(f"{member.name}: {type(error).__name__}: {error}") from error
+        finally:
+            self._turn = before
+        if member.node.status is not None and not member.ending:
+            self.remove(member)
+            self.ended(member)
+
+    # Entities
+
+    def _entities_changed(self) -> None:
+        self._changed = True
+
+    def _refresh(self) -> None:
+        if self._changed:
+            self._changed = False
+            self._index = _Index(self.members)
+
+
+class _Index:
+    """The entities of all members by the names of their topics and services."""
+
+    def __init__(self, members: list[Member] | None = None) -> None:
+        members = members or []
+        self.subscriptions = [(m, sub) for m in members for sub in m.node.subscriptions]
+        self.services = _by_name((m, one) for m in members for one in m.node.services)
+        self.clients = _by_name((m, one) for m in members for one in m.node.clients)
+        self.waitables = [
+            (m, one) for m in members for one in m.node.waitables if isinstance(one, ActionServer | ActionClient)
+        ]
+        self.with_actions = {m for m, _ in self.waitables}
+        self._names: dict[Any, str] = {}
+        self._by_topic: defaultdict[str, list[tuple[Member, Subscription]]] = defaultdict(list)
+        for member, sub in self.subscriptions:
+            self._by_topic[self.name_of(sub)].append((member, sub))
+        of_clients = [(m, one) for name, pairs in self.clients.items() if _ACTION in name for m, one in pairs]
+        of_topics = [(m, sub) for m, sub in self.subscriptions if _ACTION in self.name_of(sub)]
+        self.of_actions: list[tuple[Member, Any]] = [*of_clients, *of_topics]
+
+    def name_of(self, entity: Any) -> str:
+        """The full name of its topic or service."""
+        if entity not in self._names:
+            by_topic = isinstance(entity, Publisher | Subscription)
+            self._names[entity] = entity.topic_name if by_topic else entity.service_name
+        return self._names[entity]
+
+    def by_publisher(self, publisher: Publisher) -> list[tuple[Member, Subscription]]:
+        """The subscriptions of its topic."""
+        return self._by_topic.get(self.name_of(publisher), [])
+
+
+def _by_name(pairs: Iterator[tuple[Member, Any]]) -> dict[str, list[tuple[Member, Any]]]:
+    found: defaultdict[str, list[tuple[Member, Any]]] = defaultdict(list)
+    for member, entity in pairs:
+        found[entity.service_name].append((member, entity))
+    return dict(found)
+
+
+def _messages(sub: Subscription) -> Iterator[Any]:
+    with sub.handle:
+        while (taken := sub.handle.take_message(sub.msg_type, sub.raw)) is not None:
+            yield taken
+
+
+def _requests(service: Service) -> Iterator[Any]:
+    with service.handle:
+        while (taken := service.handle.service_take_request(service.srv_type.Request))[0] is not None:
+            yield taken
+
+
+def _answers(client: Client) -> Iterator[Any]:
+    with client.handle:
+        while (taken := client.handle.take_response(client.srv_type.Response))[0] is not None:
+            yield taken
+
+
+#: By which rclpy's ends of actions remember what a wait set has found for them. A wait set takes a millisecond each time;
+#: an attempt to take what is not there, a microsecond.
+_READY = {
+    ActionServer: ("_is_goal_request_ready", "_is_cancel_request_ready", "_is_result_request_ready"),
+    ActionClient: (
+        *("_is_goal_response_ready", "_is_cancel_response_ready", "_is_result_response_ready"),
+        *("_is_feedback_ready", "_is_status_ready"),
+    ),
+}
+
+
+def _data(waitable: ActionServer | ActionClient) -> dict[str, Any]:
+    """What has come for an action's end; empty: nothing."""
+    for flag in _READY[type(waitable)]:
+        setattr(waitable, flag, True)
+    if isinstance(waitable, ActionServer):
+        waitable._is_goal_expired = bool(waitable._goal_handles)  # of 15 minutes ago; without goals rcl raises
+    return {name: data for name, data in waitable.take_data().items() if data}
+
+
+def _call(member: Member, callback: Callable[..., Any], *arguments: Any) -> None:
+    if inspect.iscoroutinefunction(callback):
+        member.executor.create_task(callback, *arguments)
+    else:
+        callback(*arguments)
+
+
+def _serve(member: Member, service: Service, request: Any, header: Any) -> None:
+    async def serve() -> None:
+        response = service.callback(request, service.srv_type.Response())
+        service.send_response(await response if inspect.isawaitable(response) else response, header)
+
+    member.executor.create_task(serve)
+
+
+def _answer(member: Member, client: Client, header: Any, response: Any) -> None:
+    try:
+        future = client.get_pending_request(header.request_id.sequence_number)
+    except KeyError:  # it is not waited for any more
+        return
+    future._set_executor(member.executor)
+    future.set_result(response)
+
+
+def _execute(member: Member, waitable: ActionServer | ActionClient, data: dict[str, Any]) -> None:
+    for future in waitable._futures:
+        future._set_executor(member.executor)
+    member.executor.create_task(waitable.execute, data)
+
+
+class _Watchdog:
+    """A thread that ends the process, with the node's name, when one callback takes too long."""
+
+    LOOK_S = 0.25
+
+    def __init__(self, silence_s: float) -> None:
+        self._silence_s = silence_s
+        self._name, self._since_s = "", 0.0
+        self._end = threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    @contextlib.contextmanager
+    def during(self, name: str) -> Iterator[None]:
+        """What runs in the block is the node of that name."""
+        before = self._name, self._since_s
+        self._name, self._since_s = name, time.monotonic()
+        try:
+            yield
+        finally:
+            self._name, self._since_s = before
+
+    def close(self) -> None:
+        self._end.set()
+
+    def _watch(self) -> None:
+        while not self._end.wait(self.LOOK_S):
+            name, since_s = self._name, self._since_s
+            if name and time.monotonic() - since_s > self._silence_s:
+                text = f"{name} has not answered for {self._silence_s:g} s of real time: the game ends"
+                print(text, file=sys.stderr, flush=True)
+                os._exit(SILENT)

@@ -1,0 +1,104 @@
+"""The surroundings of the nodes of a lock-step game: a wall clock that is simulated, ids that are drawn from a seed."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock, ROSClock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.time import Time
+
+from ..surroundings import Surroundings
+
+#: The wall's clock at the beginning of a game: an instant in 2017, so that it is no machine's now.
+EPOCH_NS = 1_500_000_000_000_000_000
+
+
+class SimulatedWall:
+    """The wall's clock of a game, which goes on only when it is advanced.
+
+    Args:
+        seed: of all ids and seeds that are drawn.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.now_ns = 0
+        self.clock = ROSClock()
+        self.clock._set_ros_time_is_active(True)
+        self.advance(0)
+        self._seed, self._drawn = seed, 0
+
+    @property
+    def now_s(self) -> float:
+        """Since the beginning of the game, s."""
+        return self.now_ns * 1e-9
+
+    def advance(self, nanoseconds: int) -> None:
+        """Let time pass."""
+        self.now_ns += nanoseconds
+        self.clock.set_ros_time_override(Time(nanoseconds=EPOCH_NS + self.now_ns, clock_type=ClockType.ROS_TIME))
+
+    def draw(self) -> bytes:
+        """16 bytes, other ones at each call."""
+        self._drawn += 1
+        return hashlib.blake2b(f"{self._seed} {self._drawn}".encode(), digest_size=16).digest()
+
+
+class LockStepSurroundings(Surroundings):
+    """Those of one node.
+
+    Args:
+        wall: the clock of the game.
+        number: of the node, in the order of their starts.
+        context: of rclpy.
+        arguments: of the node, as they would follow its program's name.
+        watch: called with each publisher, client and service of the node.
+    """
+
+    lock_step = True
+
+    def __init__(
+        self,
+        wall: SimulatedWall,
+        number: int,
+        context: Context,
+        arguments: list[str],
+        watch: Callable[[Any], None],
+    ) -> None:
+        self._wall, self._number, self.watch = wall, number, watch
+        self._options = {"context": context, "cli_args": arguments, "use_global_arguments": False}
+
+    def options(self) -> dict[str, Any]:
+        """The node's arguments, in the context of the game."""
+        return self._options
+
+    def monotonic(self) -> float:
+        """Of the game's wall clock, s."""
+        return self._wall.now_s
+
+    def time_ns(self) -> int:
+        """Likewise, ns since 1970."""
+        return EPOCH_NS + self._wall.now_ns
+
+    def perf_counter(self) -> float:
+        """Likewise: no time passes while a node computes."""
+        return self._wall.now_s
+
+    def clock(self) -> Clock:
+        """The game's wall clock."""
+        return self._wall.clock
+
+    def process(self) -> list[Any]:
+        """When the node was started, and its number in place of a process's."""
+        return [self.time_ns() * 1e-9, "lock-step", self._number]
+
+    def new_id(self) -> bytes:
+        """16 bytes, drawn from the game's seed."""
+        return self._wall.draw()
+
+    def new_seed(self) -> int:
+        """31 bits, drawn from the game's seed."""
+        return int.from_bytes(self._wall.draw()[:4], "big") >> 1
