@@ -116,4 +116,3 @@ class Member:
         same = [one for one in self.inbox if one.entity is delivery.entity]
         if len(same) > delivery.depth:
             self.inbox.remove(same[0])
-

@@ -91,15 +91,29 @@ class LockStep:
         self.members.append(member)
         self._changed = True
         self._turn = before
-        self._join(member)
+        self._join(member, set())
         self.drain()
         return member
 
-    def _join(self, member: Member) -> None:
-        """Take what was published while the member was made, and what is latched for it, by the times of publication."""
+    def subscribe(self, node: BaseNode, subscribe: Callable[[], Any]) -> Any:
+        """Have a member make subscriptions between two steps; what is latched reaches them before this returns."""
+        member = next(one for one in self.members if one.node is node)
+        before = set(node.subscriptions)
+        made = subscribe()
+        self._join(member, before)
+        self.drain()
+        return made
+
+    def _join(self, member: Member, known: set[Subscription]) -> None:
+        """Take what was published while the member was made, and what is latched for it, by the times of publication.
+
+        Args:
+            member: that has just been made, or has new subscriptions.
+            known: its subscriptions from before.
+        """
         self._refresh()
         taken: list[tuple[int, Member, Subscription, Any]] = []
-        owed = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions}
+        owed = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions if sub not in known}
         end = time.monotonic() + _JOIN_S
         while True:
             for other, sub in self._index.subscriptions:
@@ -271,7 +285,9 @@ class LockStep:
             self._take(member, client)
 
     def _take(self, member: Member, entity: Subscription | Service | Client) -> None:
-        takes = _messages if isinstance(entity, Subscription) else _requests if isinstance(entity, Service) else _answers
+        takes = (
+            _messages if isinstance(entity, Subscription) else _requests if isinstance(entity, Service) else _answers
+        )
         for taken in takes(entity):
             self._put(self._delivery(member, entity, taken))
 

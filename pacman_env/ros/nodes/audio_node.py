@@ -61,7 +61,9 @@ class AudioNode(GameNode):
             return
         self.once.over("no loudspeaker")
         number = self._number
-        self._player.send_goal_async(goal_of(word), goal_uuid=UUID(uuid=list(self.surroundings.new_id()))).add_done_callback(lambda sent: self._sent(sent, number))
+        self._player.send_goal_async(
+            goal_of(word), goal_uuid=UUID(uuid=list(self.surroundings.new_id()))
+        ).add_done_callback(lambda sent: self._sent(sent, number))
 
     def _sent(self, sent: Any, number: int) -> None:
         if sent.exception() is not None or not sent.result().accepted:

@@ -105,7 +105,11 @@ class NavigationClient:
         miss it, answers that it knows no such goal.
         """
         for number, (answer, asked_s) in list(self._asked.items()):
-            if self._surroundings.monotonic() - asked_s > _ASK_AGAIN_S and number in self._taken and self._results.service_is_ready():
+            if (
+                self._surroundings.monotonic() - asked_s > _ASK_AGAIN_S
+                and number in self._taken
+                and self._results.service_is_ready()
+            ):
                 self._results.remove_pending_request(answer)
                 self._ask_for_result(number)
         self._ended = {number: status for number, status in self._ended.items() if number in self._taken}

@@ -1,0 +1,47 @@
+"""Whole games in lock-step: the same seed is the same game, whatever happens beside it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics  # noqa: E402
+from pacman_env.ros.lock_step.transcript import Transcript  # noqa: E402
+from tests.ros import session  # noqa: E402
+
+SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
+
+
+def played(folder: Path, seed: int) -> tuple[int, str, list[str]]:
+    """One game: how many messages were handled, their hash, and the states."""
+    folder.mkdir()
+    with session.game(folder, seed=seed, settings=SHOWS) as game:
+        game.record(topics.GAME_STATE)
+        transcript = Transcript(game.game)
+        assert game.call(topics.START_GAME).success
+        game.forget()
+        game.wait_for(lambda: "menu" in game.values(topics.GAME_STATE), 900, "the end of the game")
+        return transcript.messages, transcript.hexdigest(), game.values(topics.GAME_STATE)
+
+
+def test_the_same_seed_is_the_same_game_message_for_message_on_a_busy_machine_and_another_seed_is_not(
+    domain: int, tmp_path: Path
+) -> None:
+    first = played(tmp_path / "idle", 3)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+    try:
+        again = played(tmp_path / "busy", 3)
+        other = played(tmp_path / "other", 4)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert first == again
+    assert first[2][-2:] == ["returning_home", "menu"]
+    assert first[1] != other[1]

@@ -1,0 +1,205 @@
+"""Nodes of the test's own process in lock-step, and a node beside them that records and publishes.
+
+What happens in such a session is decided by its seed and by the test alone. Nothing waits in real time.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rosgraph_msgs.msg import Clock
+
+from pacman_env.ros import topics
+from pacman_env.ros.lock_step.game import CLASSES, LockStepGame
+from pacman_env.ros.lock_step.members import Member
+from pacman_env.ros.lock_step.stepper import LockStep
+from pacman_env.ros.node import BaseNode
+from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
+
+NAMESPACE = "/robot_15"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One message, and the simulated time at which it was handled, s since the session began."""
+
+    at: float
+    topic: str
+    message: Any
+
+    @property
+    def value(self) -> Any:
+        """Its ``data``."""
+        return self.message.data
+
+
+class Observer(BaseNode):
+    """The test's node."""
+
+    def __init__(self) -> None:
+        super().__init__("observer")
+
+
+class TimeNode(BaseNode):
+    """Publishes the simulated time in the place of a simulated robot."""
+
+    def __init__(self) -> None:
+        super().__init__("time_node")
+        self._clock = topics.CLOCK.publisher(self)
+        self._steps = 20_000  # 1000 s: a stamp of zero means "no time"
+
+    def step(self) -> None:
+        """The next 0.05 s."""
+        self._steps += 1
+        seconds, rest = divmod(self._steps, 20)
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = seconds, rest * 50_000_000
+        self._clock.publish(message)
+
+
+class Session:
+    """A lock-step game, or some of its nodes, and the observer.
+
+    Args:
+        game: with a node that has ``step``.
+        folder: for files of the nodes.
+    """
+
+    def __init__(self, game: LockStep, folder: Path) -> None:
+        self.game, self.folder = game, folder
+        self.records: list[Recorded] = []  # of all recorded topics, in the order of publication
+        self._recorded: set[str] = set()
+        self._publishers: dict[str, Any] = {}
+        self.observer: Observer = game.add(Observer, self._arguments()).node  # type: ignore[assignment]
+
+    def _arguments(self, **parameters: Any) -> list[str]:
+        words = ["--ros-args", "-r", f"__ns:={NAMESPACE}"]
+        for name, value in {"use_sim_time": True, **parameters}.items():
+            words += ["-p", f"{name}:={json.dumps(value) if not isinstance(value, Path) else value}"]
+        return words
+
+    # Nodes
+
+    def start(self, name: str, make: Callable[[], BaseNode] | None = None, **parameters: Any) -> Member:
+        """Start one of the game's nodes, or what ``make`` makes, with parameters."""
+        if name == REFEREE:
+            parameters = {"state_file": str(self.folder / "game_controller.json"), **parameters}
+        return self.game.add(make or CLASSES[name], self._arguments(**parameters))
+
+    def node(self, name: str) -> Any:
+        """The node of that name."""
+        member = self.game.member(name)
+        assert member is not None, f"{name} is not there"
+        return member.node
+
+    # What nodes publish
+
+    def record(self, *wanted: topics.Topic) -> None:
+        """Record from now on; of a latched topic, what it was said last, too."""
+        for topic in wanted:
+            if topic.name not in self._recorded:
+                self._recorded.add(topic.name)
+                recorder = self._recorder(topic.name)
+                self.game.subscribe(self.observer, partial(topic.subscription, self.observer, recorder))
+
+    def _recorder(self, name: str) -> Callable[[Any], None]:
+        return lambda message: self.records.append(Recorded(self.game.wall.now_s, name, message))
+
+    def on(self, *wanted: topics.Topic) -> list[Recorded]:
+        """The records of some topics, in order."""
+        names = {topic.name for topic in wanted}
+        return [one for one in self.records if one.topic in names]
+
+    def messages(self, topic: topics.Topic) -> list[Any]:
+        """Of one topic."""
+        return [one.message for one in self.on(topic)]
+
+    def values(self, topic: topics.Topic) -> list[Any]:
+        """As ``messages``, the ``data`` alone."""
+        return [one.value for one in self.on(topic)]
+
+    def last(self, topic: topics.Topic) -> Any:
+        """The last message; None: none."""
+        return next(iter(self.messages(topic)[::-1]), None)
+
+    def forget(self) -> None:
+        """Drop what was recorded so far."""
+        self.records.clear()
+
+    # What the test does
+
+    def publish(self, topic: topics.Topic, message: Any) -> None:
+        """Publish, and have everything handled that follows; a plain value becomes the ``data`` of a message."""
+        if topic.name not in self._publishers:
+            self._publishers[topic.name] = topic.publisher(self.observer)
+        if not hasattr(message, "get_fields_and_field_types"):
+            message = topic.type(data=message)
+        self._within(lambda: self._publishers[topic.name].publish(message))
+
+    def call(self, service: topics.Service, request: Any = None, limit_s: float = 30.0) -> Any:
+        """The answer of a service."""
+        client = service.client(self.observer)
+        answer = self._within(lambda: client.call_async(service.type.Request() if request is None else request))
+        self.wait_for(answer.done, limit_s, f"the answer of {service.name}")
+        self.observer.destroy_client(client)
+        return answer.result()
+
+    def _within(self, do: Callable[[], T]) -> T:
+        return self.game.within(self.observer, do)  # type: ignore[no-any-return]
+
+    # Time
+
+    @property
+    def now_s(self) -> float:
+        """Simulated time since the session began, s."""
+        return self.game.wall.now_s
+
+    def advance(self, seconds: float) -> None:
+        """Let so much simulated time pass."""
+        self.game.advance(seconds)
+
+    def wait_for(self, condition: Callable[[], T], limit_s: float = 120.0, what: str = "the condition") -> T:
+        """Step until the condition holds, and return what it returned; the test fails after so much simulated time."""
+        if not self.game.until(condition, limit_s):
+            last = {one.topic: getattr(one.message, "data", "...") for one in self.records}
+            raise AssertionError(f"waited {limit_s:g} simulated s for {what}; last recorded: {last}")
+        return condition()
+
+    def stamp(self) -> Any:
+        """The time now, as messages have it."""
+        return self.observer.get_clock().now().to_msg()
+
+
+@contextmanager
+def nodes(folder: Path, seed: int = 0) -> Iterator[Session]:
+    """A session without any node but the observer and one that gives the time."""
+    game = LockStep(seed)
+    try:
+        game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
+        session = Session(game, folder)
+        session.advance(0.05)
+        yield session
+    finally:
+        game.close()
+
+
+@contextmanager
+def game(
+    folder: Path, map: str | Path = "house", policy: str = "clyde_aware", seed: int = 0, **fields: Any
+) -> Iterator[Session]:
+    """A session of a whole game; ``fields`` are further ones of ``GameSetup``."""
+    extra = fields.pop("extra", {})
+    referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
+    setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
+    whole = LockStepGame(setup, seed)
+    try:
+        yield Session(whole, folder)
+    finally:
+        whole.close()
