@@ -60,17 +60,17 @@ class BaseNode(Node):
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
         """As rclpy's; the node's surroundings may watch what is published."""
-        return self._watched(super().create_publisher(*arguments, **options))
+        return self._made(super().create_publisher(*arguments, **options))
 
     def create_client(self, *arguments: Any, **options: Any) -> Any:
         """As rclpy's, likewise."""
-        return self._watched(super().create_client(*arguments, **options))
+        return self._made(super().create_client(*arguments, **options))
 
     def create_service(self, *arguments: Any, **options: Any) -> Any:
         """As rclpy's, likewise."""
-        return self._watched(super().create_service(*arguments, **options))
+        return self._made(super().create_service(*arguments, **options))
 
-    def _watched(self, entity: Any) -> Any:
+    def _made(self, entity: Any) -> Any:
         self.surroundings.watch(entity)
         return entity
 

@@ -204,7 +204,7 @@ class LockStep:
         self.drain()
         robot = self._robot()
         if robot is not None and robot.frozen_s is None:
-            self._run(robot, robot.node.step)  # type: ignore[attr-defined]
+            self._run(robot, robot.node.step)
             self.drain()
         for member in self.members[:]:
             if member.frozen_s is None and member.present:
@@ -254,11 +254,11 @@ class LockStep:
     def _watch(self, entity: Any) -> None:
         """Have what the entity sends taken at once by those who are to get it."""
         if isinstance(entity, Publisher):
-            entity.publish = partial(self._publish, entity, entity.publish)  # type: ignore[method-assign]
+            entity.publish = partial(self._publish, entity, entity.publish)
         elif isinstance(entity, Client):
-            entity.call_async = partial(self._request, entity, entity.call_async)  # type: ignore[method-assign]
+            entity.call_async = partial(self._request, entity, entity.call_async)
         elif isinstance(entity, Service):
-            entity.send_response = partial(self._respond, entity, entity.send_response)  # type: ignore[method-assign]
+            entity.send_response = partial(self._respond, entity, entity.send_response)
 
     def _publish(self, publisher: Publisher, publish: Callable[[Any], None], message: Any) -> None:
         publish(message)

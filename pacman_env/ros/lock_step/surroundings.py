@@ -68,12 +68,16 @@ class LockStepSurroundings(Surroundings):
         arguments: list[str],
         watch: Callable[[Any], None],
     ) -> None:
-        self._wall, self._number, self.watch = wall, number, watch
+        self._wall, self._number, self._watch = wall, number, watch
         self._options = {"context": context, "cli_args": arguments, "use_global_arguments": False}
 
     def options(self) -> dict[str, Any]:
         """The node's arguments, in the context of the game."""
         return self._options
+
+    def watch(self, entity: Any) -> None:
+        """The game watches what the entity sends."""
+        self._watch(entity)
 
     def monotonic(self) -> float:
         """Of the game's wall clock, s."""

@@ -11,9 +11,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.ros import topics  # noqa: E402
-from pacman_env.ros.lock_step.transcript import Transcript  # noqa: E402
-from tests.ros import session  # noqa: E402
+from pacman_env.ros import topics
+from pacman_env.ros.lock_step.transcript import Transcript
+from tests.ros import session
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 
