@@ -19,7 +19,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
-from pacman_env.ros.supervisor.game_nodes import NAMESPACE, SELECTOR, GameSetup
+from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, SELECTOR, GameSetup
 from pacman_env.ros.supervisor.processes import BAD_START
 
 ARGUMENTS = (
@@ -28,6 +28,8 @@ ARGUMENTS = (
     ("namespace", NAMESPACE, "of the robot"),
     ("sim", "false", "true: a simulated robot takes the real one's place, on this machine alone"),
     ("speed", "1.0", "of the simulated robot's clock, 1 to 10"),
+    ("lock_step", "false", "true, with sim: all nodes in one process, as fast as they handle what is published"),
+    ("seed", "0", "of a lock-step game"),
     ("preset", "robot", "the configuration that every node plays by"),
     ("execution", "robust", "of Algorithm 4"),
     ("home", "", "x, y and heading of home, m and rad, separated by blanks; empty: where the robot is in the menu"),
@@ -46,11 +48,23 @@ def _home(text):
     return x, y, heading
 
 
+def _confined():
+    """A simulated game must never drive a real robot."""
+    confined = {}
+    stay_on_this_machine(confined)
+    return [
+        *(SetEnvironmentVariable(name, value) for name, value in confined.items()),
+        *(UnsetEnvironmentVariable(name) for name in BEYOND),
+    ]
+
+
 def _nodes(context):
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    if given["sim"].lower() not in ("true", "false"):
-        raise ValueError(f"sim:={given['sim']}: must be true or false")
-    given |= {"sim": given["sim"].lower() == "true", "speed": float(given["speed"])}
+    for name in ("sim", "lock_step"):
+        if given[name].lower() not in ("true", "false"):
+            raise ValueError(f"{name}:={given[name]}: must be true or false")
+        given[name] = given[name].lower() == "true"
+    given |= {"speed": float(given["speed"]), "seed": int(given["seed"])}
     setup = GameSetup(**given | {"settings": tuple(given["settings"].split()), "home": _home(given["home"])})
 
     def node(name, **options):
@@ -79,14 +93,14 @@ def _nodes(context):
             return kept_up(SELECTOR)
         return [EmitEvent(event=Shutdown(reason="the robot is not localized"))]
 
+    if setup.lock_step:
+        game = Node(package="pacman_env", executable=LOCK_STEP, arguments=[setup.as_json()], output="screen")
+        over = RegisterEventHandler(OnProcessExit(target_action=game, on_exit=[EmitEvent(event=Shutdown())]))
+        return [*_confined(), over, game]
     *first, last = setup.first_nodes
     wait = node(last)
-    confined = {}
-    if setup.sim:  # a simulated game must never drive a real robot
-        stay_on_this_machine(confined)
     return [
-        *(SetEnvironmentVariable(name, value) for name, value in confined.items()),
-        *(UnsetEnvironmentVariable(name) for name in (BEYOND if setup.sim else ())),
+        *(_confined() if setup.sim else ()),
         *(action for name in first for action in kept_up(name)),
         RegisterEventHandler(OnProcessExit(target_action=wait, on_exit=localized)),
         wait,

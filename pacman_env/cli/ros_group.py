@@ -36,6 +36,12 @@ def _add_up(group: Any) -> None:
     up.add_argument(
         "--speed", type=finite_number(), default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)"
     )
+    up.add_argument(
+        "--lock-step",
+        action="store_true",
+        help="with --sim: all nodes in one process, and simulated time waits until each message has been handled",
+    )
+    up.add_argument("--seed", type=whole_number(0), default=0, metavar="S", help="of a lock-step game (%(default)s)")
     up.add_argument("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
     up.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
     up.add_argument(
@@ -72,6 +78,8 @@ def _up(arguments: argparse.Namespace) -> int:
         *(arguments.preset, arguments.execution, tuple(arguments.set)),
         home=None if arguments.home is None else tuple(arguments.home),
         web=arguments.web,
+        lock_step=arguments.lock_step,
+        seed=arguments.seed,
     )
     return up(setup, arguments.domain_id, arguments.logs, arguments.start, arguments.play_on)
 

@@ -128,7 +128,9 @@ class RosAction(_Interface):
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""
-        return ActionServer(node, self.type, self.name, execute, **options)
+        server = ActionServer(node, self.type, self.name, execute, **options)
+        server.statuses_name = node.resolve_topic_name(self.statuses.name)  # rclpy does not keep it
+        return server
 
 
 #: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader keeps a topic's last alone.

@@ -48,9 +48,12 @@ class LockStep:
         seed: of what nodes draw, and of losses.
         domain: ROS domain; None: that of the environment.
         silence_s: after so much real time in one callback, its node is named and the process ends.
+        alone: nodes of other processes take no part; else they can tell this process from others.
     """
 
-    def __init__(self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S) -> None:
+    def __init__(
+        self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S, alone: bool = True
+    ) -> None:
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
         self.wall = SimulatedWall(seed)
@@ -58,10 +61,12 @@ class LockStep:
         self.members: list[Member] = []
         self.witnesses: list[Witness] = []  # see each delivery before it is handled
         self.ended: Callable[[Member], None] = lambda member: None  # called after a node has ended by itself
+        self._alone = alone
         self._started = 0
         self._queue: deque[Delivery] = deque()
         self._turn: Member | None = None  # whose code runs
         self._published: dict[Any, int] = {}  # by publisher: messages
+        self._with_statuses: set[ActionServer] = set()  # rclpy publishes these in C
         self._index = _Index()
         self._changed = True
         self._closed = False
@@ -81,7 +86,7 @@ class LockStep:
             NodeFailed: a latched message does not arrive.
         """
         self._started += 1
-        surroundings = LockStepSurroundings(self.wall, self._started, self.context, arguments, self._watch)
+        surroundings = LockStepSurroundings(self.wall, self._started, self.context, arguments, self._watch, self._alone)
         before, self._turn = self._turn, None
         with within(surroundings), self._watchdog.during(f"the making of node {self._started}"):
             node = make()
@@ -113,7 +118,7 @@ class LockStep:
         """
         self._refresh()
         taken: list[tuple[int, Member, Subscription, Any]] = []
-        owed = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions if sub not in known}
+        owed = {sub: self._latched_for(sub) for sub in member.node.subscriptions if sub not in known}
         end = time.monotonic() + _JOIN_S
         while True:
             for other, sub in self._index.subscriptions:
@@ -130,13 +135,14 @@ class LockStep:
         for _, other, sub, message in sorted(taken, key=lambda one: one[0]):
             self._put(self._delivery(other, sub, message))
 
-    def _latched_for(self, member: Member, sub: Subscription) -> int:
-        """How many messages of other members the middleware keeps for a subscription that was made now."""
+    def _latched_for(self, sub: Subscription) -> int:
+        """How many messages of members the middleware keeps for a subscription that was made now."""
         if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return 0
         name = sub.topic_name
-        publishers = (p for other in self.members if other is not member for p in other.node.publishers)
-        return sum(
+        publishers = (p for other in self.members for p in other.node.publishers)
+        statuses = sum(server.statuses_name == name for server in self._with_statuses)
+        return statuses + sum(
             min(self._published.get(publisher, 0), publisher.qos_profile.depth)
             for publisher in publishers
             if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL and publisher.topic_name == name
@@ -167,11 +173,16 @@ class LockStep:
         for publisher in member.node.publishers:
             self._published.pop(publisher, None)
         member.executor.shutdown()
+        for waitable in list(member.node.waitables):
+            if isinstance(waitable, ActionServer | ActionClient):
+                waitable.destroy()  # which destroy_node leaves to be found by others
         member.node.destroy_node()
         self._changed = True
 
     def close(self) -> None:
         """End all nodes that are left, without last messages, and ROS."""
+        if self._closed:
+            return
         self._closed = True
         self._watchdog.close()
         for member in self.members[::-1]:
@@ -296,6 +307,8 @@ class LockStep:
         for member, entity in self._index.of_actions:
             self._take(member, entity)
         for member, waitable in self._index.waitables:
+            if isinstance(waitable, ActionServer) and waitable._goal_handles:
+                self._with_statuses.add(waitable)
             while data := _data(waitable):
                 self._put(self._delivery(member, waitable, data))
 
@@ -388,6 +401,7 @@ class LockStep:
         if self._changed:
             self._changed = False
             self._index = _Index(self.members)
+            self._with_statuses &= {waitable for _, waitable in self._index.waitables}
 
 
 class _Index:
@@ -447,8 +461,8 @@ def _answers(client: Client) -> Iterator[Any]:
             yield taken
 
 
-#: By which rclpy's ends of actions remember what a wait set has found for them. A wait set takes a millisecond each time;
-#: an attempt to take what is not there, a microsecond.
+#: Flags of rclpy's ends of actions, which a wait set would set. A wait set takes a millisecond each time, an attempt to
+#: take what is not there a microsecond.
 _READY = {
     ActionServer: ("_is_goal_request_ready", "_is_cancel_request_ready", "_is_result_request_ready"),
     ActionClient: (

@@ -56,6 +56,7 @@ class LockStepSurroundings(Surroundings):
         context: of rclpy.
         arguments: of the node, as they would follow its program's name.
         watch: called with each publisher, client and service of the node.
+        alone: the node need not be told from those of other processes.
     """
 
     lock_step = True
@@ -67,7 +68,9 @@ class LockStepSurroundings(Surroundings):
         context: Context,
         arguments: list[str],
         watch: Callable[[Any], None],
+        alone: bool = True,
     ) -> None:
+        self._alone = alone
         self._wall, self._number, self._watch = wall, number, watch
         self._options = {"context": context, "cli_args": arguments, "use_global_arguments": False}
 
@@ -97,7 +100,7 @@ class LockStepSurroundings(Surroundings):
 
     def process(self) -> list[Any]:
         """When the node was started, and its number in place of a process's."""
-        return [self.time_ns() * 1e-9, "lock-step", self._number]
+        return [self.time_ns() * 1e-9, "lock-step", self._number] if self._alone else super().process()
 
     def new_id(self) -> bytes:
         """16 bytes, drawn from the game's seed."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 NAMESPACE = "robot_15"  # the experiment's robot
 SIMULATOR = "sim_robot"
 WAIT = "wait_for_amcl_pose"
 SELECTOR = "goal_selector"
 REFEREE = "game_controller"
+LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
 PAGE = "operator_page"  # no node of the game: it is left out unless asked for
 #: Those that only listen and answer, in the order of their start.
 GAME = (
@@ -56,6 +57,8 @@ class GameSetup:
     home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: where the robot is in the menu
     extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: further parameters
     web: int | None = None  # the operator's page on this port of this machine
+    lock_step: bool = False  # all nodes in one process; simulated time waits for them
+    seed: int = 0  # of a lock-step game
 
     def __post_init__(self) -> None:
         from pacman_env.config import make_config, parse_settings
@@ -64,6 +67,10 @@ class GameSetup:
             raise ValueError(f"speed {self.speed:g}: must be 1 to 10")
         if self.speed != 1.0 and not self.sim:
             raise ValueError(f"speed {self.speed:g}: only a simulated robot (--sim) can be faster than time")
+        if self.lock_step and not self.sim:
+            raise ValueError("lock-step: only with a simulated robot (--sim)")
+        if self.lock_step and self.speed != 1.0:
+            raise ValueError(f"speed {self.speed:g}: a lock-step game is as fast as its nodes")
         if self.home is not None and not all(map(math.isfinite, self.home)):
             raise ValueError(f"home {self.home}: must be three finite numbers, x, y (m) and heading (rad)")
         full_namespace(self.namespace)
@@ -73,6 +80,11 @@ class GameSetup:
     def first_nodes(self) -> tuple[str, ...]:
         """The nodes that start at once, in order; the goal selector follows when WAIT has ended well."""
         return (*((SIMULATOR,) if self.sim else ()), *GAME, WAIT)
+
+    @property
+    def first_processes(self) -> tuple[str, ...]:
+        """The processes that start at once, in order."""
+        return (LOCK_STEP,) if self.lock_step else self.first_nodes
 
     def parameters(self, node: str) -> dict[str, Value]:
         """The parameters that ``node`` is started with; all others have their defaults."""
@@ -97,11 +109,17 @@ class GameSetup:
             found["use_sim_time"] = True
         return found | self.extra.get(node, {})
 
+    def as_json(self) -> str:
+        """All fields, as the process of a lock-step game takes them (:func:`from_json`)."""
+        return json.dumps(asdict(self), ensure_ascii=False)
+
     def command(self, node: str) -> list[str]:
         """What follows ``python -m`` to start ``node``, or the page: its module and arguments."""
         if node == PAGE:
             words = ["pacman_env.ros.operator_page", "--namespace", self.namespace, "--map", self.map]
             return [*words, "--port", str(self.web), *(["--sim"] if self.sim else [])]
+        if node == LOCK_STEP:
+            return ["pacman_env.ros.lock_step", self.as_json()]
         words = [module_of(node), "--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
         for name, value in self.parameters(node).items():
             words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map may be called 1e3
@@ -111,6 +129,21 @@ class GameSetup:
 def module_of(node: str) -> str:
     """The module that ``python -m`` runs as that node."""
     return f"pacman_env.ros.{_FOLDERS.get(node, 'nodes')}.{node}"
+
+
+def from_json(text: str) -> GameSetup:
+    """The setup that ``as_json`` has written.
+
+    Raises:
+        ValueError: it is none, or one that there is not.
+    """
+    try:
+        fields = json.loads(text)
+        home = fields["home"]
+        fields |= {"settings": tuple(fields["settings"]), "home": None if home is None else tuple(home)}
+        return GameSetup(**fields)
+    except (TypeError, LookupError) as error:
+        raise ValueError(f"no setup of a game: {error}") from None
 
 
 def full_namespace(name: str) -> str:

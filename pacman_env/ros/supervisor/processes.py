@@ -48,6 +48,7 @@ class ProcessGroup:
         environment: of the processes.
         say: called with one line about what happens.
         spare: names of those without which the others go on: they are given up instead of lost.
+        final: names of those that are not started again when they end.
     """
 
     def __init__(
@@ -57,8 +58,9 @@ class ProcessGroup:
         environment: dict[str, str],
         say: Callable[[str], None],
         spare: Collection[str] = (),
+        final: Collection[str] = (),
     ) -> None:
-        self._spare = spare
+        self._spare, self._final = spare, final
         self._command = command
         self._logs = logs
         self._environment = environment
@@ -77,6 +79,10 @@ class ProcessGroup:
 
     def __contains__(self, name: str) -> bool:
         return name in self._members
+
+    def names(self) -> set[str]:
+        """Of all processes."""
+        return set(self._members)
 
     def status(self, name: str) -> int | None:
         """How it ended, None while it runs or waits to be started again."""
@@ -117,8 +123,10 @@ class ProcessGroup:
                 member.process = None
                 member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
                 words = self.last_words(member.name)
-                if status == BAD_START or len(member.deaths) >= MANY:
-                    how = "does not start" if status == BAD_START else f"died {MANY} times within {SOON_S:.0f} s"
+                if status == BAD_START or len(member.deaths) >= MANY or member.name in self._final:
+                    often = f"died {MANY} times within {SOON_S:.0f} s"
+                    how = often if member.name not in self._final else f"ended with status {status}"
+                    how = "does not start" if status == BAD_START else how
                     if member.name not in self._spare:
                         raise Lost(f"{member.name} {how}: {words}")
                     self._say(f"{member.name} {how}: {words}; it is given up, the rest goes on")

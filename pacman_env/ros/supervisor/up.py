@@ -24,7 +24,16 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros.discovery import join, stay_on_this_machine
 from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import warm_up
-from pacman_env.ros.supervisor.game_nodes import PAGE, REFEREE, SELECTOR, STOP_ORDER, WAIT, GameSetup, full_namespace
+from pacman_env.ros.supervisor.game_nodes import (
+    LOCK_STEP,
+    PAGE,
+    REFEREE,
+    SELECTOR,
+    STOP_ORDER,
+    WAIT,
+    GameSetup,
+    full_namespace,
+)
 from pacman_env.ros.supervisor.keyboard import Keyboard
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from pacman_env.ros.supervisor.status_line import StatusLine, fitted
@@ -48,6 +57,7 @@ GOING_S = 8.0  # a game that is just being stopped is waited for so long
 NEXT_ROUND_S = 2.0  # in the menu, where round follows round
 KEYS = {"s": START_GAME, "r": RESET_GAME}
 _WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
+_BACKLOG = 20  # messages
 _CLEAR = "\r\x1b[K"
 
 
@@ -136,7 +146,9 @@ def up(
             state_file.unlink(missing_ok=True)  # a game of an earlier command is not gone on with
             referee = {"state_file": str(state_file), **setup.extra.get(REFEREE, {})}
             setup = dataclasses.replace(setup, extra={**setup.extra, REFEREE: referee})
-            processes = ProcessGroup(setup.command, logs, dict(os.environ), writer.say, spare=(PAGE,))
+            processes = ProcessGroup(
+                setup.command, logs, dict(os.environ), writer.say, spare=(PAGE,), final=(LOCK_STEP,)
+            )
             with Keyboard() as keyboard:
                 keys = "; keys: s start, r reset, space stop, g go on, q quit" if keyboard.there else ""
                 writer.say(f"game on {full_namespace(setup.namespace)}{keys}")
@@ -245,12 +257,14 @@ class _Play:
         status, processes = 0, self._processes
         killed: list[str] = []
         try:
-            for name in self._setup.first_nodes:
+            for name in self._setup.first_processes:
                 processes.start(name)
             if self._setup.web is not None:
                 processes.start(PAGE)
             while not self._stop.asked:
                 self._status_line.spin(POLL_S)
+                for _ in range(_BACKLOG if self._setup.lock_step else 0):  # of seconds that last milliseconds
+                    self._status_line.spin(0.0)
                 if WAIT in processes and (ended := processes.status(WAIT)) is not None:
                     words = processes.last_words(WAIT)
                     processes.dismiss(WAIT)
@@ -281,7 +295,7 @@ class _Play:
         missing = [name for name in self._setup.first_nodes if name != WAIT and name not in status_line.nodes]
         if missing:
             return f"waiting for {', '.join(missing)}"
-        if SELECTOR not in processes:
+        if not {SELECTOR, LOCK_STEP} & processes.names():
             return "waiting for the robot's pose (docs/robot.md, step 5)"
         if not status_line.condition:
             return f"waiting for {SELECTOR}"

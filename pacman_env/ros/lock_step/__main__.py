@@ -1,0 +1,55 @@
+"""The process of a lock-step game, which others may watch and ask: ``python -m pacman_env.ros.lock_step SETUP``.
+
+``SETUP`` is a ``GameSetup`` as JSON. A page, a terminal or RViz takes part as with any other game: it is asked for
+what it has sent every few milliseconds, and nothing waits for it.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+
+from rclpy.utilities import remove_ros_args
+
+from ..discovery import stay_on_this_machine
+from ..node import BAD_START, Stop
+from ..supervisor.game_nodes import LOCK_STEP, from_json
+from .game import LockStepGame
+from .stepper import NodeFailed
+
+OUTSIDE_S = 0.01  # of real time, between two looks at what has come from outside
+FAILED = 1  # exit status
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Play until SIGINT or SIGTERM; the exit status."""
+    arguments = remove_ros_args(list(sys.argv[1:] if argv is None else argv))  # launch adds some
+    stay_on_this_machine()
+    with Stop() as stop:
+        try:
+            if len(arguments) != 1:
+                raise ValueError(f"{len(arguments)} arguments: the setup of the game alone is needed")
+            setup = from_json(arguments[0])
+            game = LockStepGame(setup, setup.seed, alone=False)
+        except (ValueError, OSError, NodeFailed) as error:
+            print(f"{LOCK_STEP}: {error}", file=sys.stderr)
+            return BAD_START
+        try:
+            due_s = 0.0
+            while not stop.asked:
+                game.step()
+                if time.monotonic() >= due_s:
+                    game.take_all()
+                    due_s = time.monotonic() + OUTSIDE_S
+            game.stop()
+        except NodeFailed as error:
+            print(f"{LOCK_STEP}: {error}", file=sys.stderr)
+            return FAILED
+        finally:
+            game.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
