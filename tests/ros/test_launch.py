@@ -16,11 +16,13 @@ import pytest
 
 from pacman_env.ros.supervisor.game_nodes import (
     GAME,
+    LOCK_STEP,
     QUIET,
     SELECTOR,
     SIMULATOR,
     WAIT,
     GameSetup,
+    from_json,
     full_namespace,
     module_of,
 )
@@ -174,3 +176,14 @@ def test_the_launch_file_passes_the_configuration_on(started: Any) -> None:
     assert found["audio_node"]["parameters"] == [expected]
     with pytest.raises(ValueError, match="unknown preset"):
         started(preset="lunar")
+
+
+def test_a_launch_in_lock_step_is_one_process_whose_end_is_the_end(started: Any) -> None:
+    actions = started(sim="true", lock_step="true", seed="7", policy="lookahead")
+    assert set(nodes(actions)) == {LOCK_STEP} == set(handlers(actions))
+    (text,) = nodes(actions)[LOCK_STEP]["arguments"]
+    assert from_json(text) == GameSetup("house", "lookahead", sim=True, lock_step=True, seed=7)
+    assert [kind(action) for action in handlers(actions)[LOCK_STEP]] == ["EmitEvent"]
+    assert "SetEnvironmentVariable" in map(kind, actions)
+    with pytest.raises(ValueError, match="only with a simulated robot"):
+        started(lock_step="true")

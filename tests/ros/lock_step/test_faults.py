@@ -21,7 +21,7 @@ SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 def troubled(folder: Path, seed: int) -> tuple[str, list[tuple[float, str, int | None]], list[int]]:
     """A round in which nodes are killed, stand still and lose packets: its hash, restarts and scores."""
     folder.mkdir()
-    with session.game(folder, seed=seed, policy="nearest", settings=(*SHOWS, "clyde.speed_mps=0.01")) as played:
+    with session.game(folder, seed=seed, policy="ppo", settings=SHOWS) as played:
         game = played.game
         played.record(topics.GAME_STATE, topics.SCORE)
         transcript = Transcript(game)

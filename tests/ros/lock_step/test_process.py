@@ -1,0 +1,117 @@
+"""A lock-step game in a process of its own, watched and asked from outside."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, REFEREE, GameSetup, from_json
+from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
+
+if TYPE_CHECKING:
+    from tests.ros.system import Probe, System
+
+ROOT = Path(__file__).resolve().parents[3]
+PATIENCE_S = 240.0
+
+
+def setup(folder: Path, **fields: object) -> GameSetup:
+    extra = {REFEREE: {"state_file": str(folder / "game_controller.json")}}
+    shows = ("show.start_s=1.0", "show.death_s=1.0")
+    return GameSetup("house", "clyde_aware", NAMESPACE, True, lock_step=True, settings=shows, extra=extra, **fields)  # type: ignore[arg-type]
+
+
+def test_a_game_is_started_and_watched_from_outside_and_ends_with_its_last_messages(
+    system: System, probe: Probe, tmp_path: Path
+) -> None:
+    probe.record(topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE)
+    process = system.run(LOCK_STEP, [sys.executable, "-m", *setup(tmp_path).command(LOCK_STEP)])
+    probe.wait_for(lambda: "menu" in probe.values(topics.GAME_STATE), PATIENCE_S, "the menu")
+    probe.forget()
+    assert probe.call(topics.START_GAME).success
+    probe.wait_for(lambda: "running" in probe.values(topics.GAME_STATE), PATIENCE_S, "the round")
+    probe.wait_for(lambda: probe.values(topics.GAME_STATE)[-1] == "menu", PATIENCE_S, "the end of the game")
+    assert max(probe.values(topics.SCORE)) > 0
+    probe.forget()
+    process.send(signal.SIGINT)
+    probe.wait_for(lambda: "disable" in probe.values(topics.GAME_COMMAND), PATIENCE_S, "the referee's last command")
+    assert process.wait() == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "0 arguments: the setup of the game alone is needed"),
+        (["{}"], "no setup of a game"),
+        (["nonsense"], "Expecting value"),
+        ([json.dumps({**json.loads(GameSetup("house", sim=True).as_json()), "map": "no_such_map"})], "no_such_map"),
+        ([GameSetup("house").as_json()], "only with a simulated robot"),
+    ],
+)
+def test_a_setup_that_makes_no_game_is_one_line_and_status_2(domain: int, arguments: list[str], words: str) -> None:
+    command = [sys.executable, "-m", "pacman_env.ros.lock_step", *arguments]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert ended.returncode == 2
+    assert words in ended.stderr.splitlines()[-1]
+
+
+def test_a_setup_survives_its_way_through_json() -> None:
+    given = GameSetup(
+        *("house", "ppo", "robot_7", True),
+        settings=("clyde.speed_mps=0.4",),
+        home=(1.0, 2.0, 0.5),
+        extra={"audio_node": {"preset": "robot"}},
+        lock_step=True,
+        seed=7,
+    )
+    assert from_json(given.as_json()) == given
+
+
+def test_lock_step_is_for_simulated_robots_and_has_no_speed() -> None:
+    with pytest.raises(ValueError, match="only with a simulated robot"):
+        GameSetup("house", lock_step=True)
+    with pytest.raises(ValueError, match="speed 4: a lock-step game is as fast as its nodes"):
+        GameSetup("house", sim=True, lock_step=True, speed=4.0)
+
+
+def test_ros_up_plays_in_lock_step_until_it_is_stopped(domain: int, tmp_path: Path) -> None:
+    words = ["--map", "house", "--sim", "--lock-step", "--start", "--policy", "clyde_aware", "--logs", str(tmp_path)]
+    log = tmp_path / "up.txt"
+    with log.open("w") as out:
+        command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words]
+        process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT)
+    wait_for(lambda: re.search(r"menu .*(Complete|Death) - Score: \d+", log.read_text()), "a whole round")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 0
+    assert log.read_text().splitlines()[-1] == "stopped"
+
+
+def test_a_process_that_is_final_is_not_started_again(tmp_path: Path) -> None:
+    (tmp_path / "silent.py").write_text("import sys; print('goal_selector has not answered'); sys.exit(70)")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    group = ProcessGroup(lambda name: [name], tmp_path, environment, print, final=("silent",))
+    group.start("silent")
+    with pytest.raises(Lost, match="silent ended with status 70: goal_selector has not answered"):
+        wait_for(group.tend, "the end")
+    group.stop()
+
+
+def wait_for(condition: Callable[[], object], what: str) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(0.05)
