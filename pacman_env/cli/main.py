@@ -32,6 +32,10 @@ MODULES = {
     "feature-cost": ("eval.benchmarks.feature_cost", "what a learned planner's features cost"),
     "node-load": ("eval.benchmarks.node_load", "what the game's nodes cost a computer (ROS)"),
     "cold-start": ("eval.benchmarks.cold_start", "how long workers take that start together on a cold cache"),
+    "lock-step": (
+        "eval.benchmarks.lock_step",
+        "games of the nodes in lock-step: how fast, and decided by their seed (ROS)",
+    ),
     "start-stop": ("eval.benchmarks.start_stop", "how long a game takes to start and to stop (ROS)"),
     "web-load": ("eval.benchmarks.web_load", "what the operator's page costs with many viewers"),
     "validation": ("eval.checks.validation", "the simulator beside the ten real trials"),

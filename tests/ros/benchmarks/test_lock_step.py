@@ -1,0 +1,27 @@
+"""``pacman-env lock-step``: the games of a seed, twice."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from eval.benchmarks import lock_step
+
+
+def test_the_command_plays_a_seed_twice_and_finds_both_equal(
+    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "games.json"
+    words = ["--games", "1", "--policy", "clyde_aware", "--busy", "1", "--json", str(out)]
+    assert lock_step.main(words) == 0
+    assert capsys.readouterr().out.endswith("the same seed: equal; seed 1: another game\n")
+    games = json.loads(out.read_text())
+    (idle,), (busy,) = games["idle"], games["busy"]
+    assert idle["hash"] == busy["hash"] != games["other"][0]["hash"]
+    assert idle["simulated_s"] == busy["simulated_s"] > 20.0
+    assert idle["result"].startswith(("Complete", "Death"))
