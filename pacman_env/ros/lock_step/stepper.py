@@ -29,6 +29,7 @@ from .losses import Losses
 from .members import Delivery, Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
 
+STEP_NS = 50_000_000  # of physics: Nav2's controller rate
 SILENCE_S = 60.0  # of real time that one callback may take
 SILENT = 70  # exit status: EX_SOFTWARE of sysexits.h
 MOST_DELIVERIES = 100_000  # in one step
@@ -62,6 +63,7 @@ class LockStep:
         self.witnesses: list[Witness] = []  # see each delivery before it is handled
         self.ended: Callable[[Member], None] = lambda member: None  # called after a node has ended by itself
         self._alone = alone
+        self.step_ns = STEP_NS  # of the simulated robot, once there is one
         self._started = 0
         self._queue: deque[Delivery] = deque()
         self._turn: Member | None = None  # whose code runs
@@ -93,6 +95,7 @@ class LockStep:
         executor = NodeExecutor(self.context, self._entities_changed)
         member = Member(node.get_name(), self._started, make, arguments, node, executor)
         node.executor = executor
+        self.step_ns = getattr(node, "step_ns", self.step_ns)
         self.members.append(member)
         self._changed = True
         self._turn = before
@@ -207,7 +210,7 @@ class LockStep:
         """Let time go on by one step of the simulated robot, and have everything handled.
 
         Raises:
-            NodeFailed: what a callback has raised; without a simulated robot, nothing says how long a step is.
+            NodeFailed: what a callback has raised.
         """
         self.wall.advance(self.step_ns)
         for delivery in self.losses.due(self.wall.now_s):
@@ -220,11 +223,6 @@ class LockStep:
         for member in self.members[:]:
             if member.frozen_s is None and member.present:
                 self._fire_timers(member)
-
-    @property
-    def step_ns(self) -> int:
-        """The length of a step, ns."""
-        return 50_000_000
 
     def _robot(self) -> Member | None:
         return next((one for one in self.members if hasattr(one.node, "step")), None)

@@ -78,7 +78,7 @@ class SimRobot(GameNode):
         self._first_look = True
         if reason := self._other_robot():
             raise ValueError(reason)
-        self._step_ns = round(config.physics_step_s * 1e9)
+        self.step_ns = round(config.physics_step_s * 1e9)
         self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
         self._start_ns = START_NS if self._simulated else self.surroundings.time_ns()
         self._began = self.surroundings.monotonic()  # wall time of step 0
@@ -161,7 +161,7 @@ class SimRobot(GameNode):
     def _now_ns(self) -> int:
         """The time of the step done last."""
         ahead_s = self._faults.number("clock_jump") or 0.0
-        return max(self._start_ns + self.robot.steps * self._step_ns + round(ahead_s * 1e9), 1)
+        return max(self._start_ns + self.robot.steps * self.step_ns + round(ahead_s * 1e9), 1)
 
     def _stamp(self, ahead_ns: int = 0) -> Any:
         seconds, nanoseconds = divmod(self._now_ns() + ahead_ns, 1_000_000_000)
@@ -169,7 +169,7 @@ class SimRobot(GameNode):
 
     def tick(self) -> None:
         """Step the world on to what the wall's clock says, but not deaf for long."""
-        step_s = self._step_ns * 1e-9 / self._speed
+        step_s = self.step_ns * 1e-9 / self._speed
         behind = math.floor((self.surroundings.monotonic() - self._began) / step_s) - self.robot.steps
         most = max(round(CATCH_UP_S / step_s), 1)
         lost = behind - most
@@ -177,14 +177,14 @@ class SimRobot(GameNode):
             self.once.warning("too slow", f"too slow for {self._speed:g} times wall time: {lost} steps left out")
             self._began += lost * step_s
             if not self._simulated:  # stamps stay with the wall's clock
-                self._start_ns += lost * self._step_ns
+                self._start_ns += lost * self.step_ns
         for _ in range(min(behind, most, AT_ONCE)):
             self.step()
 
     def step(self) -> None:
         """One step of the world, and all that is published after it."""
         robot = self.robot
-        if self._marked_step is not None and (robot.steps - self._marked_step) * self._step_ns > MARK_LASTS_S * 1e9:
+        if self._marked_step is not None and (robot.steps - self._marked_step) * self.step_ns > MARK_LASTS_S * 1e9:
             self._unmark()
         self._navigate.step()
         self._notes.step(robot.time_s)
