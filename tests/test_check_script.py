@@ -25,7 +25,7 @@ case "$name $*" in
 esac
 echo "$name $*" >>calls
 case "$name $*" in
-  "python -m pytest "*)
+  "python -m pytest -n "*)
     until [ "$(cat busy 2>/dev/null | wc -l)" = "${BUSY:-0}" ]; do sleep 0.01; done
     echo "= 3 passed in 1.00s ="; exit "${PYTEST_STATUS:-0}"
     ;;
@@ -77,7 +77,7 @@ def test_everything_is_checked_and_the_last_line_is_that_of_the_tests(
     assert [call.split()[0] for call in called(checkout, "ruff")] == ["format", "check"]
     assert len(called(checkout, "mypy")) == 1
     assert called(checkout, "system_packages") == ["--ros"]
-    (tests,) = called(checkout, "python -m pytest")
+    (tests,) = called(checkout, "python -m pytest -n")
     assert tests.endswith(" -k two words")
     assert "--ignore" not in tests
 
@@ -87,7 +87,7 @@ def test_the_status_is_that_of_the_tests_which_run_once(
     status: int, checkout: Path, run: Callable[..., subprocess.CompletedProcess[str]]
 ) -> None:
     assert run(PYTEST_STATUS=str(status)).returncode == status
-    assert len(called(checkout, "python -m pytest")) == 1
+    assert len(called(checkout, "python -m pytest -n")) == 1
 
 
 @pytest.mark.parametrize(("program", "words"), [("RUFF_STATUS", "ruff check"), ("MYPY_STATUS", "mypy")])
@@ -97,7 +97,7 @@ def test_what_fails_before_the_tests_is_named_and_they_do_not_begin(
     done = run(**{program: "1"})
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == f"FAILED: {words}"
-    assert called(checkout, "python -m pytest") == []
+    assert called(checkout, "python -m pytest -n") == []
 
 
 def test_the_quick_run_names_at_the_end_what_it_left_out_all_of_which_is_there(
@@ -105,7 +105,7 @@ def test_the_quick_run_names_at_the_end_what_it_left_out_all_of_which_is_there(
 ) -> None:
     done = run("--quick", PYTEST_STATUS="1")
     assert done.returncode == 1
-    (tests,) = called(checkout, "python -m pytest")
+    (tests,) = called(checkout, "python -m pytest -n")
     ignored = [word.removeprefix("--ignore=") for word in tests.split() if word.startswith("--ignore=")]
     lines = done.stdout.splitlines()
     first = lines.index("left out, run by scripts/test without --quick:")
@@ -122,7 +122,7 @@ def test_so_many_cores_are_kept_busy_until_the_tests_are_over(
     assert run(*options, BUSY=str(count)).returncode == 0  # the tests begin when there are so many
     pids = [int(word) for word in (checkout / "busy").read_text().split()]
     assert len(pids) == count
-    (tests,) = called(checkout, "python -m pytest")
+    (tests,) = called(checkout, "python -m pytest -n")
     assert "busy" not in tests
     assert tests.endswith(" -x") == ("-x" in options)
     psutil.wait_procs([psutil.Process(pid) for pid in pids if psutil.pid_exists(pid)], timeout=60)
