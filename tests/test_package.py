@@ -36,9 +36,9 @@ print(json.dumps({"package": pacman_env.__file__, "version": pacman_env.__versio
 
 
 def run(*command: str, cwd: Path, site: Path | None = None, **environment: str) -> str:
-    """Output and errors of a command that has to succeed; with what is installed in ``site``."""
+    """Output and errors of a command that has to succeed; with what is installed in ``site`` and its own kernels."""
     if site is not None:
-        environment |= {"PYTHONPATH": str(site)}
+        environment |= {"PYTHONPATH": str(site), "PACMAN_ENV_CACHE": str(site.with_name("cache"))}
     result = subprocess.run(
         command, cwd=cwd, env={**os.environ, **environment}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
