@@ -1,5 +1,5 @@
 # Sourced by the commands beside it: makes .venv with what they need, once, and activates it.
-# usage: . scripts/venv.sh EXTRA
+# usage: . scripts/venv.sh EXTRA    (base: the package without extras)
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 venv=$root/.venv
 if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
@@ -16,7 +16,9 @@ fi
 . "$venv/bin/activate"
 stamp=$venv/.installed-$1
 if [ ! -f "$stamp" ] || [ "$root/pyproject.toml" -nt "$stamp" ] || [ "$root/constraints.txt" -nt "$stamp" ]; then
-  echo "installing pacman_env[$1] into .venv ..." >&2
-  (cd "$root" && python -m pip install --quiet --disable-pip-version-check --editable ".[$1]" --constraint constraints.txt)
+  what=.[$1]
+  [ "$1" != base ] || what=.
+  echo "installing pacman_env${what#.} into .venv ..." >&2
+  (cd "$root" && python -m pip install --quiet --disable-pip-version-check --editable "$what" --constraint constraints.txt)
   touch "$stamp"
 fi

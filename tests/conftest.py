@@ -13,12 +13,15 @@ settings.load_profile("kernels")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-#: Files that take longest, by what they wait for: begun first, so that none is left to run alone at the end.
+#: Files that take longest: begun first, so that none is left to run alone at the end.
 LONGEST = (
-    *("ros/test_whole_game.py", "test_package.py", "ros/test_killed_nodes.py", "ros/supervisor/test_up.py"),
+    *("ros/test_whole_game.py", "ros/test_killed_nodes.py", "ros/supervisor/test_up.py"),
     *("ros/original/test_mixed_graph.py", "ros/test_package.py", "ros/bags/test_recover.py"),
-    *("test_other_python.py", "ros/campaign/test_robot_rounds.py", "ros/campaign/test_campaign.py"),
-    *("train/test_adversary.py", "envs/test_promises.py", "ros/simulated_robot/test_sim_robot.py"),
+    *("ros/campaign/test_robot_rounds.py", "ros/campaign/test_campaign.py", "ros/simulated_robot/test_sim_robot.py"),
+    *("test_other_python.py", "web/test_page.py", "test_package.py", "eval/benchmarks/test_web_load.py"),
+    *("clients/test_scripts.py", "envs/test_promises.py", "eval/checks/test_memory.py", "web/test_page_accessible.py"),
+    *("envs/test_judges.py", "test_threads.py", "train/test_adversary.py", "web/test_simulated.py"),
+    *("eval/benchmarks/test_throughput.py", "train/test_ppo.py", "eval/report/test_report.py"),
 )
 
 

@@ -64,8 +64,8 @@ def python_of(name: str, folder: Path) -> Path:
     if stamp.exists() and stamp.read_text() == wanted:
         return python
     print(f"installing {', '.join(PEERS[name])} into {venv} ...", file=sys.stderr, flush=True)
-    pip = [str(python), "-m", "pip", "--disable-pip-version-check", "install", "--quiet", *PEERS[name]]
-    for command in ([sys.executable, "-m", "venv", "--clear", str(venv)], pip):
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "--disable-pip-version-check", "install", "--quiet"]
+    for command in ([sys.executable, "-m", "venv", "--clear", "--without-pip", str(venv)], [*pip, *PEERS[name]]):
         done = subprocess.run(command, env=_environment(bare=True), capture_output=True, text=True)
         if done.returncode:
             lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]

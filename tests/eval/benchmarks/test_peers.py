@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -187,19 +189,34 @@ def test_a_process_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monke
         Worker("vmas", "loop")
 
 
+def an_empty_wheel(folder: Path, name: str) -> None:
+    """What pip installs as a package that has a version, and nothing else."""
+    facts = {
+        "METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n",
+        "WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        "RECORD": "",
+    }
+    with zipfile.ZipFile(folder / f"{name}-1.0-py3-none-any.whl", "w") as wheel:
+        for file, text in facts.items():
+            wheel.writestr(f"{name}-1.0.dist-info/{file}", text)
+
+
 def test_a_venv_is_used_again_and_what_cannot_be_installed_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A version that is nowhere, with no index to ask."""
+    """With no index to ask, but a folder with one wheel."""
     monkeypatch.setenv("PIP_NO_INDEX", "1")
-    monkeypatch.delenv("PIP_FIND_LINKS", raising=False)
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
     monkeypatch.setitem(PEERS, "mpe2", ("mpe2==0.0.0",))
     with pytest.raises(
         PeerError, match=r"^cannot be installed: ERROR: No matching distribution found for mpe2==0.0.0$"
     ):
         python_of("mpe2", tmp_path)
-    monkeypatch.setitem(PEERS, "mpe2", ("pip",))  # which a venv has
+    an_empty_wheel(tmp_path, "mpe2")
+    monkeypatch.setitem(PEERS, "mpe2", ("mpe2==1.0",))
     python = python_of("mpe2", tmp_path)
+    version = "import importlib.metadata; print(importlib.metadata.version('mpe2'))"
+    assert subprocess.check_output([python, "-c", version], text=True) == "1.0\n"
     mark = python.with_name("mark")
     mark.touch()
     assert python_of("mpe2", tmp_path) == python
