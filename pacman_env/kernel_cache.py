@@ -14,6 +14,7 @@ from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.dispatcher import Dispatcher
+from numba.core.sigutils import normalize_signature
 
 from . import kernel_key
 
@@ -100,8 +101,9 @@ class KernelCache(FunctionCache):
         return None if folder is None else folder / "lock"
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        arguments = sig if isinstance(sig, tuple) else sig.args
-        return sig, codegen.magic_tuple(), repr([kernel_key.type_content(kind) for kind in arguments])
+        arguments, returned = normalize_signature(sig)
+        content = [kernel_key.type_content(kind) for kind in arguments]
+        return tuple(arguments), returned, codegen.magic_tuple(), repr(content)
 
 
 class _Reduced(CompileResultCacheImpl):

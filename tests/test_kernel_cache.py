@@ -145,6 +145,13 @@ def test_a_kernel_says_whether_it_is_kept(root: Path, tmp_path: Path) -> None:
     assert cache_of(constant(tmp_path / "second")).keeps(signature)
 
 
+def test_a_signature_that_was_given_in_words_is_found_again(root: Path, tmp_path: Path) -> None:
+    constant(tmp_path / "first").compile("float64(float64)")
+    again = constant(tmp_path / "second")
+    again.compile("float64(float64)")
+    assert hits(again) == 1
+
+
 def test_code_with_a_value_that_has_changed_since_is_not_kept(root: Path, tmp_path: Path) -> None:
     """As where a test replaces a constant of a module."""
     kernel = constant(tmp_path / "first")
