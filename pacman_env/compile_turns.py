@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import hashlib
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,20 +27,20 @@ _said: set[str] = set()
 _helped = False  # the other process is one of ours
 
 
-def take_turns(kernel: Any, folder: Path) -> None:
-    """Let one process at a time compile ``kernel``, a dispatcher of Numba's that is cached below ``folder``.
+def take_turns(kernel: Any, lock: Callable[[], Path | None]) -> None:
+    """Let one process at a time compile ``kernel``, a dispatcher of Numba's with a cache.
+
+    ``lock`` names the file that is locked meanwhile, None for none; it is asked when the kernel is not kept.
 
     Numba's lock of the process comes before any file's, and kernels that a kernel calls are locked after it: so neither
     threads nor processes wait for one another in a circle. A file lock ends with its process, however that ends.
     """
-    name = f"{kernel.__module__}.{kernel.__qualname__}"
-    file = folder / "locks" / f"{hashlib.sha256(name.encode()).hexdigest()[:16]}.lock"
     ask, compile_alone = kernel._cache.load_overload, kernel.compile
     turns: list[contextlib.ExitStack] = []  # several where one overload of a kernel calls another
 
     def ask_or_wait(signature: Any, context: Any) -> Any:
         kept = ask(signature, context)
-        if kept is None and turns:
+        if kept is None and turns and (file := lock()) is not None:
             turns[-1].enter_context(_alone(file))
             kept = ask(signature, context)
             if kept is None:
@@ -82,7 +81,7 @@ def _alone(file: Path) -> Iterator[None]:
         for limit in (SAY_AFTER_S, LONGEST_WAIT_S):
             began = time.monotonic()
             try:
-                file.parent.mkdir(exist_ok=True)
+                file.parent.mkdir(parents=True, exist_ok=True)
                 lock = FileLock(file, is_singleton=True)  # a kernel defined twice is locked twice, and waits for nobody
                 held.enter_context(lock.acquire(timeout=max(0.0, limit - _waited_s)))
                 break

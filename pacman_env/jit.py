@@ -1,8 +1,8 @@
 """The one decorator that compiles numeric kernels.
 
-Compiled code is kept in a folder named by the hash of every kernel source of this package: Numba's own cache
-looks only at the file of the function itself and would keep a stale binary when a helper in another file changes.
-Processes on a cold cache compile each kernel once between them (``compile_turns.py``).
+Machine code is kept by what a kernel reaches (``kernel_key.py``, ``kernel_cache.py``): Numba's own cache looks only at
+the file of the function itself and would keep a stale binary when a helper in another file changes. Processes on a cold
+cache compile each kernel once between them (``compile_turns.py``).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from numba.core import types as numba_types
 from numba.extending import intrinsic
 
 from .compile_turns import take_turns
+from .kernel_cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -41,7 +42,10 @@ def cache_dir() -> Path:
 
 @functools.cache
 def source_hash() -> str:
-    """Hash of the kernel sources, 12 hexadecimal digits."""
+    """Hash of all sources that maps are prepared by and kernels lie in, 12 hexadecimal digits.
+
+    For what takes a second to make again; compiled code has keys of its own.
+    """
     digest = hashlib.sha256()
     paths = [*_PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))]
     for path in sorted(paths):
@@ -55,20 +59,17 @@ def kernel(function: F, cached: bool = True) -> F:
     """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), kept on disk.
 
     Rules are plain functions; those that ``function`` calls are compiled with it. ``cached=False`` is for functions
-    from outside the package, whose changes :func:`source_hash` does not see.
+    from outside the package: two of one name may be in a process, and machine code that is kept has its names from the
+    process that compiled it.
     """
+    compiled: F = numba.njit(error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True)(
+        _with_rules_compiled(function)
+    )
     folder = kernel_folder() if cached else None
-    before = numba_config.CACHE_DIR
-    if folder is not None:
-        numba_config.CACHE_DIR = str(folder)
-    try:
-        compiled: F = numba.njit(
-            cache=folder is not None, error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True
-        )(_with_rules_compiled(function))
-    finally:
-        numba_config.CACHE_DIR = before
     if folder is not None and not numba_config.DISABLE_JIT:
-        take_turns(compiled, folder)
+        cache = KernelCache(typing.cast(Any, compiled), folder)
+        compiled._cache = cache  # type: ignore[attr-defined]
+        take_turns(compiled, lambda: cache.lock)
     return compiled
 
 
@@ -89,16 +90,19 @@ def _with_rules_compiled(function: F) -> F:
 
 @functools.cache
 def kernel_folder() -> Path | None:
-    """Where this version's kernels are kept; None, and nothing is kept, where no folder can be written.
-
-    Numba alone would then fall back to a place that does not know of changes in other files.
-    """
-    folder = cache_dir() / f"numba-{source_hash()}"
+    """Where compiled code is kept; None, and nothing is kept, where no folder can be written."""
+    folder = cache_dir() / "kernels"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+def mark(name: str) -> Path | None:
+    """The file that says that something was compiled beforehand, from these sources; None: nothing is kept."""
+    folder = kernel_folder()
+    return None if folder is None else folder / f"{name}-{source_hash()}"
 
 
 @intrinsic

@@ -178,15 +178,15 @@ def call_range(typing_context, function, table, first, last):  # type: ignore[no
     return types.int64(types.int64, types.int64, types.int64, types.int64), generate
 
 
-_RANGE = (types.int64, types.int64, types.int64)
+RANGE = (types.int64, types.int64, types.int64)
 
 
 @functools.cache  # to ask Numba takes as long as a hundred games' decisions
 def address_of_kernel(kernel: Any) -> int:
     """Where the machine code of a kernel ``(table, first, last) -> int64`` lies; compiles it if need be."""
-    if _RANGE not in kernel.overloads:
-        kernel.compile(_RANGE)
-    compiled = kernel.overloads[_RANGE]
+    if RANGE not in kernel.overloads:
+        kernel.compile(RANGE)
+    compiled = kernel.overloads[RANGE]
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 
 

@@ -24,6 +24,8 @@ FLOORS = (
         "lanes",
         "threads",
         "compile_turns",
+        "kernel_key",
+        "kernel_cache",
         "rng",
         "bucket_queue",
         "files",

@@ -29,7 +29,7 @@ def test_asking_for_memory_changes_nothing_and_never_fails(beyond: int) -> None:
 
 
 @pytest.mark.parametrize("file", ["rng.py", "config/sections.py", "game/execution.py", "sim/core/kernels.py"])
-def test_compiled_code_is_kept_apart_from_that_of_other_sources(
+def test_what_other_sources_have_prepared_is_kept_apart(
     file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(jit, "_PACKAGE", tmp_path)

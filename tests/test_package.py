@@ -19,10 +19,18 @@ from pacman_env.world.maps.occupancy import shipped_maps
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("pacman_env", "eval", "train", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
 
-#: Run with the installed wheel first on the path: where things come from, and a game on each map.
+#: Run with the installed wheel first on the path: where things come from, a game on each map, and what was compiled.
 PLAY = """
 import json, sys
 import gymnasium, pacman_env
+from numba.core import event
+compiled = []
+class Listener(event.Listener):
+    def on_start(self, event):
+        compiled.append(str(event.data["dispatcher"]))
+    def on_end(self, event):
+        pass
+event.register("numba:compile", Listener())
 from pacman_env.world.maps import occupancy
 rounds = {}
 for name in occupancy.shipped_maps():
@@ -31,14 +39,14 @@ for name in occupancy.shipped_maps():
     rounds[name] = [info["spawned"], env.unwrapped.batch.assets.occupancy.hash]
 folders = sorted({str(path.parent) for path in occupancy._shipped().values()})
 print(json.dumps({"package": pacman_env.__file__, "version": pacman_env.__version__, "rounds": rounds,
-                  "folders": folders}))
+                  "folders": folders, "compiled": compiled}))
 """
 
 
 def run(*command: str, cwd: Path, site: Path | None = None, **environment: str) -> str:
-    """Output and errors of a command that has to succeed; with what is installed in ``site`` and its own kernels."""
+    """Output and errors of a command that has to succeed; with what is installed in ``site`` first on the path."""
     if site is not None:
-        environment |= {"PYTHONPATH": str(site), "PACMAN_ENV_CACHE": str(site.with_name("cache"))}
+        environment["PYTHONPATH"] = str(site)
     result = subprocess.run(
         command, cwd=cwd, env={**os.environ, **environment}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
@@ -74,6 +82,8 @@ def site(built: tuple[Path, str], tmp_path_factory: pytest.TempPathFactory) -> P
 
 @pytest.fixture(scope="module")
 def played(site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What :data:`PLAY` prints, after the checkout has played the same."""
+    run(sys.executable, "-W", "error", "-c", PLAY, cwd=ROOT, site=ROOT)
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     out = run(sys.executable, "-W", "error", "-c", PLAY, cwd=elsewhere, site=site)
     return json.loads(out.splitlines()[-1])
@@ -105,6 +115,10 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
 def test_the_installed_package_is_the_one_that_plays(played: dict[str, Any], site: Path) -> None:
     assert Path(played["package"]) == site / "pacman_env" / "__init__.py"
     assert played["version"] == pacman_env.__version__
+
+
+def test_a_wheel_beside_a_warm_checkout_compiles_nothing(played: dict[str, Any]) -> None:
+    assert played["compiled"] == []
 
 
 def test_every_shipped_map_is_played_from_the_wheel(played: dict[str, Any], site: Path) -> None:

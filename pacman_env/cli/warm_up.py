@@ -32,19 +32,19 @@ def add_warm_up(commands: Any) -> None:
 
 
 def _report(robot: bool) -> int:
-    from pacman_env.jit import cache_dir, kernel_folder
+    from pacman_env.jit import cache_dir, kernel_folder, mark
 
-    folder = kernel_folder()
-    if folder is None:
+    if (folder := kernel_folder()) is None:
         raise OSError(f"{cache_dir()}: cannot be written, nothing would be kept; PACMAN_ENV_CACHE names another folder")
     for name, work in (PARTS | ROBOT_PARTS if robot else PARTS).items():
-        mark = folder / f"warm-up-{'-'.join(name.split())}-{_compiler()}"
-        if mark.exists():
+        done = mark(f"warm-up-{'-'.join(name.split())}-{_compiler()}")
+        if done is not None and done.exists():
             print(f"{name:<16} done before")
             continue
         began = time.monotonic()
         work()
-        mark.touch()
+        if done is not None:
+            done.touch()
         print(f"{name:<16} {time.monotonic() - began:6.1f} s", flush=True)
     print(f"kept in {folder}")
     return 0

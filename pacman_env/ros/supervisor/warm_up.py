@@ -41,9 +41,8 @@ class Part:
     @property
     def mark(self) -> Path | None:
         """The file that says that it is done; None: nothing is kept."""
-        folder = jit.kernel_folder()
         kind = Path(self.policy).suffix.lstrip(".") or self.policy
-        return None if folder is None else folder / f"warm-{'-'.join(self.nodes)}-{kind or 'none'}"
+        return jit.mark(f"warm-{'-'.join(self.nodes)}-{kind or 'none'}")
 
 
 def parts(setup: GameSetup) -> list[Part]:

@@ -18,20 +18,22 @@ from numba.core import config as numba_config
 
 from ...compile_turns import expect_help
 from ...jit import kernel_folder
-from ...native import address_of_kernel
+from ...native import RANGE, address_of_kernel
 from ...threads import cores
+from .ticks import play
 
 _ROOT = Path(__file__).resolve().parents[3]
 _LOOK_S = 0.5
 
 
 def begin() -> subprocess.Popen[bytes] | None:
-    """Start the other process if no kernel of this version is kept yet, once, and if there is a core for it."""
-    folder = kernel_folder()
-    if folder is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
+    """Start the other process if the ticks are not kept yet, once, and if there is a core for it."""
+    if kernel_folder() is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
+        return None
+    if (folder := play._cache.find()) is None or play._cache.keeps(RANGE):
         return None
     try:
-        (folder / "compiled-ahead").mkdir()
+        (folder / "compiled-ahead").mkdir(parents=True)
     except OSError:  # another process has made it, or nothing can be written
         return None
     paths = os.environ.get("PYTHONPATH")
@@ -66,8 +68,6 @@ def _watch(parent: int) -> None:
 def main(parent: int) -> None:
     """Compile the ticks, for the process with that number and those to come."""
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
-    from .ticks import play
-
     address_of_kernel(play)
 
 

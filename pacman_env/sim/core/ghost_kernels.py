@@ -143,13 +143,13 @@ def move(table, i):  # type: ignore[no-untyped-def]
 @kernel
 def step(table):  # type: ignore[no-untyped-def]
     """One update of the only game, whose choices are in the table."""
-    move(table, 0)
+    move(table, np.int64(0))
 
 
 @kernel
 def choose(table):  # type: ignore[no-untyped-def]
     """Decide in the only game."""
-    return decide(table, 0)
+    return decide(table, np.int64(0))
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]

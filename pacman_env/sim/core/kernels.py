@@ -261,14 +261,15 @@ def due(g, chosen, since, p):  # type: ignore[no-untyped-def]
 def step_robot(games, by_hand, paths, obstacles, parameters, plan_end, nav, search, clearance, clear, spaces):  # type: ignore[no-untyped-def]
     """One physics step of the only robot, without a game; False, if it has to be given a space before it moves."""
     g, p = games[0], parameters[0]
+    i = np.int64(0)  # of the type that the ticks' numbers have: a constant would have everything compiled once more
     affine, snap, neighbours, cell_xy, length_cm, next_step = nav
     if not g.stage:
         if navigator.plan_due(g, g.step):
             here = (affine[0], snap[0], neighbours[0], cell_xy[0], length_cm[0], next_step[0])
-            navigator.plan(g, 0, paths, obstacles[0], p, plan_end[0], here, search)
+            navigator.plan(g, i, paths, obstacles[0], p, plan_end[0], here, search)
         refresh_heading(g)
-        drive(g, 0, paths, p, by_hand, affine[0], clearance)
-    g.stage = not move(g, 0, 0, affine[0], clear, p, spaces)
+        drive(g, i, paths, p, by_hand, affine[0], clearance)
+    g.stage = not move(g, i, g.level, affine[0], clear, p, spaces)
     if not g.stage:
         sense(g, p)
     return g.stage == 0

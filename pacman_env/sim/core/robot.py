@@ -174,9 +174,10 @@ class SimulatedRobot:
         """(R,) ranges in m, R and the limits as in ``config.observation``; see :func:`lidar.scan`."""
         kinds, grid = self.config.observation, self.grid
         ranges = np.empty(kinds.scan_rays, dtype=np.float32)
-        lidar.scan(
-            grid.affine, grid.clearance_cm, grid.resolution, *self.pose, np.uint64(self._g["seed"]), self.steps,
-            kinds.scan_noise, kinds.scan_minimum_m, kinds.scan_maximum_m, ranges,
+        lidar.scan_all(  # the kernel that environments have compiled
+            grid.affine[None], grid.clearance_cm[None], np.array([grid.clearance_cm.shape], np.int32), grid.resolution,
+            np.zeros(1, np.int32), np.array([self.pose]), self._games["seed"], np.array([self.steps], np.int32),
+            kinds.scan_noise, kinds.scan_minimum_m, kinds.scan_maximum_m, ranges[None],
         )  # fmt: skip
         return ranges
 
@@ -309,7 +310,7 @@ class SimulatedRobot:
             kernels.command(g, v, omega, parameters[0])
         way = self._paths, self._obstacles, parameters, self._plan_end, self._nav, self._search
         cells = grid.clearance_cm, self._clear
-        while not kernels.step_robot(self._games, by_hand, *way, *cells, self._spaces.arrays):
+        while not kernels.step_robot(self._games, int(by_hand), *way, *cells, self._spaces.arrays):
             self._spaces.provide(0, grid.walls)
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT

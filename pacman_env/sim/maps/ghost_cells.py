@@ -276,7 +276,7 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
     if search == 1:  # of a search long ago that had this number
         node[:, 2:] = 0
     # The three landmarks that bound this trip best.
-    a, b, c = _AT_LANDMARKS, _AT_LANDMARKS, _AT_LANDMARKS
+    a = b = c = int(_AT_LANDMARKS)  # a variable: the constant would have the estimate compiled once more
     best_a, best_b, best_c = -1, -1, -1
     for k in range(_AT_LANDMARKS, _AT_PIXEL):
         bound = abs(graph[start, k] - graph[goal, k])
@@ -290,8 +290,8 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
     node[start, 1] = -1
     node[start, 2] = search
     end = (graph[goal, _AT_PIXEL], graph[goal, _AT_PIXEL + 1], graph[goal, a], graph[goal, b], graph[goal, c])
-    least = _estimate(graph, start, end, a, b, c)
-    push(queue, 0, start)
+    least = _estimate(graph, np.int32(start), end, a, b, c)
+    push(queue, np.int64(0), np.int32(start))
     found = False
     while True:
         u = pop(queue)

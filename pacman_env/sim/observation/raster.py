@@ -76,7 +76,7 @@ def raster_all(  # type: ignore[no-untyped-def]
         shape: (L, 2) int32: rows and columns of each grid; what lies beyond is a wall.
         level: (N,) int32, in [0, L).
         pose: (N, 3) believed x, y, heading in m and rad; any finite numbers.
-        pellet_xy: (N, P, 2) m.
+        pellet_xy: (N, P or more, 2) m.
         pellet_there: (N, P) bool.
         ghosts: (N, G, 2) m.
         metres_per_pixel: m.
@@ -98,13 +98,13 @@ def raster_all(  # type: ignore[no-untyped-def]
             sin * metres_per_pixel,
             image,
         )
-        for k in range(pellet_xy.shape[1]):
+        for k in range(pellet_there.shape[1]):
             if pellet_there[i, k]:
                 dx, dy = (pellet_xy[i, k, 0] - x) * pixels_per_m, (pellet_xy[i, k, 1] - y) * pixels_per_m
                 row, column = middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)
-                _disc(image, PELLETS, row, column, PELLET_RADIUS_M * pixels_per_m)
+                _disc(image, np.int64(PELLETS), row, column, PELLET_RADIUS_M * pixels_per_m)
         for k in range(ghosts.shape[1]):
             dx, dy = (ghosts[i, k, 0] - x) * pixels_per_m, (ghosts[i, k, 1] - y) * pixels_per_m
             row, column = middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)
-            _disc(image, GHOSTS, row, column, radius_m * pixels_per_m)
-        _disc(image, ROBOT, middle, middle, radius_m * pixels_per_m)
+            _disc(image, np.int64(GHOSTS), row, column, radius_m * pixels_per_m)
+        _disc(image, np.int64(ROBOT), middle, middle, radius_m * pixels_per_m)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.native import _RANGE
+from pacman_env.native import RANGE
 from pacman_env.sim.core import compile_ahead
 from pacman_env.sim.core.ticks import play
 
@@ -89,4 +89,4 @@ def test_where_nothing_can_be_kept_nothing_is_begun(monkeypatch: pytest.MonkeyPa
 
 def test_what_it_compiles_is_what_a_batch_runs() -> None:
     compile_ahead.main(os.getppid())
-    assert _RANGE in play.overloads
+    assert RANGE in play.overloads

@@ -1,0 +1,210 @@
+"""What the machine code of a kernel depends on, as one hash: every function and value that the kernel reaches.
+
+Numba compiles the functions that a kernel calls into it and freezes the globals that they read. Its own cache looks at
+the file of the kernel alone. Here the bytecode is followed from name to name, whatever file it lies in; where a file
+lies, its comments and what no kernel reaches change nothing. Python code of other packages counts by their versions. A
+value of a kind that is not known here makes the kernel one that is not kept: no key, and never a wrong one.
+
+A name that is only an attribute's (``g.x``) counts as the global of that name, too. That can change a key without
+need, and cannot miss anything.
+"""
+
+from __future__ import annotations
+
+import dis
+import enum
+import functools
+import hashlib
+import sys
+import types
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import config as numba_config
+from numba.core import types as numba_types
+from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
+
+_VERSIONED = frozenset(sys.stdlib_module_names) | {"numpy", "numba", "llvmlite"}
+_VERSIONS = (
+    *(sys.implementation.cache_tag, numba.__version__, llvmlite.__version__, np.__version__),
+    *(numba_config.OPT, numba_config.LOOP_VECTORIZE, numba_config.SLP_VECTORIZE, numba_config.BOUNDSCHECK),
+)
+_NUMBERS = (int, float, complex, bool, str, bytes, type(None), type(Ellipsis))
+_IMPORT_NAME = dis.opmap["IMPORT_NAME"]
+
+#: Nested tuples of strings and numbers: its ``repr`` is hashed.
+Content = Any
+
+
+class UnknownContent(TypeError):
+    """A kernel reaches a value whose content cannot be written down."""
+
+
+def kernel_key(kernel: Dispatcher) -> str:
+    """Hash of what a kernel reaches now, 16 hexadecimal digits.
+
+    Raises:
+        UnknownContent: it reaches a value of a kind that is not known here.
+    """
+    reached: dict[Any, int] = {kernel: 0}
+    digest = hashlib.sha256(repr(_VERSIONS).encode())
+    waiting = [kernel]
+    for one in waiting:  # grows meanwhile
+        content, others = _content_and_reached(one)
+        for other in others:
+            if other not in reached:
+                reached[other] = len(waiting)
+                waiting.append(other)
+        digest.update(f"{content} {[reached[other] for other in others]}".encode())
+    return digest.hexdigest()[:16]
+
+
+def forget() -> None:
+    """Follow everything anew at the next call, as a global may have another value now."""
+    _content_and_reached.cache_clear()
+
+
+def type_content(kind: numba_types.Type) -> Content:
+    """What a type of an argument says of its layout beyond what Numba compares: fields of named tuples."""
+    return _Reader(()).type_content(kind)
+
+
+@functools.cache
+def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
+    """The content of a kernel, intrinsic or function alone, and those that it refers to in their order."""
+    reader = _Reader(())
+    content: Content
+    if isinstance(function, Dispatcher):
+        content = ("kernel", sorted(map(repr, function.targetoptions.items())), reader.content(function.py_func))
+    elif isinstance(function, _Intrinsic):
+        content = ("intrinsic", function._prefer_literal, reader.content(function._defn))
+    else:
+        content = reader.function(function)
+    return repr(content), tuple(reader.reached)
+
+
+class _Reader:
+    """Writes down what one function refers to."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.reached: list[Any] = []
+        self._names = tuple(names)
+        self._modules: list[types.ModuleType] = []
+
+    def function(self, function: types.FunctionType) -> Content:
+        """A function of Python: its code, defaults, closure and the globals that its code names."""
+        self._names = tuple(sorted(_names(function.__code__)))
+        known = function.__globals__
+        return (
+            *(function.__module__, function.__qualname__, self._code(function.__code__)),
+            self.content(function.__defaults__),
+            self.content(tuple(sorted((function.__kwdefaults__ or {}).items()))),
+            tuple(self._cell(cell) for cell in function.__closure__ or ()),
+            tuple((name, self.content(known[name])) for name in self._names if name in known),
+        )
+
+    def _cell(self, cell: types.CellType) -> Content:
+        try:
+            return self.content(cell.cell_contents)
+        except ValueError:
+            return "empty"
+
+    def _code(self, code: types.CodeType) -> Content:
+        if _IMPORT_NAME in code.co_code[::2]:
+            raise UnknownContent(f"{code.co_name} imports while it runs")
+        return (
+            *(code.co_code, code.co_exceptiontable, code.co_flags, code.co_names, code.co_varnames),
+            *(code.co_freevars, code.co_cellvars, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount),
+            *(self.content(constant) for constant in code.co_consts),
+        )
+
+    def content(self, value: Any) -> Content:
+        """Any value that a kernel may freeze or refer to."""
+        kind = type(value)
+        if kind in _NUMBERS:
+            return repr(value)
+        if isinstance(value, types.CodeType):
+            return self._code(value)
+        if isinstance(value, Dispatcher | _Intrinsic | types.FunctionType):
+            if _versioned(value.__module__):
+                return value.__module__, getattr(value, "__name__", "")
+            self.reached.append(value)
+            return "reached"
+        if isinstance(value, enum.Enum):
+            return "member", self.content(kind), value.name
+        if kind is tuple:
+            return tuple(self.content(one) for one in value)
+        if isinstance(value, tuple) and hasattr(value, "_fields"):
+            return self.content(kind), tuple(self.content(one) for one in value)
+        if isinstance(value, frozenset):
+            return "set", tuple(sorted(repr(self.content(one)) for one in value))
+        if isinstance(value, np.dtype):
+            return "dtype", repr(value)
+        if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
+            strides = value.strides if isinstance(value, np.ndarray) else ()
+            return kind.__name__, repr(value.dtype), value.shape, strides, value.tobytes()
+        if isinstance(value, types.ModuleType):
+            return self._module(value)
+        if isinstance(value, type):
+            return self._class(value)
+        if isinstance(value, numba_types.Type):
+            return self.type_content(value)
+        if isinstance(value, ir.Type):
+            return "IR", repr(value)
+        if isinstance(value, np.ufunc):
+            return "ufunc", value.__name__
+        if callable(value) and _versioned(kind.__module__) and _versioned(getattr(value, "__module__", None) or ""):
+            return value.__module__, value.__name__  # built in, or NumPy's
+        raise UnknownContent(f"{value!r} of {kind.__module__}.{kind.__qualname__}")
+
+    def _module(self, module: types.ModuleType) -> Content:
+        if _versioned(module.__name__) or module in self._modules:
+            return "module", module.__name__
+        self._modules.append(module)
+        known = vars(module)
+        return "module", tuple((name, self.content(known[name])) for name in self._names if name in known)
+
+    def _class(self, kind: type) -> Content:
+        name = kind.__module__, kind.__qualname__
+        if _versioned(kind.__module__):
+            return name
+        if issubclass(kind, enum.Enum):
+            return name, tuple((one, self.content(member.value)) for one, member in kind.__members__.items())
+        if issubclass(kind, tuple) and hasattr(kind, "_fields"):
+            defaults = kind._field_defaults  # type: ignore[attr-defined]
+            return name, kind._fields, tuple((one, self.content(value)) for one, value in defaults.items())
+        if issubclass(kind, numba_types.Type):
+            return name, _text(kind)
+        raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__}")
+
+    def type_content(self, kind: numba_types.Type) -> Content:
+        """A type of Numba's, or one that a package has added to them."""
+        if isinstance(kind, numba_types.BaseNamedTuple):  # type: ignore[attr-defined]
+            return self.content(kind.instance_class), tuple(self.type_content(one) for one in kind)
+        if isinstance(kind, numba_types.BaseTuple):  # type: ignore[attr-defined]
+            return str(type(kind)), tuple(self.type_content(one) for one in kind)
+        return str(kind), () if _versioned(type(kind).__module__) else self._class(type(kind))
+
+
+def _names(code: types.CodeType) -> set[str]:
+    """All names in the code and in functions within it."""
+    inner = [_names(constant) for constant in code.co_consts if isinstance(constant, types.CodeType)]
+    return set(code.co_names).union(*inner)
+
+
+def _versioned(module: str) -> bool:
+    return module.partition(".")[0] in _VERSIONED
+
+
+def _text(kind: type) -> str:
+    """The file that defines a type: its models are registered, not named."""
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    if file is None:
+        raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__} without a file")
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
