@@ -167,6 +167,9 @@ class LockStep:
         for publisher in member.node.publishers:
             self._published.pop(publisher, None)
         member.executor.shutdown()
+        for waitable in list(member.node.waitables):  # rclpy leaves actions' ends, and what they have latched
+            if isinstance(waitable, ActionServer | ActionClient):
+                waitable.destroy()
         member.node.destroy_node()
         self._changed = True
 
