@@ -13,6 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import pytest
+import rclpy.node
+from rcl_interfaces.msg import Log
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pacman_env.ros import topics
@@ -78,6 +82,11 @@ class Session:
         self._recorded: set[str] = set()
         self._publishers: dict[str, Any] = {}
         self.observer: Observer = game.add(Observer, self._arguments()).node  # type: ignore[assignment]
+        options = {"use_global_arguments": False, "enable_rosout": False, "start_parameter_services": False}
+        # It is no member: lines of a log have the wall's time.
+        self._log_reader = rclpy.node.Node("log_reader", context=game.context, **options)
+        self._log = self._log_reader.create_subscription(Log, "/rosout", lambda line: None, QoSProfile(depth=5000))
+        self._errors: list[str] = []
 
     def _arguments(self, **parameters: Any) -> list[str]:
         words = ["--ros-args", "-r", f"__ns:={NAMESPACE}"]
@@ -129,6 +138,14 @@ class Session:
         """The last message; None: none."""
         return next(iter(self.messages(topic)[::-1]), None)
 
+    def errors(self) -> list[str]:
+        """What nodes have logged as errors since the session began."""
+        with self._log.handle:
+            while (taken := self._log.handle.take_message(Log, False)) is not None:
+                if taken[0].level >= Log.ERROR:
+                    self._errors.append(f"{taken[0].name}: {taken[0].msg}")
+        return self._errors
+
     def forget(self) -> None:
         """Drop what was recorded so far."""
         self.records.clear()
@@ -177,10 +194,18 @@ class Session:
         return self.observer.get_clock().now().to_msg()
 
 
+def _made(make: Callable[[], T], alone: bool) -> T:
+    """Make the nodes; ``alone``: they meet no node of another context, whatever else runs in their domain."""
+    with pytest.MonkeyPatch.context() as patch:
+        if alone:
+            patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+        return make()
+
+
 @contextmanager
 def nodes(folder: Path, seed: int = 0) -> Iterator[Session]:
     """A session without any node but the observer and one that gives the time."""
-    game = LockStep(seed)
+    game = _made(lambda: LockStep(seed), alone=True)
     try:
         game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
         session = Session(game, folder)
@@ -192,13 +217,27 @@ def nodes(folder: Path, seed: int = 0) -> Iterator[Session]:
 
 @contextmanager
 def game(
-    folder: Path, map: str | Path = "house", policy: str = "clyde_aware", seed: int = 0, **fields: Any
+    folder: Path,
+    map: str | Path = "house",
+    policy: str = "clyde_aware",
+    seed: int = 0,
+    alone: bool = True,
+    **fields: Any,
 ) -> Iterator[Session]:
-    """A session of a whole game; ``fields`` are further ones of ``GameSetup``."""
+    """A session of a whole game.
+
+    Args:
+        folder: for files of the nodes.
+        map: name or file.
+        policy: of the goal selector.
+        seed: of everything that is drawn.
+        alone: no node of another process or context can meet those of the game.
+        fields: of ``GameSetup``.
+    """
     extra = fields.pop("extra", {})
     referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
     setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
-    whole = LockStepGame(setup, seed)
+    whole = _made(lambda: LockStepGame(setup, seed), alone)
     try:
         yield Session(whole, folder)
     finally:
