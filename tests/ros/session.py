@@ -79,7 +79,8 @@ class Session:
     def __init__(self, game: LockStep, folder: Path) -> None:
         self.game, self.folder = game, folder
         self.records: list[Recorded] = []  # of all recorded topics, in the order of publication
-        self._recorded: set[str] = set()
+        self._by_topic: dict[str, list[Recorded]] = {}  # the same
+        self._latest: dict[str, Any] = {}  # messages, those that were forgotten among them
         self._publishers: dict[str, Any] = {}
         self.observer: Observer = game.add(Observer, self._arguments()).node  # type: ignore[assignment]
         options = {"use_global_arguments": False, "enable_rosout": False, "start_parameter_services": False}
@@ -102,6 +103,12 @@ class Session:
             parameters = {"state_file": str(self.folder / "game_controller.json"), **parameters}
         return self.game.add(make or CLASSES[name], self._arguments(**parameters))
 
+    def kill(self, name: str) -> None:
+        """The node is gone, without last messages; only the test starts it again."""
+        member = self.game.member(name)
+        assert member is not None, f"{name} is not there"
+        self.game.remove(member, last_messages=False)
+
     def node(self, name: str) -> Any:
         """The node of that name."""
         member = self.game.member(name)
@@ -113,16 +120,24 @@ class Session:
     def record(self, *wanted: topics.Topic) -> None:
         """Record from now on; of a latched topic, what it was said last, too."""
         for topic in wanted:
-            if topic.name not in self._recorded:
-                self._recorded.add(topic.name)
+            if topic.name not in self._by_topic:
+                self._by_topic[topic.name] = []
                 recorder = self._recorder(topic.name)
                 self.game.subscribe(self.observer, partial(topic.subscription, self.observer, recorder))
 
     def _recorder(self, name: str) -> Callable[[Any], None]:
-        return lambda message: self.records.append(Recorded(self.game.wall.now_s, name, message))
+        def record(message: Any) -> None:
+            one = Recorded(self.game.wall.now_s, name, message)
+            self.records.append(one)
+            self._by_topic[name].append(one)
+            self._latest[name] = message
+
+        return record
 
     def on(self, *wanted: topics.Topic) -> list[Recorded]:
         """The records of some topics, in order."""
+        if len(wanted) == 1:
+            return self._by_topic.get(wanted[0].name, [])[:]
         names = {topic.name for topic in wanted}
         return [one for one in self.records if one.topic in names]
 
@@ -136,7 +151,12 @@ class Session:
 
     def last(self, topic: topics.Topic) -> Any:
         """The last message; None: none."""
-        return next(iter(self.messages(topic)[::-1]), None)
+        records = self._by_topic.get(topic.name)
+        return records[-1].message if records else None
+
+    def latest(self, topic: topics.Topic) -> Any:
+        """As ``last``, be it forgotten or not."""
+        return self._latest.get(topic.name)
 
     def errors(self) -> list[str]:
         """What nodes have logged as errors since the session began."""
@@ -146,9 +166,12 @@ class Session:
                     self._errors.append(f"{taken[0].name}: {taken[0].msg}")
         return self._errors
 
-    def forget(self) -> None:
-        """Drop what was recorded so far."""
-        self.records.clear()
+    def forget(self, *forgotten: topics.Topic) -> None:
+        """Drop what was recorded so far on some topics; none: on all."""
+        names = {topic.name for topic in forgotten} or set(self._by_topic)
+        self.records[:] = [one for one in self.records if one.topic not in names]
+        for name in names:
+            self._by_topic[name].clear()
 
     # What the test does
 
