@@ -24,7 +24,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.simulated_robot.sim_robot import LIGHT_RING_SHOWN
 from tests.ros import session
-from tests.ros.running_game import CLYDE_MPS, FAR_M, GOALS, HOME, POLICY, SETTINGS, Game
+from tests.ros.running_game import CLYDE_MPS, FAR_M, HOME, POLICY, SETTINGS, Game
 
 MAP = "loop"
 EXECUTING = 2  # action_msgs/GoalStatus
