@@ -81,7 +81,7 @@ class LockStep:
             NodeFailed: a latched message does not arrive.
         """
         self._started += 1
-        surroundings = LockStepSurroundings(self.wall, self._started, self.context, arguments, self._watch)
+        surroundings = LockStepSurroundings(self.wall, self._started, self.context, arguments, self._watch, self.until)
         before, self._turn = self._turn, None
         with within(surroundings), self._watchdog.during(f"the making of node {self._started}"):
             node = make()

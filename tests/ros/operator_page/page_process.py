@@ -1,4 +1,4 @@
-"""The page as a process of its own, and one who is connected to it as a browser is."""
+"""A whole game in processes, the page as one more, and a connection to it as a browser's."""
 
 from __future__ import annotations
 
@@ -6,15 +6,28 @@ import contextlib
 import json
 import socket
 import sys
+import time
 import urllib.request
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from pacman_env.ros import topics
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
 from pacman_env.web.frame import Frame, decode
-from tests.ros.operator_page.page_game import MAP, START_S, STILL_MPS, STILL_RADPS, Nodes
-from tests.ros.system import NAMESPACE, PATIENCE_S, Process
+from tests.ros.system import NAMESPACE, PATIENCE_S, Probe, Process, System
+
+MAP = "loop"
+START_S = 240.0  # the first nodes may have to compile
+STILL_MPS, STILL_RADPS = 0.005, 0.02
+SETTINGS = ["clyde.speed_mps=0.02", "show.start_s=1", "show.death_s=1"]
+OWN: dict[str, dict[str, Any]] = {
+    SIMULATOR: {"map_yaml": MAP},
+    "pellet_manager": {"map_yaml": MAP},
+    "clyde_ghost_node": {"map_yaml": MAP},
+    SELECTOR: {"map_yaml": MAP, "policy": "nearest", "home": "[0.0, 0.0, 0.0]", "diagnostics_rate": 5.0},
+}
+T = TypeVar("T")
 
 
 def free_port() -> int:
@@ -23,8 +36,56 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
+class Nodes:
+    """All nodes of a game, and a probe."""
+
+    def __init__(self, probe: Probe, system: System) -> None:
+        self.probe, self.system = probe, system
+        self.processes: dict[str, Process] = {}
+        probe.record(topics.CMD_VEL, topics.ODOMETRY, topics.OPERATOR_STOP, topics.GAME_STATE, DIAGNOSTICS)
+
+    def start(self, name: str) -> None:
+        own = OWN.get(name, {})
+        self.processes[name] = self.system.start(module_of(name), use_sim_time=True, settings=SETTINGS, **own)
+
+    def start_all(self) -> None:
+        for name in (SIMULATOR, *GAME, SELECTOR):
+            self.start(name)
+
+    def kill(self, name: str) -> None:
+        """As a crash does it: nothing is said."""
+        process = self.processes.pop(name)
+        process.popen.kill()
+        process.popen.wait()
+        self.system.processes.remove(process)
+
+    def wait(self, condition: Callable[[], T], what: str, timeout_s: float = PATIENCE_S) -> T:
+        return self.probe.wait_for(condition, timeout_s, what)
+
+    def close(self) -> None:
+        for name in list(self.processes):
+            self.kill(name)
+
+    def first_still(self, topic: topics.Topic, twist: Callable[[Any], Any], since: float) -> float | None:
+        """When a topic first said after an instant that nothing turns; ``time.monotonic`` s."""
+        for heard in self.probe.heard(topic):
+            it = twist(heard.message)
+            if heard.at > since and abs(it.linear.x) < STILL_MPS and abs(it.angular.z) < STILL_RADPS:
+                return heard.at
+        return None
+
+    def measured(self, stop: Callable[[], object]) -> tuple[float, float]:
+        """From a call to the first zero velocity on the wire, and to the wheels' standstill by odometry; s."""
+        self.probe.forget()
+        began = time.monotonic()
+        stop()
+        said = self.wait(lambda: self.first_still(topics.CMD_VEL, lambda m: m.twist, began), "zero velocity")
+        stood = self.wait(lambda: self.first_still(topics.ODOMETRY, lambda m: m.twist.twist, began), "a standstill")
+        return said - began, stood - began
+
+
 class Page:
-    """The process, and one browser: what it has been told."""
+    """The process, and what it has sent to one browser."""
 
     def __init__(self, nodes: Nodes) -> None:
         self.nodes = nodes
