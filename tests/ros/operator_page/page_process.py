@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from pacman_env.ros import topics
+from pacman_env.ros.messages import seconds_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
 from pacman_env.web.frame import Frame, decode
@@ -82,6 +83,32 @@ class Nodes:
         said = self.wait(lambda: self.first_still(topics.CMD_VEL, lambda m: m.twist, began), "zero velocity")
         stood = self.wait(lambda: self.first_still(topics.ODOMETRY, lambda m: m.twist.twist, began), "a standstill")
         return said - began, stood - began
+
+    def condition(self) -> dict[str, Any]:
+        """What the goal selector said of itself last."""
+        return dict(json.loads((self.probe.values(DIAGNOSTICS) or ["{}"])[-1]))
+
+    def stands(self) -> bool:
+        """By the last odometry."""
+        twist = self.probe.messages(topics.ODOMETRY)[-1].twist.twist
+        return abs(twist.linear.x) < STILL_MPS and abs(twist.angular.z) < STILL_RADPS
+
+    def pass_s(self, seconds: float) -> None:
+        """Let so much simulated time pass, by the odometry: for what must not happen meanwhile."""
+
+        def last_s() -> float:
+            return seconds_of(self.probe.messages(topics.ODOMETRY)[-1].header.stamp)
+
+        self.wait(lambda: self.probe.messages(topics.ODOMETRY), "odometry")
+        end_s = last_s() + seconds
+        self.wait(lambda: last_s() >= end_s, f"{seconds:g} s of simulated time")
+
+    def start_all_once(self) -> None:
+        """The game is up, whichever test came first."""
+        if not self.processes:
+            self.start_all()
+        ready = {"active": True, "nav2": True}
+        self.wait(lambda: ready.items() <= self.condition().items(), "the goal selector", START_S)
 
 
 class Page:
@@ -156,17 +183,18 @@ class Page:
     def drives(self) -> bool:
         return self.frame is not None and abs(self.frame.velocity[0]) > 0.1
 
+    def until_it_drives(self) -> None:
+        """The robot drives; where a round has ended meanwhile, in the next one."""
+
+        def drives() -> bool:
+            if self.frame is not None and self.frame.state == "menu" and not self.frame.stopped:
+                self.ask("start")
+            return self.drives()
+
+        self.wait(drives, "the robot to drive")
+
     def kill(self) -> None:
         self.process.popen.kill()
         self.process.popen.wait()
         self.nodes.system.processes.remove(self.process)
         self._open.close()
-
-
-def condition(nodes: Nodes) -> dict[str, Any]:
-    return dict(json.loads((nodes.probe.values(DIAGNOSTICS) or ["{}"])[-1]))
-
-
-def stands(nodes: Nodes) -> bool:
-    twist = nodes.probe.messages(topics.ODOMETRY)[-1].twist.twist
-    return abs(twist.linear.x) < STILL_MPS and abs(twist.angular.z) < STILL_RADPS
