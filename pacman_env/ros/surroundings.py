@@ -12,12 +12,14 @@ import secrets
 import socket
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+
+_LOOK_S = 0.02  # between two looks at a condition
 
 
 class Surroundings:
@@ -48,6 +50,15 @@ class Surroundings:
     def clock(self) -> Clock:
         """The wall's clock, for timers."""
         return Clock(clock_type=ClockType.STEADY_TIME)
+
+    def wait_for(self, condition: Callable[[], object], limit_s: float) -> bool:
+        """Wait, in a thread that is not the node's, until the condition holds; False: it does not within so long, s."""
+        end_s = self.monotonic() + limit_s
+        while not condition():
+            if self.monotonic() > end_s:
+                return False
+            time.sleep(_LOOK_S)
+        return True
 
     def process(self) -> list[Any]:
         """What tells processes apart: when this one started (s since 1970), on which machine, its number."""

@@ -13,6 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import pytest
+import rclpy.node
+from rcl_interfaces.msg import Log
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pacman_env.ros import topics
@@ -75,9 +79,15 @@ class Session:
     def __init__(self, game: LockStep, folder: Path) -> None:
         self.game, self.folder = game, folder
         self.records: list[Recorded] = []  # of all recorded topics, in the order of publication
-        self._recorded: set[str] = set()
+        self._by_topic: dict[str, list[Recorded]] = {}  # the same
+        self._latest: dict[str, Any] = {}  # messages, those that were forgotten among them
         self._publishers: dict[str, Any] = {}
         self.observer: Observer = game.add(Observer, self._arguments()).node  # type: ignore[assignment]
+        options = {"use_global_arguments": False, "enable_rosout": False, "start_parameter_services": False}
+        # It is no member: lines of a log have the wall's time.
+        self._log_reader = rclpy.node.Node("log_reader", context=game.context, **options)
+        self._log = self._log_reader.create_subscription(Log, "/rosout", lambda line: None, QoSProfile(depth=5000))
+        self._errors: list[str] = []
 
     def _arguments(self, **parameters: Any) -> list[str]:
         words = ["--ros-args", "-r", f"__ns:={NAMESPACE}"]
@@ -93,6 +103,12 @@ class Session:
             parameters = {"state_file": str(self.folder / "game_controller.json"), **parameters}
         return self.game.add(make or CLASSES[name], self._arguments(**parameters))
 
+    def kill(self, name: str) -> None:
+        """The node is gone, without last messages; only the test starts it again."""
+        member = self.game.member(name)
+        assert member is not None, f"{name} is not there"
+        self.game.remove(member, last_messages=False)
+
     def node(self, name: str) -> Any:
         """The node of that name."""
         member = self.game.member(name)
@@ -104,16 +120,24 @@ class Session:
     def record(self, *wanted: topics.Topic) -> None:
         """Record from now on; of a latched topic, what it was said last, too."""
         for topic in wanted:
-            if topic.name not in self._recorded:
-                self._recorded.add(topic.name)
+            if topic.name not in self._by_topic:
+                self._by_topic[topic.name] = []
                 recorder = self._recorder(topic.name)
                 self.game.subscribe(self.observer, partial(topic.subscription, self.observer, recorder))
 
     def _recorder(self, name: str) -> Callable[[Any], None]:
-        return lambda message: self.records.append(Recorded(self.game.wall.now_s, name, message))
+        def record(message: Any) -> None:
+            one = Recorded(self.game.wall.now_s, name, message)
+            self.records.append(one)
+            self._by_topic[name].append(one)
+            self._latest[name] = message
+
+        return record
 
     def on(self, *wanted: topics.Topic) -> list[Recorded]:
         """The records of some topics, in order."""
+        if len(wanted) == 1:
+            return self._by_topic.get(wanted[0].name, [])[:]
         names = {topic.name for topic in wanted}
         return [one for one in self.records if one.topic in names]
 
@@ -127,11 +151,27 @@ class Session:
 
     def last(self, topic: topics.Topic) -> Any:
         """The last message; None: none."""
-        return next(iter(self.messages(topic)[::-1]), None)
+        records = self._by_topic.get(topic.name)
+        return records[-1].message if records else None
 
-    def forget(self) -> None:
-        """Drop what was recorded so far."""
-        self.records.clear()
+    def latest(self, topic: topics.Topic) -> Any:
+        """As ``last``, be it forgotten or not."""
+        return self._latest.get(topic.name)
+
+    def errors(self) -> list[str]:
+        """What nodes have logged as errors since the session began."""
+        with self._log.handle:
+            while (taken := self._log.handle.take_message(Log, False)) is not None:
+                if taken[0].level >= Log.ERROR:
+                    self._errors.append(f"{taken[0].name}: {taken[0].msg}")
+        return self._errors
+
+    def forget(self, *forgotten: topics.Topic) -> None:
+        """Drop what was recorded so far on some topics; none: on all."""
+        names = {topic.name for topic in forgotten} or set(self._by_topic)
+        self.records[:] = [one for one in self.records if one.topic not in names]
+        for name in names:
+            self._by_topic[name].clear()
 
     # What the test does
 
@@ -177,10 +217,18 @@ class Session:
         return self.observer.get_clock().now().to_msg()
 
 
+def _made(make: Callable[[], T], alone: bool) -> T:
+    """Make the nodes; ``alone``: they meet no node of another context, whatever else runs in their domain."""
+    with pytest.MonkeyPatch.context() as patch:
+        if alone:
+            patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+        return make()
+
+
 @contextmanager
 def nodes(folder: Path, seed: int = 0) -> Iterator[Session]:
     """A session without any node but the observer and one that gives the time."""
-    game = LockStep(seed)
+    game = _made(lambda: LockStep(seed), alone=True)
     try:
         game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
         session = Session(game, folder)
@@ -192,13 +240,27 @@ def nodes(folder: Path, seed: int = 0) -> Iterator[Session]:
 
 @contextmanager
 def game(
-    folder: Path, map: str | Path = "house", policy: str = "clyde_aware", seed: int = 0, **fields: Any
+    folder: Path,
+    map: str | Path = "house",
+    policy: str = "clyde_aware",
+    seed: int = 0,
+    alone: bool = True,
+    **fields: Any,
 ) -> Iterator[Session]:
-    """A session of a whole game; ``fields`` are further ones of ``GameSetup``."""
+    """A session of a whole game.
+
+    Args:
+        folder: for files of the nodes.
+        map: name or file.
+        policy: of the goal selector.
+        seed: of everything that is drawn.
+        alone: no node of another process or context can meet those of the game.
+        fields: of ``GameSetup``.
+    """
     extra = fields.pop("extra", {})
     referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
     setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
-    whole = LockStepGame(setup, seed)
+    whole = _made(lambda: LockStepGame(setup, seed), alone)
     try:
         yield Session(whole, folder)
     finally:

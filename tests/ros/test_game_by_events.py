@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,22 +10,31 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.campaign.robot_rounds import ONE_ROUND, play_round
 from eval.campaign.schedule import part_of_map
-from eval.campaign.system import System
 from pacman_env.config import make_config
+from pacman_env.ros import topics
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from tests.ros import session
+
+SETTINGS = ("decisions.when=event", "clyde.speed_mps=0.1", "show.start_s=1.0")
 
 
 def test_a_round_is_completed_with_fewer_decisions_than_ticks(domain: int, tmp_path: Path) -> None:
-    ground = str(part_of_map("house", 3.0).save(tmp_path / "ground.yaml"))
-    (tmp_path / "logs").mkdir()
-    with System(ground, 3, 5.0, tmp_path / "logs", (*ONE_ROUND, "decisions.when=event")) as system:
-        played = play_round(system, "clyde_aware", 0.1, 600.0)
-        condition = system.recorder.condition
-        assert system.troubles() == []
-    assert system.said == []
-    assert played.end == "complete"
-    assert played.collected > 2
-    ticks = played.time_s / make_config().execution.tick_s
-    assert played.collected < condition["decisions"]["count"] < 0.7 * ticks
-    assert condition["goals_sent"] >= played.collected
+    ground = part_of_map("house", 3.0).save(tmp_path / "ground.yaml")
+    with session.game(tmp_path, ground, seed=3, settings=SETTINGS) as game:
+        game.record(
+            topics.GAME_STATE, topics.GAME_RESULT, topics.PELLETS_COLLECTED, topics.PELLETS_SPAWNED, DIAGNOSTICS
+        )
+        assert game.call(topics.START_GAME).success
+        game.wait_for(lambda: game.values(topics.GAME_STATE)[-1] == "running", 30.0, "the round")
+        began_s, spawned = game.now_s, game.values(topics.PELLETS_SPAWNED)[-1]
+        game.wait_for(lambda: game.values(topics.GAME_STATE)[-1] != "running", 600.0, "its end")
+        ticks = (game.now_s - began_s) / make_config().execution.tick_s
+        collected = max(game.values(topics.PELLETS_COLLECTED))
+        game.forget(DIAGNOSTICS)
+        condition = json.loads(game.wait_for(lambda: game.values(DIAGNOSTICS), 10.0, "the planner's diagnostics")[-1])
+        assert game.errors() == []
+        assert "Complete" in game.values(topics.GAME_RESULT)[-1]
+    assert collected == spawned > 2
+    assert collected < condition["decisions"]["count"] < 0.7 * ticks
+    assert condition["goals_sent"] >= collected

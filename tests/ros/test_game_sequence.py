@@ -1,11 +1,10 @@
-"""A lost round with another planner, which the probe plays, and with shows of the referee's that are shorter than the
-robot's motions. What a whole game says is looked at in ``test_whole_game.py``.
+"""A lost round with another planner, which the test plays, and with shows of the referee's that are shorter than the
+robot's motions. What a whole game publishes is looked at in ``test_whole_game.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -13,66 +12,43 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.game_nodes import module_of
-from tests.ros.clock import SimulatedClock
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe, System
+from tests.ros import session
 
 SHOW_S = 0.5  # of start and death; the motions are of 8 s and 5 s
 NODES = ("game_event_mapper", "clyde_ghost_node", "pellet_manager", "game_controller")
 
 
-def test_another_planner_plays_and_short_shows_break_the_motions_off(probe: Probe, system: System) -> None:
-    def turning() -> list[float]:
-        return [message.twist.angular.z for message in probe.messages(topics.CMD_VEL)]
+def test_another_planner_plays_and_short_shows_break_the_motions_off(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path) as game:
 
-    def wait(what: str, topic: topics.Topic, value: object) -> None:
-        probe.wait_for(passing(lambda: probe.values(topic)[-1:] == [value]), what=what)
+        def turning() -> list[float]:
+            return [message.twist.angular.z for message in game.messages(topics.CMD_VEL)]
 
-    def passing(condition: Callable[[], bool]) -> Callable[[], bool]:
-        """Looks at a condition and lets time pass as long as it does not hold."""
+        game.record(topics.GAME_STATE, topics.SCORE, topics.GAME_RESULT, topics.PELLETS_SPAWNED, topics.CMD_VEL)
+        for node in NODES[:3]:
+            game.start(node, **({} if node == "game_event_mapper" else {"map_yaml": "loop"}))
+        game.start(NODES[3], settings=[f"show.start_s={SHOW_S}", f"show.death_s={SHOW_S}"])
+        game.wait_for(lambda: game.last(topics.PELLETS_SPAWNED).data > 0, 5.0, "the pellets")
 
-        def holds() -> bool:
-            if condition():
-                return True
-            clock.advance(0.05)
-            return condition()
+        assert game.call(topics.START_GAME).success
+        assert game.values(topics.GAME_STATE)[-1] == "returning_home"
+        game.publish(topics.GAME_STATUS, "home_reached")
+        assert turning()[-1] == 1.5  # the spin begins at once
+        began_s = game.now_s
+        game.wait_for(lambda: game.values(topics.GAME_STATE)[-1] == "running", 5.0, "the round")
+        assert game.now_s - began_s == pytest.approx(SHOW_S, abs=1e-6)
+        game.wait_for(lambda: turning()[-1] == 0.0, 0.05, "the end of the spin")
 
-        return holds
-
-    probe.record(topics.GAME_STATE, topics.SCORE, topics.GAME_RESULT, topics.PELLETS_SPAWNED, topics.CMD_VEL)
-    for node in NODES[:3]:
-        maps = {} if node == "game_event_mapper" else {"map_yaml": "loop"}
-        system.start(module_of(node), use_sim_time=True, **maps)
-    shows = [f"show.start_s={SHOW_S}", f"show.death_s={SHOW_S}"]
-    system.start(module_of(NODES[3]), use_sim_time=True, settings=shows)
-    clock = SimulatedClock(probe, *NODES)
-    probe.wait_for(passing(lambda: bool(probe.values(topics.GAME_STATE))), what="the referee")
-    probe.publisher(topics.GAME_EVENT)
-    probe.wait_for(
-        lambda: probe.node.count_subscribers(f"{system.namespace}/{topics.GAME_EVENT.name}") == 1, what="the mapper"
-    )
-    probe.wait_for(passing(lambda: probe.values(topics.PELLETS_SPAWNED)[-1:] != [0]), what="the pellets")
-
-    assert probe.call(topics.START_GAME).success
-    wait("the way home", topics.GAME_STATE, "returning_home")
-    probe.publish(topics.GAME_STATUS, "home_reached")
-    probe.wait_for(lambda: 1.5 in turning(), what="the spin")
-    began_s = clock.now_s
-    wait("the round", topics.GAME_STATE, "running")
-    probe.wait_for(lambda: turning()[-1] == 0.0, what="the end of the spin")
-    assert SHOW_S - 0.1 < clock.now_s - began_s < SHOW_S + 0.2
-
-    probe.publish(topics.GAME_STATUS, "pellet_collected:0")
-    wait("the pellet's score", topics.SCORE, 1)
-    probe.forget()
-    probe.publish(topics.GAME_EVENT, "clyde killed")  # the planner names the ghost, then reports
-    probe.publish(topics.GAME_STATUS, "death_detected")
-    probe.wait_for(passing(lambda: {-1.5, 1.5} <= set(turning())), what="the shake to both sides")
-    wait("the way home", topics.GAME_STATE, "returning_home")
-    wait("the result", topics.GAME_RESULT, "Death - Score: 1")
-    probe.wait_for(lambda: turning()[-1] == 0.0, what="the end of the shake")  # and no time passes any more
-    probe.publish(topics.GAME_STATUS, "home_reached")
-    wait("the menu", topics.GAME_STATE, "menu")
-    wait("the score at naught", topics.SCORE, 0)
+        game.publish(topics.GAME_STATUS, "pellet_collected:0")
+        assert game.values(topics.SCORE)[-1] == 1
+        game.forget()
+        game.publish(topics.GAME_EVENT, "clyde killed")  # the planner names the ghost, then reports
+        game.publish(topics.GAME_STATUS, "death_detected")
+        game.wait_for(lambda: {-1.5, 1.5} <= set(turning()), SHOW_S, "the shake to both sides")
+        game.wait_for(lambda: "returning_home" in game.values(topics.GAME_STATE), SHOW_S, "the way home")
+        assert game.values(topics.GAME_RESULT)[-1] == "Death - Score: 1"
+        game.wait_for(lambda: turning()[-1] == 0.0, 0.05, "the end of the shake")
+        game.publish(topics.GAME_STATUS, "home_reached")
+        assert game.values(topics.GAME_STATE)[-1] == "menu"
+        assert game.values(topics.SCORE)[-1] == 0
+        assert game.errors() == []

@@ -10,6 +10,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -67,7 +68,7 @@ class LockStep:
         self._started = 0
         self._queue: deque[Delivery] = deque()
         self._turn: Member | None = None  # whose code runs
-        self._published: dict[Any, int] = {}  # by publisher: messages
+        self._published: dict[Any, _Published] = {}  # by publisher
         self._with_statuses: set[ActionServer] = set()  # rclpy publishes these in C
         self._index = _Index()
         self._changed = True
@@ -88,7 +89,9 @@ class LockStep:
             NodeFailed: a latched message does not arrive.
         """
         self._started += 1
-        surroundings = LockStepSurroundings(self.wall, self._started, self.context, arguments, self._watch, self._alone)
+        surroundings = LockStepSurroundings(
+            self.wall, self._started, self.context, arguments, self._watch, self.until, self._alone
+        )
         before, self._turn = self._turn, None
         with within(surroundings), self._watchdog.during(f"the making of node {self._started}"):
             node = make()
@@ -121,35 +124,40 @@ class LockStep:
         """
         self._refresh()
         taken: list[tuple[int, Member, Subscription, Any]] = []
+        came: defaultdict[Subscription, list[int]] = defaultdict(list)  # times of publication, ns
         owed = {sub: self._latched_for(sub) for sub in member.node.subscriptions if sub not in known}
         end = time.monotonic() + _JOIN_S
         while True:
             for other, sub in self._index.subscriptions:
                 for message in _messages(sub):
-                    taken.append((message[1]["source_timestamp"], other, sub, message))
-                    owed[sub] = owed.get(sub, 0) - 1
-            missing = [sub for sub, count in owed.items() if count > 0]
+                    at_ns = message[1]["source_timestamp"]
+                    taken.append((at_ns, other, sub, message))
+                    came[sub].append(at_ns)
+            missing = [sub for sub, latched in owed.items() if not _complete(sub, latched, came[sub])]
             if not missing:
                 break
             if time.monotonic() > end:
                 names = ", ".join(sub.topic_name for sub in missing)
                 raise NodeFailed(f"{member.name}: what is latched on {names} has not arrived within {_JOIN_S:g} s")
             time.sleep(0.001)
-        for _, other, sub, message in sorted(taken, key=lambda one: one[0]):
-            self._put(self._delivery(other, sub, message))
+        for at_ns, other, sub, message in sorted(taken, key=lambda one: one[0]):
+            if sub not in owed or at_ns in sorted(came[sub])[-sub.qos_profile.depth :]:
+                self._put(self._delivery(other, sub, message))
 
-    def _latched_for(self, sub: Subscription) -> int:
-        """How many messages of members the middleware keeps for a subscription that was made now."""
+    def _latched_for(self, sub: Subscription) -> list[_Published]:
+        """What members have published that the middleware keeps for a subscription that was made now."""
         if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
-            return 0
+            return []
         name = sub.topic_name
         publishers = (p for other in self.members for p in other.node.publishers)
-        statuses = sum(server.statuses_name == name for server in self._with_statuses)
-        return statuses + sum(
-            min(self._published.get(publisher, 0), publisher.qos_profile.depth)
+        statuses = [_Published(1, 1, 0, 2**63) for server in self._with_statuses if server.statuses_name == name]
+        return statuses + [
+            self._published[publisher]
             for publisher in publishers
-            if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL and publisher.topic_name == name
-        )
+            if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            and publisher.topic_name == name
+            and publisher in self._published
+        ]
 
     def member(self, name: str) -> Member | None:
         """The node of that name that is there; None: none is."""
@@ -270,8 +278,11 @@ class LockStep:
             entity.send_response = partial(self._respond, entity, entity.send_response)
 
     def _publish(self, publisher: Publisher, publish: Callable[[Any], None], message: Any) -> None:
+        begin_ns = time.time_ns()
         publish(message)
-        self._published[publisher] = self._published.get(publisher, 0) + 1
+        count = self._published[publisher].count + 1 if publisher in self._published else 1
+        kept = min(count, publisher.qos_profile.depth)
+        self._published[publisher] = _Published(count, kept, begin_ns, time.time_ns())
         if self._turn is not None:
             self._refresh()
             for member, sub in self._index.by_publisher(publisher):
@@ -400,6 +411,24 @@ class LockStep:
             self._changed = False
             self._index = _Index(self.members)
             self._with_statuses &= {waitable for _, waitable in self._index.waitables}
+
+
+@dataclass(frozen=True)
+class _Published:
+    """By one publisher."""
+
+    count: int  # messages
+    kept: int  # of them, for those that come later, where it is latched
+    begin_ns: int  # of the last publication, by the machine's clock
+    end_ns: int
+
+
+def _complete(sub: Subscription, latched: list[_Published], came_ns: list[int]) -> bool:
+    """Whether all that is latched for a subscription has come, by the times of publication of what has."""
+    if sum(one.kept for one in latched) <= sub.qos_profile.depth:
+        return len(came_ns) >= sum(one.kept for one in latched)
+    # It keeps fewer than there are: the middleware may drop the older ones. The newest of each publisher comes last.
+    return all(any(one.begin_ns <= at_ns <= one.end_ns for at_ns in came_ns) for one in latched)
 
 
 class _Index:

@@ -56,6 +56,7 @@ class LockStepSurroundings(Surroundings):
         context: of rclpy.
         arguments: of the node, as they would follow its program's name.
         watch: called with each publisher, client and service of the node.
+        until: lets simulated time go on until a condition holds, for so long at most, s; whether it does.
         alone: the node need not be told from those of other processes.
     """
 
@@ -68,10 +69,11 @@ class LockStepSurroundings(Surroundings):
         context: Context,
         arguments: list[str],
         watch: Callable[[Any], None],
+        until: Callable[[Callable[[], object], float], bool],
         alone: bool = True,
     ) -> None:
         self._alone = alone
-        self._wall, self._number, self._watch = wall, number, watch
+        self._wall, self._number, self._watch, self._until = wall, number, watch, until
         self._options = {"context": context, "cli_args": arguments, "use_global_arguments": False}
 
     def options(self) -> dict[str, Any]:
@@ -97,6 +99,10 @@ class LockStepSurroundings(Surroundings):
     def clock(self) -> Clock:
         """The game's wall clock."""
         return self._wall.clock
+
+    def wait_for(self, condition: Callable[[], object], limit_s: float) -> bool:
+        """Let the game go on until the condition holds, likewise."""
+        return self._until(condition, limit_s)
 
     def process(self) -> list[Any]:
         """When the node was started, and its number in place of a process's."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -63,14 +62,13 @@ class Heard(BaseNode):
     """What has been heard last of everything; ``None`` and empty: nothing yet.
 
     Args:
-        namespace: with its slash.
-        context: of rclpy.
         sim: the robot is simulated, and gives the time.
         news: what is shown, and what befalls the game, is added to it.
+        options: of rclpy's Node.
     """
 
-    def __init__(self, namespace: str, context: Any, sim: bool, news: News) -> None:
-        super().__init__(NAME, namespace=namespace, context=context)
+    def __init__(self, sim: bool, news: News, **options: Any) -> None:
+        super().__init__(NAME, **options)
         self._news = news
         self.sim = sim
         self.state: str | None = None
@@ -159,7 +157,7 @@ class Heard(BaseNode):
     @property
     def robot_s(self) -> float:
         """The time by the robot's clock."""
-        return self._robot_clock[2] if self._robot_clock is not None else time.time()
+        return self._robot_clock[2] if self._robot_clock is not None else self.surroundings.time_ns() * 1e-9
 
     @property
     def round_time_s(self) -> float:
@@ -174,12 +172,12 @@ class Heard(BaseNode):
     @property
     def alive(self) -> bool:
         """Whether a robot tells its odometry."""
-        return time.monotonic() - self._odometry_s < _FRESH_S
+        return self.surroundings.monotonic() - self._odometry_s < _FRESH_S
 
     @property
     def believed(self) -> Pose | None:
         """Where the robot believes that it is."""
-        belief = self._believed.at(time.monotonic())
+        belief = self._believed.at(self.surroundings.monotonic())
         return None if belief is None else belief.pose
 
     @property
@@ -241,14 +239,14 @@ class Heard(BaseNode):
         self.map = picture_of(message)
 
     def _take_static_transforms(self, message: Any) -> None:
-        self._believed.transforms(message, time.monotonic(), static=True)
+        self._believed.transforms(message, self.surroundings.monotonic(), static=True)
         for transform in message.transforms:
             parent, child, pose = transform_of(transform)
             if len(self._static) < _MOST:
                 self._static[child.lstrip("/")] = parent.lstrip("/"), pose
 
     def _take_transforms(self, message: Any, waited_s: float) -> None:
-        self._believed.transforms(message, time.monotonic() - waited_s)
+        self._believed.transforms(message, self.surroundings.monotonic() - waited_s)
 
     def _take_odometry(self, message: Any, waited_s: float) -> None:
         try:
@@ -258,10 +256,10 @@ class Heard(BaseNode):
             return
         twist = message.twist.twist
         self.velocity = float(twist.linear.x), float(twist.angular.z)
-        self._odometry_s = time.monotonic() - waited_s
+        self._odometry_s = self.surroundings.monotonic() - waited_s
 
     def _take_clock(self, message: Any, waited_s: float) -> None:
-        now, said = time.monotonic() - waited_s, seconds_of(message.clock)
+        now, said = self.surroundings.monotonic() - waited_s, seconds_of(message.clock)
         if self._robot_clock is None or said < self._robot_clock[2]:
             self._robot_clock = now, said, said
             return

@@ -1,7 +1,8 @@
 """A running game of a robot as the operator's page sees it: the interface ``Game`` over ROS.
 
 A node with a context and a thread of its own listens (``heard.py``) and makes frames and scenes of what it has heard;
-what people ask for is done in the thread that asks, by the referee's services and the topics that anybody may use. A
+what people ask for is done in the thread that asks, by the referee's services and the topics that anybody may use. In
+a lock-step game the node is one of the game's, and has no thread: a timer is the wheels' as well. A
 stop goes three ways at once: zero velocity from a thread that does nothing else (``wheels.py``), the end of every goal
 that Nav2 pursues, and the word that the nodes obey until the release (``operator_stop.py``).
 """
@@ -12,16 +13,13 @@ import json
 import logging
 import math
 import threading
-import time
-from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
@@ -35,12 +33,13 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.operator_page.heard import Heard
 from pacman_env.ros.operator_page.scenes import facts_of, pellets_of_scene
-from pacman_env.ros.operator_page.wheels import Wheels
+from pacman_env.ros.operator_page.wheels import PERIOD_S, Wheels
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector.goal_scores import WHY
 from pacman_env.ros.supervisor.doctor import Doctor
 from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
 from pacman_env.ros.supervisor.readiness import BAD, OK, find
+from pacman_env.ros.surroundings import current
 from pacman_env.web import feedback, messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
@@ -98,13 +97,13 @@ class RosGame:
         self._notice = ""  # what a page shows in the place of a game
         self._closed = threading.Event()
         self._doctors = threading.Lock()
-        self._context = rclpy.Context()
-        arguments = ["--ros-args", *QUIET]
-        no_signals = SignalHandlerOptions.NO
-        rclpy.init(args=arguments, context=self._context, domain_id=domain, signal_handler_options=no_signals)
-        self._node = node = Heard(namespace, self._context, sim, self._news)
+        self._surroundings = current()
+        lock_step = self._surroundings.lock_step
+        self._context: Context | None = None if lock_step else _context(domain)
+        options = {} if lock_step else {"namespace": namespace, "context": self._context}
+        self.node = self._node = node = Heard(sim, self._news, **options)
         self._velocity = topics.CMD_VEL.publisher(node)
-        self._wheels = Wheels(self._publish_velocity)
+        self._wheels = Wheels(self._publish_velocity, self._surroundings.monotonic, own_thread=not lock_step)
         self._canceller = topics.NAVIGATE_TO_POSE.cancel_client(node)
         self._motions = [topics.motion_canceller(node, name) for name in topics.MOTIONS]
         self._services = {
@@ -113,7 +112,10 @@ class RosGame:
         said = (topics.GAME_EVENT, topics.GAME_LIGHT, topics.GAME_SOUND, topics.CLICKED_POINT, topics.BASE_CLYDE_SPEED)
         self._says = {topic.name: topic.publisher(node) for topic in said}
         self._operator = OperatorStop(node, self._on_stop)
-        node.create_timer(_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(_PERIOD_S, self._look, clock=self._surroundings.clock())
+        if lock_step:
+            node.create_timer(PERIOD_S, self._wheels.beat, clock=self._surroundings.clock())
+            return
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)
         self._thread = threading.Thread(target=self._spin, name="page", daemon=True)
@@ -127,6 +129,8 @@ class RosGame:
             return
         self._closed.set()
         self._wheels.close()
+        if self._context is None:
+            return
         self._thread.join()
         self._executor.shutdown()
         self._node.destroy_node()
@@ -244,7 +248,7 @@ class RosGame:
                     self._news.add(words=words)
 
     def _look(self) -> None:
-        node, now = self._node, time.monotonic()
+        node, now = self._node, self._surroundings.monotonic()
         node.watch(WHY, self._why)
         node.watch(topics.SCAN, self._lidar)
         node.catch_up()
@@ -348,7 +352,7 @@ class RosGame:
 
     def _cancel_goals(self) -> None:
         """End every goal that Nav2 pursues and every motion of the base's own, whoever asked for it."""
-        self._cancelled_s = time.monotonic()
+        self._cancelled_s = self._surroundings.monotonic()
         for canceller in (self._canceller, *self._motions):
             if canceller.service_is_ready():
                 canceller.call_async(canceller.srv_type.Request())  # all zero: every goal
@@ -374,12 +378,10 @@ class RosGame:
     def _call(self, service: topics.Service, request: Any, who: str) -> Any:
         """The answer of a service; in the thread of who asks, while the node's thread goes on."""
         client = self._services[service.name]
-        if not _wait_for(client.service_is_ready, _THERE_S):
+        if not self._surroundings.wait_for(client.service_is_ready, _THERE_S):
             raise Refused(f"{who} is not there: nobody answers on {service.name} in {self._where}")
-        done = threading.Event()
         answer = client.call_async(request)
-        answer.add_done_callback(lambda _: done.set())
-        if not done.wait(_ANSWER_S):
+        if not self._surroundings.wait_for(answer.done, _ANSWER_S):
             client.remove_pending_request(answer)
             raise Refused(f"{who} has not answered within {_ANSWER_S:g} s: see whether it was done")
         if answer.exception() is not None:
@@ -411,7 +413,7 @@ class RosGame:
             at = self._node.ghosts.get(0, _NOWHERE)
             return math.dist(at, (x, y)) < _PLACED_M
 
-        if not _wait_for(there, _PLACED_S):
+        if not self._surroundings.wait_for(there, _PLACED_S):
             raise Refused("Clyde cannot be there: no place near it is wide enough for him")
 
     def _sit(self, person: str, who: str) -> dict[str, str]:
@@ -455,7 +457,7 @@ class RosGame:
             self._not_stopped()
             if self._node.state != "menu" or self._wheels.driven or self._node.navigating:
                 raise Refused("somebody else drives: an event moves the robot in the menu alone; disarm first")
-            self._shows_until_s = time.monotonic() + _LONGEST_SHOW_S
+            self._shows_until_s = self._surroundings.monotonic() + _LONGEST_SHOW_S
             self._say(topics.GAME_EVENT, word)
             return
         self._news.add(event=word)
@@ -469,7 +471,7 @@ class RosGame:
 
     def _arm(self, by: str | None) -> None:
         self._armed = by
-        if by is None and time.monotonic() < self._shows_until_s and self._node.state == "menu":
+        if by is None and self._surroundings.monotonic() < self._shows_until_s and self._node.state == "menu":
             self._say(topics.GAME_EVENT, "reset")  # ends the motion
         self._shows_until_s = 0.0
 
@@ -491,9 +493,10 @@ class RosGame:
             }
             for one in found
         ]
-        return [*rows, self._stop_row()]
+        return [*rows, self.stop_row()]
 
-    def _stop_row(self) -> dict[str, str]:
+    def stop_row(self) -> dict[str, str]:
+        """Who obeys a stop, as one row of the readiness list."""
         obey = self._operator.obeyed_by if self._operator.known else []
         if obey:
             words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._operator.stopped else ''}"
@@ -502,10 +505,9 @@ class RosGame:
         return {"name": "STOP", "state": "bad", "words": "no node of the game obeys it", "cure": cure}
 
 
-def _wait_for(condition: Callable[[], Any], timeout_s: float) -> bool:
-    end = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(0.02)
-    return True
+def _context(domain: int) -> Context:
+    """Of the page's own."""
+    context = Context()
+    no_signals = SignalHandlerOptions.NO
+    rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
+    return context

@@ -16,17 +16,25 @@ class Wheels:
 
     Args:
         publish: called with v (m/s) and omega (rad/s), from any thread.
+        monotonic: the wall's clock, s.
+        own_thread: False: ``beat`` is called every ``PERIOD_S`` instead.
     """
 
-    def __init__(self, publish: Callable[[float, float], None]) -> None:
-        self._publish = publish
+    def __init__(
+        self,
+        publish: Callable[[float, float], None],
+        monotonic: Callable[[], float] = time.monotonic,
+        own_thread: bool = True,
+    ) -> None:
+        self._publish, self._monotonic = publish, monotonic
         self._change = threading.Condition()
         self._stopped = False
         self._driven: tuple[float, float, float] | None = None  # v, omega, when it was said
         self._zeros = 0  # to be published yet
         self._closed = False
-        self._thread = threading.Thread(target=self._run, name="wheels", daemon=True)
-        self._thread.start()
+        self._thread = threading.Thread(target=self._run, name="wheels", daemon=True) if own_thread else None
+        if self._thread is not None:
+            self._thread.start()
 
     @property
     def driven(self) -> bool:
@@ -50,7 +58,7 @@ class Wheels:
         with self._change:
             if self._stopped or self._closed:
                 return False
-            self._driven = v, omega, time.monotonic()
+            self._driven = v, omega, self._monotonic()
             self._publish(v, omega)
             self._change.notify()
         return True
@@ -69,16 +77,28 @@ class Wheels:
                 self._publish(0.0, 0.0)
             self._driven, self._closed = None, True
             self._change.notify()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
 
     def _end_drive(self) -> None:
         self._driven, self._zeros = None, _ENDS
         self._publish(0.0, 0.0)
 
+    @property
+    def _due(self) -> bool:
+        """Whether there is anything to publish."""
+        return self._stopped or self._driven is not None or self._zeros > 0
+
+    def beat(self) -> None:
+        """Publish what is due after a period."""
+        with self._change:
+            if self._due and not self._closed:
+                self._say()
+
     def _run(self) -> None:
         while True:
             with self._change:
-                while not (self._closed or self._stopped or self._driven is not None or self._zeros):
+                while not (self._closed or self._due):
                     self._change.wait()
                 if self._closed:
                     return
@@ -91,7 +111,7 @@ class Wheels:
             self._publish(0.0, 0.0)
         elif self._driven is not None:
             v, omega, since_s = self._driven
-            if time.monotonic() - since_s >= DEAD_MAN_S:
+            if self._monotonic() - since_s >= DEAD_MAN_S:
                 self._end_drive()
             else:
                 self._publish(v, omega)

@@ -1,4 +1,4 @@
-"""The page as a process of its own, and one who is connected to it as a browser is."""
+"""A whole game in processes, the page as one more, and a connection to it as a browser's."""
 
 from __future__ import annotations
 
@@ -6,15 +6,29 @@ import contextlib
 import json
 import socket
 import sys
+import time
 import urllib.request
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from pacman_env.ros import topics
+from pacman_env.ros.messages import seconds_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
 from pacman_env.web.frame import Frame, decode
-from tests.ros.operator_page.page_game import MAP, START_S, STILL_MPS, STILL_RADPS, Nodes
-from tests.ros.system import NAMESPACE, PATIENCE_S, Process
+from tests.ros.system import NAMESPACE, PATIENCE_S, Probe, Process, System
+
+MAP = "loop"
+START_S = 240.0  # the first nodes may have to compile
+STILL_MPS, STILL_RADPS = 0.005, 0.02
+SETTINGS = ["clyde.speed_mps=0.02", "show.start_s=1", "show.death_s=1"]
+OWN: dict[str, dict[str, Any]] = {
+    SIMULATOR: {"map_yaml": MAP},
+    "pellet_manager": {"map_yaml": MAP},
+    "clyde_ghost_node": {"map_yaml": MAP},
+    SELECTOR: {"map_yaml": MAP, "policy": "nearest", "home": "[0.0, 0.0, 0.0]", "diagnostics_rate": 5.0},
+}
+T = TypeVar("T")
 
 
 def free_port() -> int:
@@ -23,8 +37,82 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
+class Nodes:
+    """All nodes of a game, and a probe."""
+
+    def __init__(self, probe: Probe, system: System) -> None:
+        self.probe, self.system = probe, system
+        self.processes: dict[str, Process] = {}
+        probe.record(topics.CMD_VEL, topics.ODOMETRY, topics.OPERATOR_STOP, topics.GAME_STATE, DIAGNOSTICS)
+
+    def start(self, name: str) -> None:
+        own = OWN.get(name, {})
+        self.processes[name] = self.system.start(module_of(name), use_sim_time=True, settings=SETTINGS, **own)
+
+    def start_all(self) -> None:
+        for name in (SIMULATOR, *GAME, SELECTOR):
+            self.start(name)
+
+    def kill(self, name: str) -> None:
+        """As a crash does it: nothing is said."""
+        process = self.processes.pop(name)
+        process.popen.kill()
+        process.popen.wait()
+        self.system.processes.remove(process)
+
+    def wait(self, condition: Callable[[], T], what: str, timeout_s: float = PATIENCE_S) -> T:
+        return self.probe.wait_for(condition, timeout_s, what)
+
+    def close(self) -> None:
+        for name in list(self.processes):
+            self.kill(name)
+
+    def first_still(self, topic: topics.Topic, twist: Callable[[Any], Any], since: float) -> float | None:
+        """When a topic first said after an instant that nothing turns; ``time.monotonic`` s."""
+        for heard in self.probe.heard(topic):
+            it = twist(heard.message)
+            if heard.at > since and abs(it.linear.x) < STILL_MPS and abs(it.angular.z) < STILL_RADPS:
+                return heard.at
+        return None
+
+    def measured(self, stop: Callable[[], object]) -> tuple[float, float]:
+        """From a call to the first zero velocity on the wire, and to the wheels' standstill by odometry; s."""
+        self.probe.forget()
+        began = time.monotonic()
+        stop()
+        said = self.wait(lambda: self.first_still(topics.CMD_VEL, lambda m: m.twist, began), "zero velocity")
+        stood = self.wait(lambda: self.first_still(topics.ODOMETRY, lambda m: m.twist.twist, began), "a standstill")
+        return said - began, stood - began
+
+    def condition(self) -> dict[str, Any]:
+        """What the goal selector said of itself last."""
+        return dict(json.loads((self.probe.values(DIAGNOSTICS) or ["{}"])[-1]))
+
+    def stands(self) -> bool:
+        """By the last odometry."""
+        twist = self.probe.messages(topics.ODOMETRY)[-1].twist.twist
+        return abs(twist.linear.x) < STILL_MPS and abs(twist.angular.z) < STILL_RADPS
+
+    def pass_s(self, seconds: float) -> None:
+        """Let so much simulated time pass, by the odometry: for what must not happen meanwhile."""
+
+        def last_s() -> float:
+            return seconds_of(self.probe.messages(topics.ODOMETRY)[-1].header.stamp)
+
+        self.wait(lambda: self.probe.messages(topics.ODOMETRY), "odometry")
+        end_s = last_s() + seconds
+        self.wait(lambda: last_s() >= end_s, f"{seconds:g} s of simulated time")
+
+    def start_all_once(self) -> None:
+        """The game is up, whichever test came first."""
+        if not self.processes:
+            self.start_all()
+        ready = {"active": True, "nav2": True}
+        self.wait(lambda: ready.items() <= self.condition().items(), "the goal selector", START_S)
+
+
 class Page:
-    """The process, and one browser: what it has been told."""
+    """The process, and what it has sent to one browser."""
 
     def __init__(self, nodes: Nodes) -> None:
         self.nodes = nodes
@@ -95,17 +183,18 @@ class Page:
     def drives(self) -> bool:
         return self.frame is not None and abs(self.frame.velocity[0]) > 0.1
 
+    def until_it_drives(self) -> None:
+        """The robot drives; where a round has ended meanwhile, in the next one."""
+
+        def drives() -> bool:
+            if self.frame is not None and self.frame.state == "menu" and not self.frame.stopped:
+                self.ask("start")
+            return self.drives()
+
+        self.wait(drives, "the robot to drive")
+
     def kill(self) -> None:
         self.process.popen.kill()
         self.process.popen.wait()
         self.nodes.system.processes.remove(self.process)
         self._open.close()
-
-
-def condition(nodes: Nodes) -> dict[str, Any]:
-    return dict(json.loads((nodes.probe.values(DIAGNOSTICS) or ["{}"])[-1]))
-
-
-def stands(nodes: Nodes) -> bool:
-    twist = nodes.probe.messages(topics.ODOMETRY)[-1].twist.twist
-    return abs(twist.linear.x) < STILL_MPS and abs(twist.angular.z) < STILL_RADPS

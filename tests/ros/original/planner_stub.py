@@ -34,7 +34,7 @@ class PlannerStub(Node):
         self.seen = self.enabled = False
         self.target: int | None = None
         self.goal: Any = None
-        self.status = self.create_publisher(String, "game_status", EVENTS)
+        self.reports = self.create_publisher(String, "game_status", EVENTS)
         self.event = self.create_publisher(String, "game_event", EVENTS)
         self.remove = self.create_publisher(Int32, "remove_pellet", EVENTS)
         self.nav2 = ActionClient(self, NavigateToPose, "navigate_to_pose")
@@ -76,7 +76,7 @@ class PlannerStub(Node):
             self.send(HOME, self.home)
 
     def say(self, word: str) -> None:
-        self.status.publish(String(data=word))
+        self.reports.publish(String(data=word))
 
     def send(self, target: int, place: Place) -> None:
         if not self.nav2.server_is_ready() and not self.nav2.wait_for_server(timeout_sec=2.0):

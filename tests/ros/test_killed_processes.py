@@ -1,0 +1,193 @@
+"""Nodes in processes of their own, killed with SIGKILL or stopped with SIGSTOP, find one another again.
+
+One system of real processes, ten times as fast as time, on a part of a map; the middleware takes a process for gone
+after 5 s. What each node does after its return is in ``test_killed_nodes.py`` and ``test_frozen_nodes.py``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("irobot_create_msgs")
+
+from eval.campaign.schedule import part_of_map
+from pacman_env.ros import topics
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
+from pacman_env.ros.standstill import LEASE
+from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
+from tests.ros.system import Probe, System
+
+if TYPE_CHECKING:
+    from tests.ros.system import Process
+
+AGAIN_S = 5.0  # of real time: a busy machine answers within it
+LIMIT_S = 600.0  # of real time, for anything that happens at all
+SETTINGS = ["clyde.speed_mps=0.02", "show.start_s=2", "show.death_s=2"]
+OWN: dict[str, dict[str, Any]] = {
+    SIMULATOR: {"speed": 10.0},
+    SELECTOR: {"policy": "lookahead", "home": "[0.0, 0.0, 0.0]"},
+}
+WITH_MAP = (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR)
+
+
+def every_value(topic: topics.Topic) -> topics.Topic:
+    """A latched topic of which every value is recorded."""
+    return dataclasses.replace(topic, qos=topics.COMMANDS)
+
+
+RECORDED = STATE, RESULT, SCORE, ROUND, SPAWNED, COLLECTED = [
+    every_value(topic)
+    for topic in (
+        *(topics.GAME_STATE, topics.GAME_RESULT, topics.SCORE, topics.ROUND),
+        *(topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED),
+    )
+]
+
+
+class Game:
+    """All nodes but the operator, which is the test."""
+
+    def __init__(self, probe: Probe, system: System, map: str) -> None:
+        self.probe, self.system, self.map = probe, system, map
+        self.processes: dict[str, Process] = {}
+        probe.record(*RECORDED, topics.REMOVE_PELLET)
+        for name in (SIMULATOR, *GAME, SELECTOR):
+            self.start(name)
+        self.wait(lambda: "policy lookahead" in self.processes[SELECTOR].output, "the planner")
+        self.wait(lambda: self.value(STATE) == "menu", "the referee")
+
+    def start(self, name: str) -> None:
+        own = OWN.get(name, {}) | ({"map_yaml": self.map} if name in WITH_MAP else {})
+        process = self.system.start(module_of(name), use_sim_time=True, settings=SETTINGS, **own)
+        self.processes[name] = process
+
+    def kill(self, name: str) -> None:
+        """As a crash does it: without last messages."""
+        process = self.processes.pop(name)
+        process.popen.kill()
+        process.popen.wait()
+        self.system.processes.remove(process)
+
+    def wait(self, condition: Callable[[], Any], what: str) -> Any:
+        return self.probe.wait_for(condition, LIMIT_S, what)
+
+    def value(self, topic: topics.Topic) -> Any:
+        values = self.probe.values(topic)
+        return values[-1] if values else None
+
+    def forget(self, *forgotten: topics.Topic) -> None:
+        for topic in forgotten:
+            self.probe.heard(topic).clear()
+
+    def ask(self, service: topics.Service, done: Callable[[], bool], what: str, only_in: str = "") -> None:
+        """Call until it is done: an answer may be lost, a call before it be obeyed late."""
+        client = service.client(self.probe.node)
+        self.wait(client.service_is_ready, service.name)
+        asked_s = -math.inf
+
+        def there() -> bool:
+            nonlocal asked_s
+            if done():
+                return True
+            if time.monotonic() - asked_s > AGAIN_S and self.value(STATE) in (only_in or self.value(STATE), None):
+                client.call_async(service.type.Request())
+                asked_s = time.monotonic()
+            return False
+
+        self.wait(there, what)
+        self.probe.node.destroy_client(client)
+
+    def ask_for_start(self) -> None:
+        """Until the game runs: the robot may have to drive home first."""
+        self.ask(topics.START_GAME, lambda: self.value(STATE) == "running", "the start", only_in="menu")
+
+    def begin(self) -> int:
+        """A new game's first round runs, and none of its pellets is collected yet: how many there are."""
+        self.forget(STATE)
+        self.ask(topics.RESET_GAME, lambda: self.value(STATE) == "menu" and self.value(SCORE) == 0, "a new game")
+        self.forget(*RECORDED[1:], topics.REMOVE_PELLET)
+        self.ask_for_start()
+        return int(self.wait(lambda: self.value(SPAWNED), "the pellets"))
+
+    def removed(self) -> set[int]:
+        """Pellets that the planner has had removed."""
+        return set(self.probe.values(topics.REMOVE_PELLET))
+
+    @contextmanager
+    def frozen(self, name: str) -> Iterator[None]:
+        """That process stands still meanwhile, and until the others take it for gone."""
+        process = self.processes[name]
+        os.kill(process.popen.pid, signal.SIGSTOP)
+        try:
+            yield
+            self.wait(lambda: name not in self.probe.node.get_node_names(), f"{name} to be taken for gone")
+        finally:
+            os.kill(process.popen.pid, signal.SIGCONT)
+
+    def to_the_end(self, score: int) -> None:
+        """The round is completed; every pellet of it counts."""
+        self.wait(lambda: self.value(RESULT) or self.value(STATE) == "dying", "the end of the round")
+        assert self.value(RESULT) == f"Complete - Score: {score}"
+        self.wait(lambda: self.value(SCORE) == score, "the score")
+
+
+@pytest.fixture(scope="module")
+def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game]:
+    folder = tmp_path_factory.mktemp("system")
+    ground = str(part_of_map("loop", 3.0).save(folder / "ground.yaml"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        patch.setenv(LEASE, "3600")  # they go on: what the others make of that is the question here
+        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("short_lease.xml")))
+        with System(folder) as system, Probe(system) as probe:
+            game = Game(probe, system, ground)
+            yield game
+            for name in list(game.processes):  # how they end in order is tested elsewhere
+                game.kill(name)
+
+
+def test_a_round_in_which_each_node_of_the_game_was_killed_once_ends_with_the_right_score(game: Game) -> None:
+    spawned = game.begin()
+    game.wait(lambda: game.value(COLLECTED), "a pellet")
+    game.probe.publish(FAULT, "reject")  # no round ends while nodes come up
+    for name in (*GAME, SELECTOR):
+        game.kill(name)
+        game.start(name)
+    for name in (*GAME, SELECTOR):
+        game.probe.answered_by(f"{game.system.namespace}/{name}", anew=True)
+    game.wait(lambda: game.value(STATE) == "running", "the round")
+    game.probe.publish(FAULT, "end reject")
+    game.to_the_end(spawned)
+    assert {value for value in game.probe.values(SPAWNED) if value} == {spawned}
+    assert "Traceback" not in game.system.outputs()
+
+
+def test_a_referee_that_was_taken_for_gone_counts_all_that_was_collected_meanwhile(game: Game) -> None:
+    spawned = game.begin()
+    game.wait(lambda: game.value(COLLECTED), "a pellet")
+    with game.frozen("game_controller"):
+        game.wait(lambda: len(game.removed()) >= spawned - 1, "all but one or none")
+    game.to_the_end(spawned)
+    assert {value for value in game.probe.values(SPAWNED) if value} == {spawned}
+
+
+def test_a_pellet_manager_that_was_taken_for_gone_between_two_rounds_has_all_pellets_in_the_next(game: Game) -> None:
+    spawned = game.begin()
+    with game.frozen("pellet_manager"):
+        game.to_the_end(spawned)
+        game.wait(lambda: game.value(STATE) == "menu", "the menu")
+        game.forget(RESULT, topics.REMOVE_PELLET)
+        game.ask_for_start()
+    assert game.value(ROUND) == 2
+    game.to_the_end(2 * spawned)
