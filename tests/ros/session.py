@@ -196,7 +196,7 @@ class Session:
 
 @contextmanager
 def nodes(folder: Path, seed: int = 0, gives_time: bool = True) -> Iterator[Session]:
-    """A session without any node but the observer and, unless a simulated robot is to do so, one that gives the time."""
+    """A session with the observer alone and, unless a simulated robot is to do so, a node that gives the time."""
     game = LockStep(seed)
     try:
         if gives_time:
