@@ -92,10 +92,12 @@ class Session:
     # Nodes
 
     def start(self, name: str, make: Callable[[], BaseNode] | None = None, **parameters: Any) -> Member:
-        """Start one of the game's nodes, or what ``make`` makes, with parameters."""
+        """Start one of the game's nodes, or what ``make`` makes, with parameters; one step later it knows the time."""
         if name == REFEREE:
             parameters = {"state_file": str(self.folder / "game_controller.json"), **parameters}
-        return self.game.add(make or CLASSES[name], self._arguments(**parameters))
+        member = self.game.add(make or CLASSES[name], self._arguments(**parameters))
+        self.game.step()
+        return member
 
     def member(self, name: str) -> Member:
         """The node of that name as the game has it, to be frozen, say."""
