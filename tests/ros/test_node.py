@@ -71,7 +71,7 @@ def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
 def test_the_end_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
     topics.RESET_GAME.server(probe.node, lambda request, response: response)  # answers only while the probe spins
     process = up(probe, system, call=True)
-    assert process.stop(signal.SIGTERM) == 0  # nobody spins the probe meanwhile
+    assert process.stop(signal.SIGTERM) == 0  # the probe does not spin meanwhile
 
 
 def test_a_failing_callback_ends_the_node_after_its_last_messages(probe: Probe, system: System) -> None:

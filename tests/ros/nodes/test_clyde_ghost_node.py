@@ -1,4 +1,4 @@
-"""Clyde on the real map: where he begins, how he moves, what is seen of him."""
+"""Clyde on the real map: where it begins, how it moves, what is seen of it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def fast_ghost(seed: int) -> MapGhosts:
 
 
 def up(nodes: Session, **parameters: Any) -> None:
-    """Start the node, and wait until he is shown."""
+    """Start the node, and wait until it is shown."""
     nodes.record(topics.CLYDE_POSE, topics.CLYDE_MARKER, topics.CLYDE_OBSTACLE)
     nodes.start(NAME, map_yaml=MAP, seed=7, **parameters)
     nodes.wait_for(lambda: nodes.messages(topics.CLYDE_OBSTACLE), what="Clyde")
@@ -59,7 +59,7 @@ def next_pose(nodes: Session, count: int = 1) -> tuple[float, float]:
 
 
 def walked(nodes: Session, seconds: float) -> Any:
-    """The lengths of his steps in that time, m."""
+    """The lengths of its steps in that time, m."""
     nodes.forget()
     nodes.advance(seconds)
     poses = np.array([pose_of(m)[:2] for m in nodes.messages(topics.CLYDE_POSE)])
@@ -78,7 +78,7 @@ def click(nodes: Session, x: float, y: float, frame: str = "map") -> None:
 
 
 def obstacle(nodes: Session) -> int:
-    """Of how many points he is one now."""
+    """Of how many points it is one now."""
     return len(points_of(nodes.last(topics.CLYDE_OBSTACLE)))
 
 
@@ -86,10 +86,10 @@ def apart(a: tuple[float, float], b: tuple[float, float]) -> float:
     return math.dist(a, b)
 
 
-# Who he is
+# What it is
 
 
-def test_he_is_seen_five_times_a_second_as_pose_marker_and_nine_obstacle_points(nodes: Session) -> None:
+def test_it_is_seen_five_times_a_second_as_pose_marker_and_nine_obstacle_points(nodes: Session) -> None:
     up(nodes)
     nodes.forget()
     nodes.advance(2.0)
@@ -106,7 +106,7 @@ def test_he_is_seen_five_times_a_second_as_pose_marker_and_nine_obstacle_points(
     assert distance.max() == pytest.approx(0.05, abs=1e-4)
 
 
-def test_he_moves_only_while_the_game_is_running_and_then_at_his_speed(nodes: Session) -> None:
+def test_it_moves_only_while_the_game_is_running_and_then_at_its_speed(nodes: Session) -> None:
     up(nodes)
     for state in ("menu", "returning_home", "starting", "dying", "complete", "paused"):
         here = at(nodes)
@@ -115,7 +115,7 @@ def test_he_moves_only_while_the_game_is_running_and_then_at_his_speed(nodes: Se
     nodes.publish(topics.CLYDE_SPEED, 0.8)
     nodes.publish(topics.GAME_STATE, "running")
     start = at(nodes)
-    nodes.wait_for(lambda: apart(at(nodes), start) > 0.5, what="him to walk")
+    nodes.wait_for(lambda: apart(at(nodes), start) > 0.5, what="it to walk")
     for bad in (math.nan, -1.0, math.inf):
         nodes.publish(topics.CLYDE_SPEED, bad)
     steps = walked(nodes, 2.0)
@@ -125,7 +125,7 @@ def test_he_moves_only_while_the_game_is_running_and_then_at_his_speed(nodes: Se
     assert next_pose(nodes) == next_pose(nodes, 10)
 
 
-def test_he_keeps_his_speed_where_his_timer_is_late(nodes: Session) -> None:
+def test_it_keeps_its_speed_where_its_timer_is_late(nodes: Session) -> None:
     up(nodes)
     nodes.publish(topics.CLYDE_SPEED, 0.8)
     nodes.publish(topics.GAME_STATE, "running")
@@ -142,7 +142,7 @@ def test_he_keeps_his_speed_where_his_timer_is_late(nodes: Session) -> None:
     assert np.median(np.hypot(*np.diff(poses, axis=0).T)) == pytest.approx(2 * 0.8 * PERIOD, rel=0.01)
 
 
-def test_he_is_no_obstacle_on_the_way_home_and_after_his_end(nodes: Session) -> None:
+def test_it_is_no_obstacle_on_the_way_home_and_after_its_end(nodes: Session) -> None:
     up(nodes)
     nodes.publish(topics.GAME_STATE, "returning_home")
     next_pose(nodes)
@@ -154,7 +154,7 @@ def test_he_is_no_obstacle_on_the_way_home_and_after_his_end(nodes: Session) -> 
     assert obstacle(nodes) == 0
 
 
-def test_his_trail_covers_where_he_was_shown_in_every_state(nodes: Session) -> None:
+def test_its_trail_covers_where_it_was_shown_in_every_state(nodes: Session) -> None:
     nodes.record(topics.CLYDE_TRAIL)
     up(nodes)
 
@@ -164,7 +164,7 @@ def test_his_trail_covers_where_he_was_shown_in_every_state(nodes: Session) -> N
         return len(near) >= 30
 
     before = at(nodes)
-    nodes.wait_for(lambda: covers(before), what="his place")
+    nodes.wait_for(lambda: covers(before), what="its place")
     other = tuple(max(cells().position.tolist(), key=lambda place: apart(tuple(place), before)))
     click(nodes, *other)
     assert apart(at(nodes), other) < 0.1
@@ -179,7 +179,7 @@ def test_his_trail_covers_where_he_was_shown_in_every_state(nodes: Session) -> N
 # Fault 11
 
 
-def test_he_never_respawns_beside_the_robot_or_its_home_fault_11(nodes: Session, log: Callable[[], str]) -> None:
+def test_it_never_respawns_beside_the_robot_or_its_home_fault_11(nodes: Session, log: Callable[[], str]) -> None:
     up(nodes)
     area = cells().position[cells().cells_in(0)]
     home, away = tuple(area[100]), tuple(area[len(area) // 2])
@@ -199,14 +199,14 @@ def test_he_never_respawns_beside_the_robot_or_its_home_fault_11(nodes: Session,
     assert len(places) > 15
 
 
-def test_a_first_pose_beside_him_makes_him_go_elsewhere_fault_11(nodes: Session) -> None:
+def test_a_first_pose_beside_it_makes_it_go_elsewhere_fault_11(nodes: Session) -> None:
     up(nodes)
     here = at(nodes)
     robot(nodes, *here)
     assert apart(at(nodes), here) >= 1.5
 
 
-def test_planning_does_not_stall_his_pose_on_a_large_map_fault_11() -> None:
+def test_planning_does_not_stall_its_pose_on_a_large_map_fault_11() -> None:
     config = make_config("robot", **{"clyde.speed_mps": 5.0, "pellets.spacing_m": 20.0})
     large = map_assets(shared_path("maps/mit_stata_basement"), config)
     clyde = MapGhosts(large, config, seed=1)
@@ -251,13 +251,13 @@ def test_the_costmap_is_cleared_seldom_and_only_after_a_way_fault_11(nodes: Sess
     nodes.advance(20.0)
     assert len(costmap.cleared) == count
     nodes.publish(topics.GAME_STATE, "returning_home")
-    assert len(costmap.cleared) == count + 1, "his marks are removed before the way home"
+    assert len(costmap.cleared) == count + 1, "its marks are removed before the way home"
 
 
-# Placing him
+# Placing it
 
 
-def test_a_click_places_him_for_the_coming_round_and_no_longer(nodes: Session) -> None:
+def test_a_click_places_it_for_the_coming_round_and_no_longer(nodes: Session) -> None:
     up(nodes)
     place = tuple(cells().position[200])
     click(nodes, place[0] + 0.03, place[1])
@@ -266,7 +266,7 @@ def test_a_click_places_him_for_the_coming_round_and_no_longer(nodes: Session) -
     nodes.call(topics.RESET_CLYDE)
     assert next_pose(nodes) == chosen
     nodes.publish(topics.GAME_STATE, "running")
-    nodes.wait_for(lambda: at(nodes) != chosen, what="him to walk")
+    nodes.wait_for(lambda: at(nodes) != chosen, what="it to walk")
     nodes.publish(topics.GAME_STATE, "menu")
     places = set()
     for _ in range(5):
@@ -304,7 +304,7 @@ def test_the_same_seed_walks_the_same_way_and_another_another() -> None:
     assert walk(3) != walk(4)
 
 
-def test_he_looks_where_he_goes() -> None:
+def test_it_looks_where_it_goes() -> None:
     clyde = fast_ghost(5)
     for _ in range(50):
         x, y, _ = clyde.poses[0]

@@ -50,7 +50,7 @@ def last(nodes: Session, topic: topics.Topic) -> Any:
 
 
 def serve(nodes: Session) -> list[str]:
-    """Be pellet manager and Clyde; who is asked to reset."""
+    """Be pellet manager and Clyde; the names of the services that were called."""
     called: list[str] = []
     for service in RESETS:
 

@@ -55,7 +55,7 @@ def test_a_round_from_the_first_goal_to_the_way_home(game: Game) -> None:
     assert game.statuses()[2:] == ["home_reached"]
 
 
-def test_death_is_told_with_the_ghosts_name_and_ends_the_drive(game: Game) -> None:
+def test_death_is_reported_with_the_ghosts_name_and_ends_the_drive(game: Game) -> None:
     game.start()
     game.begin()
     goal = game.running_goal(1)

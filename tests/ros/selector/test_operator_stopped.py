@@ -61,7 +61,7 @@ def test_an_earlier_word_changes_nothing_and_of_two_at_once_the_stop_counts(game
     assert game.condition()["stopped"]
 
 
-def test_a_goal_of_somebody_elses_is_cancelled_while_stopped(game: Game) -> None:
+def test_a_goal_of_another_node_is_cancelled_while_stopped(game: Game) -> None:
     game.start()
     game.begin()
     game.running_goal(1)
@@ -87,7 +87,7 @@ def test_the_way_home_waits_for_the_release_and_does_not_fail(game: Game) -> Non
     game.running_goal(1)
 
 
-def test_why_is_told_to_who_listens_and_what_the_numbers_mean(game: Game) -> None:
+def test_reasons_are_published_with_what_the_numbers_mean(game: Game) -> None:
     game.session.record(WHY, CANDIDATES)
     game.start(policy="clyde_aware")
     game.begin()

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from tests.ros.system import Probe, System
 
 
-def test_it_drives_to_a_goal_tells_where_it_is_and_amcl_is_silent_while_it_stands(robot: Robot) -> None:
+def test_it_drives_to_a_goal_shows_where_it_is_and_amcl_is_silent_while_it_stands(robot: Robot) -> None:
     goal = robot.goal(*RIGHT)
     status, result = goal.end()
     assert (status, result.error_code) == (SUCCEEDED, nav.NONE)
@@ -116,7 +116,7 @@ def test_bad_goals_are_rejected_with_a_reason_and_impossible_ones_aborted_at_onc
     assert robot.goal(1.0, 0.5).end()[0] == SUCCEEDED
 
 
-def test_clyde_is_an_obstacle_until_he_is_seen_no_more(robot: Robot) -> None:
+def test_clyde_is_an_obstacle_until_it_is_seen_no_more(robot: Robot) -> None:
     around = np.array([DOOR]) + 0.05 * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     goal = robot.goal(*RIGHT)
     while not goal.result().done():
@@ -230,9 +230,9 @@ def test_lights_are_shown_when_they_change_and_notes_are_played_one_sequence_at_
 def test_the_clock_goes_on_by_one_step_after_another(robot: Robot) -> None:
     robot.nodes.record(topics.CLOCK)
     robot.nodes.advance(3.0)
-    told = [seconds_of(message.clock) for message in robot.nodes.messages(topics.CLOCK)]
-    assert len(told) == 60
-    assert np.diff(told) == pytest.approx(0.05)
+    times = [seconds_of(message.clock) for message in robot.nodes.messages(topics.CLOCK)]
+    assert len(times) == 60
+    assert np.diff(times) == pytest.approx(0.05)
 
 
 def test_without_simulated_time_there_is_no_clock(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
