@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from tests.ros.selector_game import Game
     from tests.ros.system import Probe, System
 
 if os.environ.get("CI") and find_spec("rclpy") is None:
@@ -55,12 +54,12 @@ def probe(system: System) -> Iterator[Probe]:
 
 
 @pytest.fixture
-def game(probe: Probe, system: System) -> Iterator[Game]:
-    """What is around a goal selector; the test starts it."""
-    from tests.ros.scripted_nav2 import ScriptedNav2
-    from tests.ros.selector_game import Game
+def log(capfd: pytest.CaptureFixture[str]) -> Callable[[], str]:
+    """Returns all that the nodes of this process have logged so far in the test."""
+    texts: list[str] = []
 
-    nav2 = ScriptedNav2(probe)
-    yield Game(probe, system, nav2)
-    probe.end_nodes()
-    nav2.close()
+    def read() -> str:
+        texts.append(capfd.readouterr().err)
+        return "".join(texts)
+
+    return read

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from std_msgs.msg import String
@@ -35,7 +35,7 @@ class LastMessagesNode(BaseNode):
         """Say that the node spins, and finds the service that it may have to call."""
         if not self.call or self.reset.service_is_ready():
             self.greeting.cancel()
-            self.commands.publish(String(data="first"))  # whoever hears it will hear the last one
+            self.commands.publish(String(data="first"))  # a node that gets it will get the last one
             self.state.publish(String(data="here"))
 
     def _event(self, message: Any) -> None:
@@ -51,8 +51,8 @@ class LastMessagesNode(BaseNode):
         return [self.reset.call_async(topics.RESET_GAME.type.Request())] if self.call else []
 
 
-def main() -> int:
-    return run(LastMessagesNode, "last_messages_node")
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(LastMessagesNode, "last_messages_node", argv)
 
 
 if __name__ == "__main__":

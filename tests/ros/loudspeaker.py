@@ -8,28 +8,24 @@ from rclpy.action import GoalResponse
 
 from pacman_env.game.sounds import MELODIES, frequency_hz
 from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode
 
+NAME = "loudspeaker"
 _WORDS = {tuple(frequency_hz(note) for note, _ in melody): word for word, melody in MELODIES.items()}
 
 
-class Loudspeaker:
-    """Accepts every melody; one is over when ``finish`` is called, or at once. ``with`` takes it away."""
+class Loudspeaker(BaseNode):
+    """Accepts every melody; one is over when ``finish`` is called."""
 
-    def __init__(self, node: Any, *, at_once: bool = False) -> None:
+    def __init__(self) -> None:
+        super().__init__(NAME)
         self.played: list[str] = []  # by word, in order
         self.goals: list[Any] = []
         self.refuse = False
-        self._at_once = at_once
         self._handles: list[Any] = []
         self._server = topics.PLAY_NOTES.server(
-            node, self._end, goal_callback=self._answer, handle_accepted_callback=self._begin
+            self, self._end, goal_callback=self._answer, handle_accepted_callback=self._begin
         )
-
-    def __enter__(self) -> Loudspeaker:
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self._server.destroy()
 
     def finish(self, number: int = -1) -> None:
         """The melody with this number, or the last one, is over."""
@@ -42,8 +38,6 @@ class Loudspeaker:
         self.goals.append(handle.request)
         self.played.append(_WORDS[tuple(note.frequency for note in handle.request.note_sequence.notes)])
         self._handles.append(handle)
-        if self._at_once:
-            handle.execute()
 
     def _end(self, handle: Any) -> Any:
         handle.succeed()

@@ -10,6 +10,9 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode
+
+NAME = "bt_navigator"
 
 
 @dataclass
@@ -28,23 +31,26 @@ class Goal:
         return self.handle is not None and not self.ended
 
 
-class ScriptedNav2:
+class ScriptedNav2(BaseNode):
     """Answers each goal with the next word of ``script``, and with ``accept`` when that is used up.
 
     Words: ``accept``, ``reject``, ``late`` (accepted when ``let_in`` is called) and ``nothing`` (never answered). A new
     goal pre-empts the one that runs, which ends aborted; a cancel ends all.
+
+    Args:
+        script: the words.
+        options: of rclpy's Node.
     """
 
-    def __init__(self, probe: Any, *script: str) -> None:
+    def __init__(self, *script: str, **options: Any) -> None:
+        super().__init__(NAME, **options)
         self.script = list(script)
         self.goals: list[Goal] = []
         self.refused: list[Goal] = []
-        self._probe = probe
-        self._ending = 0  # goals whose end is under way
         self._late: list[Future] = []
         self._asked: list[Goal] = []  # not accepted yet
         self._server = topics.NAVIGATE_TO_POSE.server(
-            probe.node,
+            self,
             lambda handle: None,
             goal_callback=self._answer,
             handle_accepted_callback=self._accepted,
@@ -75,14 +81,6 @@ class ScriptedNav2:
         """No way, or stuck."""
         self._end(goal, "abort", error)
 
-    def close(self) -> None:
-        """Nav2 goes away, once it has ended what it was to end."""
-        for _ in range(100):
-            if self._ending == 0:
-                break
-            self._probe.executor.spin_once(timeout_sec=0.1)
-        self._server.destroy()
-
     async def _answer(self, request: Any) -> GoalResponse:
         word = self.script.pop(0) if self.script else "accept"
         position = request.pose.pose.position
@@ -112,10 +110,8 @@ class ScriptedNav2:
 
     def _end(self, goal: Goal, how: str, error: int = 0) -> None:
         goal.ended = True
-        self._ending += 1
         goal.handle.execute(lambda own: self._finish(own, how, error))
 
     def _finish(self, handle: Any, how: str, error: int) -> Any:
-        self._ending -= 1
         getattr(handle, how)()
         return topics.NAVIGATE_TO_POSE.type.Result(error_code=error)

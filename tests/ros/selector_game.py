@@ -1,4 +1,4 @@
-"""The goal selector's game: everything around the node, Nav2 among it, answers as the test says."""
+"""The goal selector's game in lock-step: everything around the node, Nav2 among it, answers as the test says."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of, pose_message
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from tests.ros.clock import SimulatedClock
+from tests.ros import scripted_nav2
 from tests.ros.scripted_nav2 import Goal, ScriptedNav2
 
 if TYPE_CHECKING:
-    from tests.ros.system import Probe, Process, System
+    from tests.ros.session import Session
 
-NODE = "pacman_env.ros.selector.goal_selector"
 FAR_AWAY = (50.0, 50.0)
+TICK_S = 0.1  # quicker than on a robot
+QUICK = [f"execution.tick_s={TICK_S}", f"execution.check_period_s={TICK_S}"]
 
 
 @cache
@@ -42,60 +44,80 @@ def slot_of(place: tuple[float, float]) -> int:
     return apart.index(min(apart))
 
 
-class Game:
-    """The rest of the game, played by the test."""
+def number_at(goal: Goal) -> int:
+    """The pellet that a goal led to."""
+    return int(house().pellet_ids[slot_of((goal.x, goal.y))])
 
-    def __init__(self, probe: Probe, system: System, nav2: ScriptedNav2 | None) -> None:
-        self.probe, self.system = probe, system
-        self.nav2 = nav2
-        probe.record(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, DIAGNOSTICS, SCORES)
+
+class Game:
+    """The rest of the game, played by the test.
+
+    Args:
+        session: without further nodes.
+        script: of Nav2.
+    """
+
+    def __init__(self, session: Session, *script: str) -> None:
+        self.session = session
+        session.record(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL, DIAGNOSTICS, SCORES)
+        self.nav2 = self.start_nav2(*script)
         self.left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
         self.pose = tuple(house().grid.home.tolist())
-        self.clock: SimulatedClock | None = None  # goes on while something is waited for
 
-    def start(self, *arguments: str, **parameters: Any) -> Process:
-        """Start the node, quicker than on a robot for the tests' sake, and wait until it decides."""
-        self.probe.forget()
-        process = self._start(*arguments, **parameters)
-        self._wait(lambda: self.probe.heard(DIAGNOSTICS), "the goal selector")
-        return process
+    # Nodes
 
-    def start_at_rest(self, **parameters: Any) -> SimulatedClock:
-        """As ``start``, in simulated time, which goes on only while something is waited for."""
-        self._start(use_sim_time=True, **parameters)
-        self.clock = SimulatedClock(self.probe, "goal_selector")
-        self._wait(lambda: self.probe.heard(DIAGNOSTICS), "the goal selector")
-        return self.clock
+    def start(self, **parameters: Any) -> None:
+        """Start the node, and wait until it decides."""
+        self.session.forget()
+        own = {"policy": "nearest", "settings": QUICK, "map_yaml": "house", "diagnostics_rate": 10.0, **parameters}
+        self.session.start(SELECTOR, **own)
+        self.session.wait_for(lambda: self.session.messages(DIAGNOSTICS), what="the goal selector")
 
-    def _start(self, *arguments: str, **parameters: Any) -> Process:
-        quick = ["execution.tick_s=0.1", "execution.check_period_s=0.1"]
-        own = {"policy": "nearest", "settings": quick, "map_yaml": "house", "diagnostics_rate": 10.0, **parameters}
-        return self.system.start(NODE, *arguments, **own)
+    @property
+    def troubles(self) -> dict[str, int]:
+        """What the node has said once, and how often it happened."""
+        return dict(self.session.node(SELECTOR).once.counts)
 
-    def _wait(self, condition: Callable[[], Any], what: str) -> Any:
-        def holds() -> Any:
-            value = condition()
-            if not value and self.clock is not None:
-                self.clock.advance(0.05)
-            return value
+    def start_nav2(self, *script: str) -> ScriptedNav2:
+        """Nav2 is there, from now on."""
+        member = self.session.start(scripted_nav2.NAME, lambda: ScriptedNav2(*script))
+        self.nav2 = member.node  # type: ignore[assignment]
+        return self.nav2
 
-        return self.probe.wait_for(holds, what=what)
+    def end_nav2(self) -> None:
+        """Nav2 goes away."""
+        self.session.kill(scripted_nav2.NAME)
+
+    def let_in(self) -> None:
+        """Nav2 accepts what waits."""
+        self.session.within(self.nav2.let_in, self.nav2)
+
+    def succeed(self, goal: Goal) -> None:
+        """A goal is reached."""
+        self.session.within(lambda: self.nav2.succeed(goal), self.nav2)
+
+    def abort(self, goal: Goal, error: int = 208) -> None:
+        """Nav2 gives a goal up."""
+        self.session.within(lambda: self.nav2.abort(goal, error), self.nav2)
+
+    # What the others publish
 
     def say(self, topic: topics.Topic, message: Any) -> None:
-        self.probe.publish(topic, message)
+        self.session.publish(topic, message)
 
     def stand(self, x: float, y: float, heading: float = 0.0) -> None:
-        message = topics.AMCL_POSE.type(header=Header(stamp=self.probe.stamp(), frame_id="map"))
-        message.pose.pose = pose_message(x, y, heading, self.probe.stamp()).pose
+        stamp = self.session.stamp()
+        message = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
+        message.pose.pose = pose_message(x, y, heading, stamp).pose
         self.say(topics.AMCL_POSE, message)
 
     def clyde(self, x: float, y: float) -> None:
-        self.say(topics.CLYDE_POSE, pose_message(x, y, 0.0, self.probe.stamp()))
+        self.say(topics.CLYDE_POSE, pose_message(x, y, 0.0, self.session.stamp()))
 
     def pellets(self, *gone: int) -> None:
         for number in gone:
             self.left.pop(number, None)
-        self.say(topics.PELLET_MARKERS, markers_of(self.left, self.probe.stamp()))
+        self.say(topics.PELLET_MARKERS, markers_of(self.left, self.session.stamp()))
 
     def begin(self) -> None:
         """A round runs: robot at home, Clyde far away."""
@@ -105,37 +127,39 @@ class Game:
         self.say(topics.GAME_STATE, "running")
         self.say(topics.GAME_COMMAND, "enable")
 
+    # What the node does
+
     def goal(self, number: int) -> Goal:
         """The so-manieth goal, from 1, once it was asked for."""
-        assert self.nav2 is not None
-        self._wait(lambda: len(self.nav2.goals) >= number, f"goal {number}")
+        self.session.wait_for(lambda: len(self.nav2.goals) >= number, what=f"goal {number}")
         return self.nav2.goals[number - 1]
 
     def running_goal(self, number: int) -> Goal:
         goal = self.goal(number)
-        self._wait(lambda: goal.running, f"goal {number} to run")
+        self.session.wait_for(lambda: goal.running, what=f"goal {number} to run")
         return goal
 
     def statuses(self) -> list[str]:
-        return self.probe.values(topics.GAME_STATUS)
+        return self.session.values(topics.GAME_STATUS)
 
     def status(self, word: str) -> None:
-        self._wait(lambda: word in self.statuses(), f"status {word}")
+        self.session.wait_for(lambda: word in self.statuses(), what=f"status {word}")
 
-    def condition(self, holds: Callable[[dict[str, Any]], Any], what: str = "the condition") -> dict[str, Any]:
+    def condition(
+        self, holds: Callable[[dict[str, Any]], Any] = lambda condition: True, what: str = "the condition"
+    ) -> dict[str, Any]:
         """The first diagnostics from now on of which something holds."""
-        seen = len(self.probe.heard(DIAGNOSTICS))
+        seen = len(self.session.values(DIAGNOSTICS))
 
         def found() -> dict[str, Any] | None:
-            latest = [json.loads(text) for text in self.probe.values(DIAGNOSTICS)[seen:]]
+            latest = [json.loads(text) for text in self.session.values(DIAGNOSTICS)[seen:]]
             return next((one for one in latest if holds(one)), None)
 
-        return self._wait(found, what)
+        condition = self.session.wait_for(found, what=what)
+        assert condition is not None
+        return condition
 
-    def stopped(self) -> list[float]:
-        """When zero velocities were heard."""
-        return [
-            heard.at
-            for heard in self.probe.heard(topics.CMD_VEL)
-            if heard.message.twist.linear.x == 0.0 and heard.message.twist.angular.z == 0.0
-        ]
+    def stops(self) -> int:
+        """How many zero velocities were published."""
+        twists = [message.twist for message in self.session.messages(topics.CMD_VEL)]
+        return sum(twist.linear.x == 0.0 and twist.angular.z == 0.0 for twist in twists)

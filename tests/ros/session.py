@@ -59,6 +59,10 @@ class TimeNode(BaseNode):
         self._clock = topics.CLOCK.publisher(self)
         self._steps = 20_000  # 1000 s: a stamp of zero means "no time"
 
+    def set(self, seconds: int) -> None:
+        """The clock is set to so many seconds; the next step goes on from there."""
+        self._steps = 20 * seconds
+
     def step(self) -> None:
         """The next 0.05 s."""
         self._steps += 1
@@ -98,22 +102,30 @@ class Session:
     # Nodes
 
     def start(self, name: str, make: Callable[[], BaseNode] | None = None, **parameters: Any) -> Member:
-        """Start one of the game's nodes, or what ``make`` makes, with parameters."""
+        """Start one of the game's nodes, or what ``make`` makes, with parameters; one step later it knows the time."""
         if name == REFEREE:
             parameters = {"state_file": str(self.folder / "game_controller.json"), **parameters}
-        return self.game.add(make or CLASSES[name], self._arguments(**parameters))
+        member = self.game.add(make or CLASSES[name], self._arguments(**parameters))
+        self.game.step()
+        return member
 
-    def kill(self, name: str) -> None:
-        """The node is gone, without last messages; only the test starts it again."""
+    def member(self, name: str) -> Member:
+        """The node of that name as the game has it, to be frozen, say."""
         member = self.game.member(name)
         assert member is not None, f"{name} is not there"
-        self.game.remove(member, last_messages=False)
+        return member
 
     def node(self, name: str) -> Any:
         """The node of that name."""
-        member = self.game.member(name)
-        assert member is not None, f"{name} is not there"
-        return member.node
+        return self.member(name).node
+
+    def stop(self, name: str) -> None:
+        """End a node as a signal does: with its last messages."""
+        self.game.remove(self.member(name))
+
+    def kill(self, name: str) -> None:
+        """End a node without its last messages."""
+        self.game.remove(self.member(name), last_messages=False)
 
     # What nodes publish
 
@@ -181,18 +193,19 @@ class Session:
             self._publishers[topic.name] = topic.publisher(self.observer)
         if not hasattr(message, "get_fields_and_field_types"):
             message = topic.type(data=message)
-        self._within(lambda: self._publishers[topic.name].publish(message))
+        self.within(lambda: self._publishers[topic.name].publish(message))
 
     def call(self, service: topics.Service, request: Any = None, limit_s: float = 30.0) -> Any:
         """The answer of a service."""
         client = service.client(self.observer)
-        answer = self._within(lambda: client.call_async(service.type.Request() if request is None else request))
+        answer = self.within(lambda: client.call_async(service.type.Request() if request is None else request))
         self.wait_for(answer.done, limit_s, f"the answer of {service.name}")
         self.observer.destroy_client(client)
         return answer.result()
 
-    def _within(self, do: Callable[[], T]) -> T:
-        return self.game.within(self.observer, do)  # type: ignore[no-any-return]
+    def within(self, do: Callable[[], T], node: BaseNode | None = None) -> T:
+        """Have a node, the observer without one, do something, and everything handled that follows."""
+        return self.game.within(node or self.observer, do)  # type: ignore[no-any-return]
 
     # Time
 
@@ -226,11 +239,12 @@ def _made(make: Callable[[], T], alone: bool) -> T:
 
 
 @contextmanager
-def nodes(folder: Path, seed: int = 0) -> Iterator[Session]:
-    """A session without any node but the observer and one that gives the time."""
+def nodes(folder: Path, seed: int = 0, gives_time: bool = True) -> Iterator[Session]:
+    """A session with the observer alone and, unless a simulated robot is to do so, a node that gives the time."""
     game = _made(lambda: LockStep(seed), alone=True)
     try:
-        game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
+        if gives_time:
+            game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
         session = Session(game, folder)
         session.advance(0.05)
         yield session

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,19 +18,22 @@ from rclpy.time import Time  # noqa: E402
 from pacman_env.config import make_config, parse_settings  # noqa: E402
 from pacman_env.ros import topics  # noqa: E402
 from pacman_env.ros.node import BaseNode, Once  # noqa: E402
+from pacman_env.ros.nodes import game_event_mapper  # noqa: E402
 from pacman_env.ros.standstill import LEASE, STOOD_STILL  # noqa: E402
+from tests.ros import last_messages_node, session  # noqa: E402
 
 if TYPE_CHECKING:
+    from tests.ros.session import Session
     from tests.ros.system import Probe, Process, System
 
 NODE = "tests.ros.last_messages_node"
-PLAYER = "pacman_env.ros.nodes.game_event_mapper"
+LEASE_S = 4.0
 
 
 def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Process:
     process = system.start(NODE, *arguments, **parameters)
     probe.record(topics.GAME_STATE, topics.GAME_COMMAND)
-    probe.wait_for(lambda: "here" in probe.values(topics.GAME_STATE), 30.0, "the node")
+    probe.wait_for(lambda: "here" in probe.values(topics.GAME_STATE), what="the node")
     probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["first"], what="its first command")
     probe.forget()
     return process
@@ -66,7 +71,7 @@ def test_the_end_waits_for_an_answer(probe: Probe, system: System) -> None:
 def test_the_end_does_not_wait_for_ever_for_an_answer(probe: Probe, system: System) -> None:
     topics.RESET_GAME.server(probe.node, lambda request, response: response)  # answers only while the probe spins
     process = up(probe, system, call=True)
-    assert process.stop(signal.SIGTERM) == 0  # nobody spins the probe meanwhile
+    assert process.stop(signal.SIGTERM) == 0  # the probe does not spin meanwhile
 
 
 def test_a_failing_callback_ends_the_node_after_its_last_messages(probe: Probe, system: System) -> None:
@@ -90,22 +95,30 @@ def test_a_signal_breaks_off_the_making_of_a_node(probe: Probe, system: System) 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["-p", "words:=21"], "words"),
-        (["-p", "words:=many"], "words"),
-        (["-p", "pause_s:=.nan"], "pause_s"),
-        (["-p", "offset:=.inf"], "parameter offset = inf: must be finite"),
-        (["-p", "words"], "words"),
-        (["--", "--fast"], "unknown arguments --fast"),
+        (["--ros-args", "-p", "words:=21"], "words"),
+        (["--ros-args", "-p", "words:=many"], "words"),
+        (["--ros-args", "-p", "pause_s:=.nan"], "pause_s"),
+        (["--ros-args", "-p", "offset:=.inf"], "parameter offset = inf: must be finite"),
+        (["--ros-args", "-p", "words"], "words"),
+        (["--fast"], "unknown arguments --fast"),
     ],
 )
-def test_a_bad_start_is_one_line(system: System, arguments: list[str], complaint: str) -> None:
-    process = system.start(NODE, *arguments)
-    assert process.wait() == 2
-    system.processes.clear()
-    lines = process.output.splitlines()
+def test_a_bad_start_is_one_line_and_status_2(
+    domain: int, capfd: pytest.CaptureFixture[str], arguments: list[str], complaint: str
+) -> None:
+    assert last_messages_node.main(arguments) == 2
+    lines = capfd.readouterr().err.splitlines()
     assert len(lines) == 1
     assert lines[0].startswith("last_messages_node: ")
     assert complaint in lines[0]
+
+
+def test_a_process_that_starts_badly_ends_with_status_2(system: System) -> None:
+    process = system.start(NODE, "-p", "words:=21")
+    assert process.wait() == 2
+    system.processes.clear()
+    assert process.output.startswith("last_messages_node: ")
+    assert process.output.count("\n") == 1
 
 
 class Log(list[str]):
@@ -135,72 +148,79 @@ def test_a_trouble_is_said_once_and_counted_and_said_again_after_it_was_over() -
 class Peer:
     """Another node, as far as its configuration goes."""
 
-    def __init__(self, probe: Probe, name: str) -> None:
-        self.probe, self.name = probe, name
+    def __init__(self, nodes: Session, name: str) -> None:
+        self.nodes, self.name = nodes, name
 
     def plays(self, map: str | None = None, **changes: Any) -> None:
         config = make_config("robot", **changes)
         said = {"node": self.name, "hash": config.hash, "map": map, "configuration": config.as_dict()}
-        self.probe.publish(topics.CONFIGURATION, json.dumps(said))
+        self.nodes.publish(topics.CONFIGURATION, json.dumps(said))
+
+
+@pytest.fixture
+def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
+    with session.nodes(tmp_path) as nodes:
+        yield nodes
 
 
 def test_an_equal_configuration_is_silent_and_another_one_is_said_once_for_each_node_by_field(
-    probe: Probe, system: System
+    nodes: Session, log: Callable[[], str]
 ) -> None:
     settings = ["clyde.speed_mps=0.25", "clyde.ghosts=wander,chase"]
-    process = system.start(PLAYER, settings=settings)
-    probe.record(topics.CONFIGURATION, topics.GAME_LIGHT)
-    probe.wait_for(lambda: probe.values(topics.CONFIGURATION), 30.0, "its configuration")
-    (said,) = map(json.loads, probe.values(topics.CONFIGURATION))
+    nodes.record(topics.CONFIGURATION)
+    member = nodes.start("game_event_mapper", settings=settings)
+    (said,) = map(json.loads, nodes.values(topics.CONFIGURATION))
     own = make_config("robot", **parse_settings(settings))
     assert said.pop("acts")
-    assert said.pop("started")[2] == process.popen.pid
+    assert said.pop("started")[2] == member.number
     assert said == {"node": "game_event_mapper", "hash": own.hash, "map": None, "configuration": own.as_dict()}
 
     two_ghosts = {"clyde.ghosts": ("wander", "chase")}
-    equal, other, third = (Peer(probe, name) for name in ("pellet_manager", "game_controller", "goal_selector"))
+    equal, other, third = (Peer(nodes, name) for name in ("pellet_manager", "game_controller", "goal_selector"))
     equal.plays(map="01234567", **two_ghosts)
     for _ in range(3):
         other.plays(**{"clyde.speed_mps": 0.35, **two_ghosts})
     third.plays()
     for bad in ("", "no json", "[]", "{}", '{"node": 1, "map": 2, "configuration": 3}', "[" * 200_000):
-        probe.publish(topics.CONFIGURATION, bad)
+        nodes.publish(topics.CONFIGURATION, bad)
     third.plays(**two_ghosts)
-    probe.wait_for(lambda: "configuration of goal_selector: over" in process.output, what="the last")
-    lines = [line for line in process.output.splitlines() if "configuration" in line]
+    lines = [line for line in log().splitlines() if "configuration" in line]
     assert len(lines) == 4
     assert lines[0].endswith("game_controller plays by another configuration: clyde.speed_mps 0.35, here 0.25")
     assert lines[1].endswith(
         "goal_selector plays by another configuration: clyde.ghosts ['wander'], here ['wander', 'chase']"
     )
     assert lines[2].endswith("game/configuration: not the configuration of a node of this game")
+    assert "configuration of goal_selector: over" in lines[3]
 
     other.plays(**two_ghosts)  # started again, with the same settings
     other.plays(**{"clyde.speed_mps": 0.45, **two_ghosts})
-    probe.wait_for(lambda: "clyde.speed_mps 0.45, here 0.25" in process.output, what="the other once more")
-    assert process.output.count("game_controller plays by another") == 2
+    assert "clyde.speed_mps 0.45, here 0.25" in log()
+    assert log().count("game_controller plays by another") == 2
 
 
-def test_two_nodes_hear_one_another_whichever_comes_first_and_another_map_is_said(probe: Probe, system: System) -> None:
-    first = system.start("pacman_env.ros.nodes.pellet_manager", map_yaml="house")
-    probe.record(topics.CONFIGURATION)
-    probe.wait_for(lambda: len(probe.values(topics.CONFIGURATION)) == 1, 30.0, "the first")
-    second = system.start("pacman_env.ros.nodes.clyde_ghost_node", map_yaml="loop", settings=["clyde.ghosts=chase"])
-    for process, name in ((first, "clyde_ghost_node"), (second, "pellet_manager")):
-        text = f"{name} plays by another configuration: "
-        probe.wait_for(lambda process=process, text=text: text in process.output, 30.0, text)
-        (line,) = [line for line in process.output.splitlines() if text in line]
+def test_of_two_nodes_each_says_that_the_other_plays_otherwise_whichever_comes_first_and_on_another_map(
+    nodes: Session, log: Callable[[], str]
+) -> None:
+    nodes.start("pellet_manager", map_yaml="house")
+    nodes.start("clyde_ghost_node", map_yaml="loop", settings=["clyde.ghosts=chase"])
+    for here, there in (("pellet_manager", "clyde_ghost_node"), ("clyde_ghost_node", "pellet_manager")):
+        text = f"[robot_15.{here}]: {there} plays by another configuration: "
+        (line,) = [line for line in log().splitlines() if text in line]
         assert "clyde.ghosts" in line
         assert "; map " in line
 
 
-def test_a_bad_configuration_is_one_line_and_status_2(system: System) -> None:
-    for settings in (["clyde.speed_mps=fast"], ["clyde.sped=1"], ["clyde.speed_mps"], "clyde.speed_mps=1"):
-        process = system.start(PLAYER, settings=settings)
-        assert process.wait(30.0) == 2
-        assert process.output.startswith("game_event_mapper: ")
-        assert process.output.count("\n") == 1
-    system.processes.clear()
+@pytest.mark.parametrize(
+    "settings", ["[clyde.speed_mps=fast]", "[clyde.sped=1]", "[clyde.speed_mps]", "clyde.speed_mps=1"]
+)
+def test_a_bad_configuration_is_one_line_and_status_2(
+    domain: int, capfd: pytest.CaptureFixture[str], settings: str
+) -> None:
+    assert game_event_mapper.main(["--ros-args", "-p", f"settings:={settings}"]) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("game_event_mapper: ")
+    assert said.count("\n") == 1
 
 
 def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
@@ -218,20 +238,34 @@ def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
 def test_a_node_that_stood_still_for_longer_than_others_wait_ends_to_be_started_again(
     probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(LEASE, "4.0")
+    """The node is stopped for longer than the lease that it is started with; a busy machine makes that longer still."""
+    monkeypatch.setenv(LEASE, str(LEASE_S))
     process = up(probe, system, words=1)
-    process.send(signal.SIGSTOP)
-    probe.spin(0.5)
-    process.send(signal.SIGCONT)
-    probe.spin(1.0)
-    assert process.popen.poll() is None  # nobody has missed it
-    process.send(signal.SIGSTOP)
-    probe.spin(5.0)
-    process.send(signal.SIGCONT)
-    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="its last message")
+    stand_still(probe, process, LEASE_S * 1.25)
+    probe.wait_for(lambda: process.popen.poll() is not None, what="its end")
     assert process.wait() == STOOD_STILL
+    probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="its last message")
     assert "stood still for " in process.output
     system.processes.remove(process)
+
+
+def test_a_node_that_stood_still_for_less_goes_on(probe: Probe, system: System) -> None:
+    process = up(probe, system, words=1)  # with the lease of 20 s
+    stand_still(probe, process, 0.5)
+    for word in ("event", "over"):
+        probe.publish(topics.GAME_EVENT, word)
+    probe.taken_in(topics.GAME_EVENT, "last_messages_node")
+    assert process.popen.poll() is None
+    assert probe.values(topics.GAME_COMMAND) == []
+
+
+def stand_still(probe: Probe, process: Process, seconds: float) -> None:
+    """At least so long, s."""
+    process.send(signal.SIGSTOP)
+    state = Path(f"/proc/{process.popen.pid}/stat")
+    probe.wait_for(lambda: state.read_text().rpartition(")")[2].split()[0] == "T", what="the standstill")
+    probe.spin(seconds)
+    process.send(signal.SIGCONT)
 
 
 def test_a_lease_that_is_none_is_refused_by_name(system: System, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,6 +95,9 @@ class LockStep:
         before, self._turn = self._turn, None
         with within(surroundings), self._watchdog.during(f"the making of node {self._started}"):
             node = make()
+            for service in node.services:
+                if "send_response" not in vars(service):  # of the lifecycle, which rclpy makes by itself
+                    self._watch(service)
         executor = NodeExecutor(self.context, self._entities_changed)
         member = Member(node.get_name(), self._started, make, arguments, node, executor)
         node.executor = executor
@@ -184,9 +187,8 @@ class LockStep:
         for publisher in member.node.publishers:
             self._published.pop(publisher, None)
         member.executor.shutdown()
-        for waitable in list(member.node.waitables):
-            if isinstance(waitable, ActionServer | ActionClient):
-                waitable.destroy()  # which destroy_node leaves to be found by others
+        for waitable in [one for one in member.node.waitables if isinstance(one, ActionServer | ActionClient)]:
+            waitable.destroy()  # a node does not, and they would be there until Python collects them
         member.node.destroy_node()
         self._changed = True
 

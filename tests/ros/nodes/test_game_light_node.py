@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,115 +13,105 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.config import ShowConfig
 from pacman_env.game.lights import COLOURS, animations
 from pacman_env.ros import topics
-from pacman_env.ros.messages import seconds_of
-from tests.ros.clock import SimulatedClock
 
 if TYPE_CHECKING:
-    from tests.ros.system import Probe, Process, System
+    from tests.ros.session import Session
 
-NODE = "pacman_env.ros.nodes.game_light_node"
+NAME = "game_light_node"
 ANIMATIONS = animations(ShowConfig())
 RELEASED = (((0, 0, 0),) * 6, False)
 
 
-def up(probe: Probe, system: System, **parameters: Any) -> Process:
-    process = system.start(NODE, **parameters)
-    probe.record(topics.LIGHT_RING)
-    name = f"{system.namespace}/{topics.LIGHT_RING.name}"
-    probe.wait_for(lambda: probe.node.count_publishers(name) == 1, what="the light node")
-    return process
+@pytest.fixture(autouse=True)
+def base(nodes: Session) -> None:
+    """The base listens to what is shown."""
+    nodes.record(topics.LIGHT_RING)
 
 
-def rings(probe: Probe) -> list[tuple[Any, bool]]:
+def rings(nodes: Session) -> list[tuple[Any, bool]]:
     return [
         (tuple((led.red, led.green, led.blue) for led in m.leds), m.override_system)
-        for m in probe.messages(topics.LIGHT_RING)
+        for m in nodes.messages(topics.LIGHT_RING)
     ]
 
 
-def since(probe: Probe, first: tuple[Any, bool]) -> list[tuple[Any, bool]]:
-    """From the first such ring on: a node that is up for a second without a word releases the ring before."""
-    return rings(probe)[rings(probe).index(first) :]
+def of(colour: str) -> tuple[Any, bool]:
+    return (COLOURS[colour],) * 6, True
 
 
-def test_a_colour_stays_and_off_gives_the_ring_back(probe: Probe, system: System) -> None:
-    up(probe, system, use_sim_time=True)
-    clock = SimulatedClock(probe, "game_light_node")
-    for colour, value in COLOURS.items():
-        probe.publish(topics.GAME_LIGHT, colour)
-        probe.wait_for(lambda value=value: rings(probe)[-1:] == [((value,) * 6, True)], what=colour)
-    probe.publish(topics.GAME_LIGHT, "off")
-    probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the release")
-    count = len(rings(probe))
-    clock.advance(1.3)
-    assert len(rings(probe)) == count
+def test_a_colour_stays_and_off_gives_the_ring_back(nodes: Session) -> None:
+    nodes.start(NAME)
+    for colour in COLOURS:
+        nodes.publish(topics.GAME_LIGHT, colour)
+        assert rings(nodes)[-1] == of(colour)
+    nodes.forget()
+    nodes.advance(20.0)
+    assert set(rings(nodes)) == {of(colour)}
+    nodes.forget()
+    nodes.publish(topics.GAME_LIGHT, "off")
+    nodes.advance(20.0)
+    assert rings(nodes) == [RELEASED]
 
 
-def test_a_colour_is_said_again_for_a_base_that_was_not_there(probe: Probe, system: System) -> None:
-    up(probe, system)
-    probe.publish(topics.GAME_LIGHT, "blue")
-    blue = (COLOURS["blue"],) * 6, True
-    probe.wait_for(lambda: rings(probe).count(blue) >= 3, what="three times blue")
-    assert set(since(probe, blue)) == {blue}
+def test_a_colour_is_said_again_for_a_base_that_was_not_there(nodes: Session) -> None:
+    nodes.start(NAME)
+    nodes.publish(topics.GAME_LIGHT, "blue")
+    nodes.advance(3.3)
+    assert rings(nodes) == [of("blue")] * 4, "at once, and then once a second"
 
 
 @pytest.mark.parametrize("word", ["win", "clyde killed"])
-def test_the_show_of_a_win_and_of_a_death_moves_and_ends_fault_3(probe: Probe, system: System, word: str) -> None:
-    up(probe, system, use_sim_time=True)
-    clock = SimulatedClock(probe, "game_light_node")
-    probe.publish(topics.GAME_LIGHT, word)
-    probe.wait_for(lambda: any(override for _, override in rings(probe)), what="the show")
-    begin_s = clock.now_s
-    clock.advance(ANIMATIONS[word].duration_s + 0.5)
-    probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the end of the show")
-    shown = [k for k, (_, override) in enumerate(rings(probe)) if override]
-    assert {rings(probe)[k][0] for k in shown} == set(ANIMATIONS[word].rings)
-    end_s = seconds_of(probe.messages(topics.LIGHT_RING)[shown[-1] + 1].header.stamp)
-    assert end_s - begin_s == pytest.approx(ANIMATIONS[word].duration_s, abs=0.2)
+def test_the_show_of_a_win_and_of_a_death_moves_and_ends_fault_3(nodes: Session, word: str) -> None:
+    nodes.start(NAME)
+    nodes.publish(topics.GAME_LIGHT, word)
+    begin_s = nodes.now_s
+    nodes.advance(ANIMATIONS[word].duration_s + 0.5)
+    assert rings(nodes)[-1] == RELEASED
+    shown = rings(nodes)[:-1]
+    assert {ring for ring, _ in shown} == set(ANIMATIONS[word].rings)
+    assert all(override for _, override in shown)
+    end_s = nodes.on(topics.LIGHT_RING)[-1].at
+    assert end_s - begin_s == pytest.approx(ANIMATIONS[word].duration_s, abs=0.1)
 
 
-def test_an_unknown_word_changes_nothing_and_is_said_once(probe: Probe, system: System) -> None:
-    process = up(probe, system)
-    probe.publish(topics.GAME_LIGHT, "green")
-    probe.publish(topics.GAME_LIGHT, "\x00" * 3)
-    probe.publish(topics.GAME_LIGHT, "purple" * 1000)
-    probe.publish(topics.GAME_LIGHT, "  RED ")
-    red = (COLOURS["red"],) * 6, True
-    probe.wait_for(lambda: red in rings(probe), what="red")
-    assert set(rings(probe)) <= {red, RELEASED}
-    assert set(since(probe, red)) == {red}
-    assert process.output.count("game_light: ") == 1
+def test_an_unknown_word_changes_nothing_and_is_said_once(nodes: Session, log: Callable[[], str]) -> None:
+    nodes.start(NAME)
+    for word in ("green", "\x00" * 3, "purple" * 1000, "  RED "):
+        nodes.publish(topics.GAME_LIGHT, word)
+    nodes.advance(3.0)
+    assert set(rings(nodes)) == {of("red")}
+    assert log().count("game_light: ") == 1
 
 
-@pytest.mark.parametrize("number", [2, 15])
-def test_the_ring_is_given_back_at_the_end_fault_13(probe: Probe, system: System, number: int) -> None:
-    process = up(probe, system)
-    probe.publish(topics.GAME_LIGHT, "pacman")
-    probe.wait_for(lambda: len(rings(probe)) > 2, what="Pac-Man's mouth")
-    process.send(number)
-    probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the release")
-    assert process.wait() == 0
+def test_the_ring_is_given_back_at_the_end_fault_13(nodes: Session) -> None:
+    nodes.start(NAME)
+    nodes.publish(topics.GAME_LIGHT, "pacman")
+    nodes.advance(0.5)
+    assert len(rings(nodes)) > 2
+    assert RELEASED not in rings(nodes)
+    nodes.stop(NAME)
+    assert rings(nodes)[-1] == RELEASED
 
 
-def test_a_ring_that_a_killed_node_has_left_lit_is_given_back(probe: Probe, system: System) -> None:
-    process = up(probe, system)
-    probe.publish(topics.GAME_LIGHT, "red")
-    probe.wait_for(lambda: rings(probe)[-1:] == [((COLOURS["red"],) * 6, True)], what="red")
-    process.popen.kill()
-    process.popen.wait()
-    system.processes.remove(process)
-    probe.forget()
-    system.start(NODE)
-    probe.wait_for(lambda: rings(probe)[-1:] == [RELEASED], what="the release")
+def test_a_ring_that_a_killed_node_has_left_lit_is_given_back(nodes: Session) -> None:
+    nodes.start(NAME)
+    nodes.publish(topics.GAME_LIGHT, "red")
+    nodes.kill(NAME)
+    assert rings(nodes)[-1] == of("red")
+    nodes.start(NAME)
+    nodes.advance(1.1)
+    assert rings(nodes)[-1] == RELEASED
 
 
 @pytest.mark.parametrize("state", ["starting", "running"])
-def test_a_start_in_the_middle_of_a_game_shows_what_belongs_to_it(probe: Probe, system: System, state: str) -> None:
-    probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data=state))
-    up(probe, system)
-    expected = {(ring, True) for ring in ANIMATIONS["pacman"].rings}
-    probe.wait_for(lambda: set(rings(probe)) >= expected, what="the mouth to open and shut")
-    probe.publish(topics.GAME_STATE, "menu", listeners=1)
-    probe.publish(topics.GAME_STATE, "running")  # later on events say it
-    probe.publish(topics.GAME_LIGHT, "off")
-    probe.wait_for(lambda: rings(probe)[-1] == RELEASED, what="the release")
+def test_a_start_in_the_middle_of_a_game_shows_what_belongs_to_it(nodes: Session, state: str) -> None:
+    nodes.publish(topics.GAME_STATE, state)
+    nodes.start(NAME)
+    nodes.advance(3.0)
+    assert set(rings(nodes)) == {(ring, True) for ring in ANIMATIONS["pacman"].rings}
+    nodes.forget()
+    nodes.publish(topics.GAME_STATE, "menu")
+    nodes.publish(topics.GAME_STATE, "running")  # later on events say it
+    nodes.publish(topics.GAME_LIGHT, "off")
+    nodes.advance(3.0)
+    assert rings(nodes) == [RELEASED]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,11 +14,12 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
+from pacman_env.ros.nodes.wait_for_amcl_pose import FOUND, NAME, NOT_FOUND, main
+from pacman_env.ros.supervisor.game_nodes import module_of
 
 if TYPE_CHECKING:
-    from tests.ros.system import Probe, Process, System
-
-NODE = "pacman_env.ros.nodes.wait_for_amcl_pose"
+    from tests.ros.session import Session
+    from tests.ros.system import Probe, System
 
 
 def pose(x: float, frame: str = "map", w: float = 1.0) -> Any:
@@ -26,51 +28,52 @@ def pose(x: float, frame: str = "map", w: float = 1.0) -> Any:
     return message
 
 
-def ended(probe: Probe, process: Process) -> None:
-    probe.wait_for(lambda: process.popen.poll() is not None, what="its end")
+def test_a_pose_that_was_there_before_is_enough(nodes: Session) -> None:
+    nodes.publish(topics.AMCL_POSE, pose(1.0))
+    assert nodes.start(NAME).node.status == FOUND
 
 
-def test_a_pose_that_was_there_before_is_enough(probe: Probe, system: System) -> None:
-    probe.publisher(topics.AMCL_POSE).publish(pose(1.0))
-    process = system.start(NODE)
-    ended(probe, process)
-    assert process.wait() == 0
-
-
-def test_a_pose_that_is_none_does_not_count(probe: Probe, system: System) -> None:
-    process = system.start(NODE)
+def test_a_pose_that_is_none_does_not_count(nodes: Session, log: Callable[[], str]) -> None:
+    waiter = nodes.start(NAME).node
     for bad in (pose(math.nan), pose(1.0, frame="odom"), pose(1.0, w=0.0), pose(1e9)):
-        probe.publish(topics.AMCL_POSE, bad)
-        probe.wait_for(lambda: "amcl_pose: " in process.output, what="the complaint")
-        probe.spin(0.2)
-    assert process.popen.poll() is None
-    probe.publish(topics.AMCL_POSE, pose(1.0))
-    ended(probe, process)
-    assert process.wait() == 0
-    assert process.output.count("amcl_pose: ") == 1
+        nodes.publish(topics.AMCL_POSE, bad)
+    nodes.advance(100.0)
+    assert waiter.status is None
+    assert log().count("amcl_pose: ") == 1
+    nodes.publish(topics.AMCL_POSE, pose(1.0))
+    assert waiter.status == FOUND
+    assert nodes.game.member(NAME) is None
 
 
-def test_without_a_pose_it_ends_with_one_line_after_its_time(system: System) -> None:
-    process = system.start(NODE, timeout_s=0.5)
-    assert process.wait() == 1
-    system.processes.clear()
-    assert process.output == "wait_for_amcl_pose: no pose on amcl_pose within 0.5 s\n"
+def test_without_a_pose_it_ends_with_one_line_after_its_time(nodes: Session, capfd: pytest.CaptureFixture[str]) -> None:
+    began_s = nodes.now_s
+    waiter = nodes.start(NAME, timeout_s=30.5).node
+    nodes.wait_for(lambda: waiter.status is not None, what="its end")
+    assert waiter.status == NOT_FOUND
+    assert nodes.now_s - began_s == pytest.approx(30.5, abs=0.051)
+    assert capfd.readouterr().err == "wait_for_amcl_pose: no pose on amcl_pose within 30.5 s\n"
 
 
 @pytest.mark.parametrize("number", [2, 15])
 def test_it_can_be_stopped(probe: Probe, system: System, number: int) -> None:
-    process = system.start(NODE)
+    process = system.start(module_of(NAME))
     name = f"{system.namespace}/amcl_pose"
     probe.wait_for(lambda: probe.node.count_subscribers(name) == 1, what="it to wait")
     process.send(number)
-    assert process.wait() == 1
+    assert process.wait() == NOT_FOUND
     system.processes.clear()
     assert process.output == "wait_for_amcl_pose: stopped before a pose arrived\n"
 
 
-def test_a_bad_time_is_said_in_one_line(system: System) -> None:
-    process = system.start(NODE, timeout_s=-1.0)
-    assert process.wait() == 2
-    system.processes.clear()
-    assert process.output.startswith("wait_for_amcl_pose: ")
-    assert process.output.count("\n") == 1
+def test_its_process_ends_with_status_0_once_there_is_a_pose(probe: Probe, system: System) -> None:
+    process = system.start(module_of(NAME))
+    probe.publish(topics.AMCL_POSE, pose(1.0))
+    probe.wait_for(lambda: process.popen.poll() is not None, what="its end")
+    assert process.wait() == 0
+
+
+def test_a_bad_time_is_said_in_one_line(domain: int, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["--ros-args", "-p", "timeout_s:=-1.0"]) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("wait_for_amcl_pose: ")
+    assert said.count("\n") == 1

@@ -9,26 +9,32 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from std_msgs.msg import Header
 
 from pacman_env.ros import topics
+from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
 from tests.ros.scripted_nav2 import ScriptedNav2
-from tests.ros.selector_game import Game, pellet
+from tests.ros.selector_game import FAR_AWAY, Game, house, pellet
 
 if TYPE_CHECKING:
     from tests.ros.system import Probe, System
+
+NODE = module_of(SELECTOR)
 
 
 def test_fault_4_an_aborted_goal_loses_no_pellet_and_another_one_is_next(game: Game) -> None:
     game.start()
     game.begin()
     first = game.running_goal(1)
-    game.nav2.abort(first, error=208)
+    game.abort(first, error=208)
     second = game.running_goal(2)
     assert (second.x, second.y) != (first.x, first.y)
     condition = game.condition(lambda c: c["goals_aborted"] == 1)
     assert (condition["last_status"], condition["last_error_code"]) == (6, 208)
     assert condition["pellets_left"] == len(game.left)
-    assert not game.probe.values(topics.REMOVE_PELLET)
+    assert not game.session.values(topics.REMOVE_PELLET)
     assert not game.statuses()
 
 
@@ -50,22 +56,22 @@ def test_fault_6_a_goal_accepted_after_disable_is_cancelled_at_once(game: Game) 
     game.say(topics.GAME_COMMAND, "disable")
     game.say(topics.GAME_STATE, "menu")
     game.condition(lambda c: c["state"] == "menu")
-    game.nav2.let_in()
-    game.probe.wait_for(lambda: game.nav2.goals[0].cancelled, what="its end")
+    game.let_in()
+    assert game.nav2.goals[0].cancelled
     game.say(topics.GAME_COMMAND, "enable")  # nothing is ever driven in the menu
-    game.probe.spin(0.5)
+    game.session.advance(5.0)
     assert len(game.nav2.goals) == 1
 
 
 def test_fault_8_goals_do_not_alternate_at_a_boundary(game: Game) -> None:
-    clock = game.start_at_rest()
+    game.start()
     game.begin()
     a, b = pellet(0), pellet(1)
     middle = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
     for flip in range(16):
         side = (a, b)[flip % 2]
         game.stand(middle[0] + 0.25 * (side[0] - middle[0]), middle[1] + 0.25 * (side[1] - middle[1]))
-        clock.advance(0.25)
+        game.session.advance(0.25)
     assert len(set(game.nav2.all)) >= 2, "the policy never wavered"
     assert len(game.nav2.goals) <= 2 + 16 * 0.25 / 1.0
 
@@ -88,44 +94,77 @@ def test_fault_9_home_has_failed_only_if_the_robot_is_not_there(
     game.stand(*at)
     game.condition(lambda c: c["pose"][:2] == pytest.approx(at), "the pose")
     if report == "home_failed":
-        game.nav2.succeed(goal)  # Nav2 counts the nearest place that can be reached
+        game.succeed(goal)  # Nav2 counts the nearest place that can be reached
     else:
-        game.nav2.abort(goal)
+        game.abort(goal)
     game.status(report)
     assert game.statuses() == [report]
 
 
-def test_fault_10_without_nav2_the_rules_go_on_and_it_is_used_once_it_is_there(probe: Probe, system: System) -> None:
-    game = Game(probe, system, None)
-    clock = game.start_at_rest()
+def test_fault_10_without_nav2_the_rules_go_on_and_it_is_used_once_it_is_there(game: Game) -> None:
+    game.end_nav2()
+    game.start()
     game.begin()
     game.condition(lambda c: c["state"] == "running" and not c["nav2"], "the round")
     number, (x, y) = next(iter(game.left.items()))
-    game.clock = None  # from here on no time passes that is not needed
     game.stand(x, y)
-    clock.advance(0.2)  # two decisions
-    game.status(f"pellet_collected:{number}")
-    game.nav2, game.clock = ScriptedNav2(probe), clock
+    game.session.advance(0.2)  # two decisions
+    assert game.statuses() == [f"pellet_collected:{number}"]
+    game.start_nav2()
     game.running_goal(1)
-    game.nav2.close()
+    game.end_nav2()
     game.condition(lambda c: not c["nav2"], "Nav2's end")
-    game.clock = None
     game.clyde(x, y)
-    clock.advance(0.2)
-    game.status("death_detected")
+    game.session.advance(0.2)
+    assert game.statuses()[1:] == ["death_detected"]
+
+
+@pytest.mark.parametrize("answer", ["accept", "late"])
+def test_fault_13_at_its_end_the_node_stops_the_robot_and_cancels_its_goal(game: Game, answer: str) -> None:
+    game.nav2.script = [answer]
+    game.start()
+    game.begin()
+    goal = game.running_goal(1) if answer == "accept" else game.goal(1)
+    assert game.stops() == 0
+    answered_s: list[float] = []
+
+    def let_in() -> None:
+        answered_s.append(game.session.now_s)
+        game.nav2.let_in()
+
+    game.nav2.create_timer(0.5, let_in)
+    began_s = game.session.now_s
+    game.session.stop(SELECTOR)
+    assert goal.cancelled
+    assert game.stops() >= 2, "at once, and when Nav2 drives no more"
+    assert game.session.now_s - began_s == pytest.approx(0.0 if answer == "accept" else 0.5, abs=0.051)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
-@pytest.mark.parametrize("answer", ["accept", "late"])
-def test_fault_13_a_signal_stops_the_robot_before_the_node_ends(game: Game, number: int, answer: str) -> None:
-    game.nav2.script = [answer]
-    process = game.start()
-    game.begin()
-    goal = game.running_goal(1) if answer == "accept" else game.goal(1)
+def test_fault_13_a_signal_stops_the_robot_before_the_process_ends(probe: Probe, system: System, number: int) -> None:
+    nav2 = ScriptedNav2(namespace=system.namespace, context=probe.context)
+    probe.executor.add_node(nav2)
+    probe.record(topics.CMD_VEL, DIAGNOSTICS)
+    process = system.start(NODE, policy="nearest", map_yaml="house", diagnostics_rate=10.0)
+    probe.wait_for(lambda: probe.messages(DIAGNOSTICS), what="the goal selector")
+    stamp = probe.stamp()
+    pose = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
+    pose.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose
+    left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
+    for topic, message in (
+        (topics.AMCL_POSE, pose),
+        (topics.CLYDE_POSE, pose_message(*FAR_AWAY, 0.0, stamp)),
+        (topics.PELLET_MARKERS, markers_of(left, stamp)),
+        (topics.GAME_STATE, "running"),
+        (topics.GAME_COMMAND, "enable"),
+    ):
+        probe.publish(topic, message)
+    probe.wait_for(nav2.running, what="a goal")
     process.send(number)
-    game.probe.wait_for(game.stopped, what="zero velocity")
-    game.nav2.let_in()
-    game.probe.wait_for(lambda: goal.cancelled, what="the cancel")
-    game.probe.wait_for(lambda: process.popen.poll() is not None, what="the end")
+    probe.wait_for(lambda: process.popen.poll() is not None, what="the end")
     assert process.wait() == 0
+    assert nav2.goals[-1].cancelled
+    assert probe.wait_for(lambda: probe.messages(topics.CMD_VEL), what="zero velocity")[-1].twist.linear.x == 0.0
     assert "Traceback" not in process.output
+    probe.executor.remove_node(nav2)
+    nav2.destroy_node()

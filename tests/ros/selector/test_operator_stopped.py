@@ -22,25 +22,26 @@ def word(stopped: bool, at: int, by: str = "/robot_15/page") -> str:
 
 
 def test_a_stop_ends_the_goal_and_no_other_comes_until_the_release(game: Game) -> None:
-    game.probe.record(topics.OPERATOR_STOP)
+    game.session.record(topics.OPERATOR_STOP)
     game.start()
     game.begin()
     first = game.running_goal(1)
     game.say(topics.OPERATOR_STOP, word(True, 10))
-    game.probe.wait_for(lambda: first.ended, what="the end of the goal")
+    assert first.ended
     condition = game.condition(lambda c: c["stopped"])
     assert condition["task"] == "play"
     assert condition["state"] == "running"
     assert "stopped by the operator" in condition["troubles"]
-    assert game.stopped()
+    assert game.stops() > 0
     game.stand(*pellet(0))  # rules go on: a pellet is a pellet
     game.status(f"pellet_collected:{house().pellet_ids[0]}")
-    game.condition(lambda c: c["decisions"]["count"] >= 0 and c["stopped"])
+    game.session.advance(5.0)
+    assert game.condition()["stopped"]
     assert len(game.nav2.goals) == 1
     game.say(topics.OPERATOR_STOP, word(False, 11))
     game.running_goal(2)
     assert "stopped by the operator" not in game.condition(lambda c: not c["stopped"])["troubles"]
-    said = [json.loads(text) for text in game.probe.values(topics.OPERATOR_STOP)]
+    said = [json.loads(text) for text in game.session.values(topics.OPERATOR_STOP)]
     echoed = [(one["stopped"], one["at"]) for one in said if one["by"] == "/robot_15/goal_selector"]
     assert echoed[-2:] == [(True, 10), (False, 11)]
 
@@ -56,20 +57,19 @@ def test_an_earlier_word_changes_nothing_and_of_two_at_once_the_stop_counts(game
     game.say(topics.OPERATOR_STOP, word(False, 9))
     for bad in ("release", "{}", '{"stopped": 0, "at": 99, "who": "", "by": ""}', "[" * 500, "x" * 2000):
         game.say(topics.OPERATOR_STOP, bad)
-    condition = game.condition(lambda c: c["troubles"].get("bad stop") == 5)
-    assert condition["stopped"]
+    assert game.troubles["bad stop"] == 5
+    assert game.condition()["stopped"]
 
 
-def test_a_goal_of_somebody_elses_is_cancelled_while_stopped(game: Game) -> None:
+def test_a_goal_of_another_node_is_cancelled_while_stopped(game: Game) -> None:
     game.start()
     game.begin()
     game.running_goal(1)
     game.say(topics.OPERATOR_STOP, "stop")  # as a person types it
     game.condition(lambda c: c["stopped"])
-    client = game.probe.action_client(topics.NAVIGATE_TO_POSE)
-    client.send_goal_async(topics.NAVIGATE_TO_POSE.type.Goal())
-    foreign = game.goal(2)
-    game.probe.wait_for(lambda: foreign.ended, what="the end of a goal from RViz")
+    client = topics.NAVIGATE_TO_POSE.client(game.session.observer)  # RViz's, say
+    game.session.within(lambda: client.send_goal_async(topics.NAVIGATE_TO_POSE.type.Goal()))
+    assert game.goal(2).ended
 
 
 def test_the_way_home_waits_for_the_release_and_does_not_fail(game: Game) -> None:
@@ -80,21 +80,21 @@ def test_the_way_home_waits_for_the_release_and_does_not_fail(game: Game) -> Non
     game.say(topics.GAME_STATE, "returning_home")
     game.say(topics.GAME_COMMAND, "return_home")
     game.condition(lambda c: c["task"] == "home")
-    game.probe.spin(1.0)
+    game.session.advance(5.0)
     assert not game.nav2.goals
     assert "home_failed" not in game.statuses()
     game.say(topics.OPERATOR_STOP, word(False, 11))
     game.running_goal(1)
 
 
-def test_why_is_told_to_who_listens_and_what_the_numbers_mean(game: Game) -> None:
-    game.probe.record(WHY, CANDIDATES)
+def test_reasons_are_published_with_what_the_numbers_mean(game: Game) -> None:
+    game.session.record(WHY, CANDIDATES)
     game.start(policy="clyde_aware")
     game.begin()
     game.running_goal(1)
-    game.probe.wait_for(lambda: game.probe.heard(WHY), what="reasons")
-    why: dict[str, Any] = json.loads(game.probe.values(WHY)[-1])
-    candidates = json.loads(game.probe.values(CANDIDATES)[-1])
+    game.session.wait_for(lambda: game.session.messages(WHY), what="reasons")
+    why: dict[str, Any] = json.loads(game.session.values(WHY)[-1])
+    candidates = json.loads(game.session.values(CANDIDATES)[-1])
     assert candidates["pellets"] == house().pellet_ids.tolist()
     assert len(candidates["places"]) == len(house().goal_xy)
     row = next(row for row in why["rows"] if row["candidate"] == why["goal"])

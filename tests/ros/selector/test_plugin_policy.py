@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,18 @@ if TYPE_CHECKING:
     from tests.ros.selector_game import Game
 
 
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return install(tmp_path_factory.mktemp("plugin"))
+
+
 @pytest.mark.parametrize("policy", ["shy", "pacman_plugin.policy:Shy"])
 def test_the_goal_selector_plays_with_the_policy_of_an_installed_package(
-    game: Game, policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    game: Game, policy: str, site: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.syspath_prepend(install(tmp_path))  # the node's path, too
+    monkeypatch.syspath_prepend(site)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "pacman_plugin"]:
+        monkeypatch.delitem(sys.modules, name)
     game.start(policy=policy)
     game.begin()
     game.running_goal(1)

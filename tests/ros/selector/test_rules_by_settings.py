@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 from pacman_env.config import make_config, parse_settings
 from pacman_env.game.execution import DEAD, SUCCEEDED
 from tests.one_game import SimulatorSide
-from tests.ros.selector_game import FAR_AWAY, Game, house, slot_of
+from tests.ros.selector_game import FAR_AWAY, QUICK, Game, number_at
 
 PICKUP_M, DEATH_M, SUCCESS_M = 0.7, 0.2, 0.9  # at these distances something else happens than under the defaults
 SETTINGS = ["execution.pickup_radius_m=0.8", "execution.death_radius_m=0.15", "execution.success_margin_m=0.8"]
@@ -39,24 +39,23 @@ def test_in_the_simulator() -> None:
 
 
 def test_in_the_goal_selector(game: Game) -> None:
-    game.start(settings=["execution.tick_s=0.1", "execution.check_period_s=0.1", *SETTINGS])
+    game.start(settings=[*QUICK, *SETTINGS])
     game.begin()
     first = game.running_goal(1)
-    number = int(house().pellet_ids[slot_of((first.x, first.y))])
     game.stand(first.x - PICKUP_M, first.y)
-    game.status(f"pellet_collected:{number}")
+    game.status(f"pellet_collected:{number_at(first)}")
 
     second = game.running_goal(2)
-    number = int(house().pellet_ids[slot_of((second.x, second.y))])
     x = second.x + SUCCESS_M
     game.stand(x, second.y)
     game.condition(lambda c: c["pose"][0] == pytest.approx(x), "the pose")
-    game.nav2.succeed(second)
-    game.status(f"pellet_collected:{number}")
+    game.succeed(second)
+    game.status(f"pellet_collected:{number_at(second)}")
 
     game.clyde(x + DEATH_M, second.y)
     game.condition(lambda c: c["clyde"][0] == pytest.approx(x + DEATH_M), "Clyde")
     assert "death_detected" not in game.statuses()
     game.clyde(*FAR_AWAY)
+    game.session.advance(0.2)
     game.clyde(x + 0.1, second.y)
     game.status("death_detected")

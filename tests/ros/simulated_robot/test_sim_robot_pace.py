@@ -10,7 +10,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.ros.simulated_robot import sim_robot  # noqa: E402
+from pacman_env.ros import surroundings  # noqa: E402
 from pacman_env.ros.simulated_robot.sim_robot import AT_ONCE, CATCH_UP_S, START_NS, SimRobot  # noqa: E402
 from tests.sim.robots import rooms  # noqa: E402
 from tests.wall_clock import WallClock  # noqa: E402
@@ -18,23 +18,29 @@ from tests.wall_clock import WallClock  # noqa: E402
 Make = Callable[..., SimRobot]
 
 
+class WithWall(surroundings.Surroundings):
+    """Those of a process of its own, with the test's clock."""
+
+    def __init__(self, wall: WallClock) -> None:
+        self.monotonic, self.time_ns = wall.monotonic, wall.time_ns  # type: ignore[method-assign]
+
+
 @pytest.fixture
-def wall(monkeypatch: pytest.MonkeyPatch) -> WallClock:
-    wall = WallClock()
-    monkeypatch.setattr(sim_robot, "time", wall)
-    return wall
+def wall() -> WallClock:
+    return WallClock()
 
 
 @pytest.fixture
 def make(wall: WallClock, domain: int, tmp_path: Path) -> Iterator[Make]:
-    """Makes the node in this process; nobody spins it."""
+    """Makes the node in this process; no executor spins it."""
     made: list[SimRobot] = []
 
     def start(**parameters: object) -> SimRobot:
         given = {"map_yaml": rooms().save(tmp_path / "rooms.yaml"), **parameters}
         words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
         rclpy.init(args=["--ros-args", *words], domain_id=domain)
-        made.append(SimRobot())
+        with surroundings.within(WithWall(wall)):
+            made.append(SimRobot())
         return made[-1]
 
     yield start
