@@ -13,6 +13,8 @@ import fcntl
 import json
 import os
 import time
+import warnings
+from pathlib import Path
 
 from platformdirs import user_runtime_path
 
@@ -81,7 +83,7 @@ def _locked(name: str) -> int:
         BlockingIOError: another process has the lock.
         OSError: there can be no such file, or no lock on it.
     """
-    folder = user_runtime_path("pacman_env")
+    folder = _folder()
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.stat().st_uid != os.getuid():
         raise PermissionError(f"{folder}: another user's")
@@ -97,6 +99,12 @@ def _locked(name: str) -> int:
 def _read(name: str) -> dict[str, object]:
     """What the holder of a lock has written; empty: nothing yet."""
     with contextlib.suppress(OSError, ValueError):
-        content = json.loads((user_runtime_path("pacman_env") / f"{name}.lock").read_bytes())
+        content = json.loads((_folder() / f"{name}.lock").read_bytes())
         return content if isinstance(content, dict) else {}
     return {}
+
+
+def _folder() -> Path:
+    with warnings.catch_warnings():  # without a login there is no runtime folder, but a temporary one
+        warnings.simplefilter("ignore")
+        return user_runtime_path("pacman_env")
