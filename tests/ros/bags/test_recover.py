@@ -104,8 +104,8 @@ def test_a_killed_recorders_bag_is_mended_and_replayed_with_all_that_was_on_the_
             markers_of({int(n): pellet(k) for k, n in enumerate(house().pellet_ids)}, probe.stamp()),
         ),
         (topics.AMCL_POSE, pose),
+        (topics.GAME_STATE, "running"),
     )
-    recording.say((topics.GAME_STATE, "running"))
     recording.say((topics.SCORE, 1), (topics.GAME_STATUS, "pellet_collected:3"))
     with pytest.raises(BagError, match="still being recorded"):
         recover(out)
