@@ -1,4 +1,4 @@
-"""What every test with ROS gets: a domain of its own, nodes that end with the test, a probe that hears everything."""
+"""What every test with ROS gets: a domain of its own, nodes that end with the test, a probe that records everything."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ if os.environ.get("CI") and find_spec("rclpy") is None:
 @pytest.fixture(scope="session")
 def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A ROS_DOMAIN_ID that no other test process has, on this machine alone; nobody waits long for the middleware."""
-    from tests.ros import fork_server
     from tests.ros.system import free_domain
 
     with free_domain() as number, pytest.MonkeyPatch.context() as patch:
@@ -29,7 +28,6 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("quick_middleware.xml")))
         patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))  # where the referee keeps a game
-        fork_server.warm_up()
         yield number
 
 

@@ -1,8 +1,9 @@
 """Nodes as processes that begin where their imports end: forked from a server that has done those once.
 
 Most of a node's start is the same for each: rclpy, numpy, compiled kernels. With hundreds of starts in the tests that
-is minutes. Every node still is a process of its own, with a ``main()`` that reads its command line, and gets, obeys and
-dies of real signals; that ``python -m`` starts it too is for ``test_up.py``.
+is minutes. The server begins with the first node, which waits until what is preloaded has been imported and compiled.
+Every node still is a process of its own, with a ``main()`` that reads its command line, and gets, obeys and dies of
+real signals; that ``python -m`` starts it too is for ``test_operating.py``.
 """
 
 from __future__ import annotations
@@ -18,17 +19,6 @@ from pathlib import Path
 PRELOADED = "tests.ros.preloaded"
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload([PRELOADED])
-
-
-def warm_up() -> None:
-    """Return when nodes can be forked: what they need may have to be compiled first."""
-    first = _SERVER.Process(target=_nothing)
-    first.start()
-    first.join()
-
-
-def _nothing() -> None:
-    pass
 
 
 class Forked:

@@ -23,6 +23,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import Bag, BagError, Recorded, open_bag
 from pacman_env.ros.bags.pose_statistics import QUANTITIES, PoseStatistics, simulated_statistics
 from pacman_env.ros.messages import BadMessage, nanoseconds_of, pellets_of, pose_of
+from pacman_env.ros.selector.believed_pose import BelievedPose
 from pacman_env.ros.selector.goal_scores import SCORES
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from pacman_env.sim.maps.assets import MapAssets, map_assets
@@ -39,11 +40,14 @@ _READ = (
     topics.CLYDE_SPEED,
     topics.AMCL_POSE,
     topics.ODOMETRY,
+    topics.TF,
+    topics.TF_STATIC,
     SCORES,
 )
 PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
 PLAN_LATE_S = 1.2  # a choice shows in the first plan after it, this late at most
 TICK_LATE = 0.1  # of a tick: what the goal selector chose in it is known by then
+TF_S = 1.0  # a transform that is older is no use, by default of the goal selector
 END_OF_PLAN_M = 0.75  # Nav2 may end a plan beside its goal, half a metre in x and in y
 _LISTED = 20
 
@@ -147,6 +151,7 @@ class _Walk:
         self._has_scores = bag.has(SCORES)  # else it is another planner's game
         self._chosen_before = -1
         self._plans = [] if self._has_scores else list(_plans(bag, assets))
+        self._believed = BelievedPose(TF_S)  # as the goal selector has it
         self._motion = PoseStatistics(counts=False)
         self._running = False
         self._began_s = self._due_s = 0.0
@@ -213,6 +218,8 @@ class _Walk:
             self._view.see_ghost(self._ghosts[topic], x, y, nanoseconds_of(message.header.stamp))
             if topic == topics.CLYDE_POSE.name:
                 self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
+        elif topic in (topics.TF.name, topics.TF_STATIC.name):
+            self._believed.transforms(message, at_s, static=topic == topics.TF_STATIC.name)
         elif topic == topics.AMCL_POSE.name:
             self._motion.localize(nanoseconds_of(message.header.stamp) / 1e9, pose_of(message))
         elif topic == topics.ODOMETRY.name:
@@ -237,7 +244,12 @@ class _Walk:
 
     def _situation(self, at_s: float, pursued: int) -> Situation | None:
         """What a policy sees at a tick; None: too little is known."""
-        pose, left = self._motion.believed, self._left - self._gone
+        belief, left = self._believed.at(at_s), self._left - self._gone
+        pose = self._motion.believed if belief is None else belief.pose  # of a bag without transforms
+        velocity = self._velocity if belief is None else belief.velocity
+        goal = None if pursued < 0 else self._view.goal(pursued)
+        if goal is not None and goal.pellet is not None and goal.pellet not in left:
+            pursued = -1  # it was collected since
         if pose is None or self._view.unseen or not left or self._view.off_the_map(*pose[:2]):
             return None
         return self._view.situation(
@@ -245,7 +257,8 @@ class _Walk:
                 time_s=at_s - self._began_s,
                 pose=pose,
                 left=left,
-                velocity=self._velocity,
+                velocity=velocity,
+                pose_age_s=0.0 if belief is None else belief.age_s,
                 pursued=pursued,
             )
         )

@@ -13,8 +13,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -99,7 +97,7 @@ class Recorder(BaseNode):
                 topic.type, topic.name, lambda raw, to=connection: self._write(to, raw), deep, raw=True
             )
             self._subscribed.append((subscription, connection))
-        self.create_timer(FLUSH_S, self._flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(FLUSH_S, self._flush, clock=self.surroundings.clock())
 
     def last_messages(self) -> Iterable[Any]:
         """Write what has arrived already, and finish the bag."""

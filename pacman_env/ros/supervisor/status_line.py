@@ -63,7 +63,6 @@ class StatusLine(Node):
         super().__init__("pacman_up", namespace=where, parameter_overrides=[clock], context=context)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
-        self._began_s = time.monotonic()
         self._policy = policy
         self._values: dict[str, Any] = {}
         for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED, CLYDE_SPEED):
@@ -124,7 +123,7 @@ class StatusLine(Node):
         return None if self._pose_ns is None else (self.get_clock().now().nanoseconds - self._pose_ns) / 1e9
 
     def others(self, sim: bool) -> str:
-        """Who plays here already, or gives the time; to be asked a second after the start; empty: nobody."""
+        """Which game plays here already, or publishes the time, as far as it is discovered; empty: none."""
         here = [f"{name} ({process_words(plays)})" for name, plays in sorted(self.nodes.items())]
         if here and self.count_publishers(self.resolve_topic_name(CONFIGURATION.name)):
             return f"a game is in {self.get_namespace()} already: {', '.join(here)}"
@@ -132,11 +131,6 @@ class StatusLine(Node):
         return (
             f"another clock runs in this ROS domain: {', '.join(clocks)}; choose another --domain-id" if clocks else ""
         )
-
-    @property
-    def age_s(self) -> float:
-        """For how long this has listened, s of wall time."""
-        return time.monotonic() - self._began_s
 
     def facts(self) -> dict[str, Any]:
         """How the game stands, as plain values; None: nobody has said."""

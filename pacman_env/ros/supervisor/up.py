@@ -24,6 +24,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros.discovery import join, stay_on_this_machine
 from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import warm_up
+from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
     LOCK_STEP,
     PAGE,
@@ -130,11 +131,13 @@ def up(
     """
     writer = LineWriter(out or sys.stdout)
     with Stop() as stop:
-        join(domain, setup.sim)
+        number = join(domain, setup.sim)
         check(setup, play_on)
         os.environ.update(environment(setup, domain))
+        lock = GameLock(setup.namespace, number, setup.sim)
         status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
         try:
+            _acquire(lock, writer, stop)
             _prepare(setup, writer, stop)
             _alone(status_line, setup, writer, stop)
             if stop.asked:
@@ -155,9 +158,11 @@ def up(
                 writer.say(f"logs in {logs}")
                 if setup.web is not None:
                     writer.say(f"page: http://127.0.0.1:{setup.web}/ on this computer")
-                return _Play(setup, processes, status_line, writer, stop, keyboard).play(start or play_on, play_on)
+                play = _Play(setup, processes, status_line, writer, stop, keyboard, lock.stopping)
+                return play.play(start or play_on, play_on)
         finally:
             status_line.close()
+            lock.close()
 
 
 def check(setup: GameSetup, play_on: bool = False) -> None:
@@ -220,10 +225,24 @@ def _reap(process: subprocess.Popen[str]) -> None:
         process.wait()
 
 
-def _alone(status_line: StatusLine, setup: GameSetup, writer: LineWriter, stop: Stop) -> None:
-    """Refuse to play where somebody else plays, unless he goes."""
+def _acquire(lock: GameLock, writer: LineWriter, stop: Stop) -> None:
+    """Refuse to play beside a game of another ``ros up`` on this machine; one that is being stopped is waited for."""
     waiting = Waiting()
-    status_line.spin_until(lambda: stop.asked or status_line.age_s > LOOK_S, LOOK_S)
+    while not stop.asked and (held := lock.acquire())[0]:
+        who, stopping = held
+        if not stopping:
+            raise ValueError(who)
+        writer.show(waiting.line("waiting for another game to end"))
+        time.sleep(POLL_S)
+
+
+def _alone(status_line: StatusLine, setup: GameSetup, writer: LineWriter, stop: Stop) -> None:
+    """Refuse to play beside a game that is discovered, unless it ends.
+
+    A game that is discovered later than this is refused by its nodes: of two that act, the later one ends.
+    """
+    waiting = Waiting()
+    status_line.spin_until(lambda: stop.asked or status_line.others(setup.sim), LOOK_S)
     end = time.monotonic() + GOING_S
     while not stop.asked and (who := status_line.others(setup.sim)):
         if time.monotonic() > end:
@@ -244,7 +263,9 @@ class _Play:
         writer: LineWriter,
         stop: Stop,
         keyboard: Keyboard,
+        stopping: Callable[[], None],
     ) -> None:
+        self._stopping = stopping  # called when the end begins
         self._setup, self._processes, self._status_line = setup, processes, status_line
         self._writer, self._stop, self._keyboard = writer, stop, keyboard
         self._waiting = Waiting()
@@ -340,6 +361,7 @@ class _Play:
 
     def _stop_all(self) -> list[str]:
         """The names of those that had to be killed."""
+        self._stopping()
         processes = self._processes
         last_mover = next((name for name in STOP_ORDER[1::-1] if name in processes), None)
         waiting = Waiting()

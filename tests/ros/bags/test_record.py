@@ -14,6 +14,7 @@ pytest.importorskip("rosbags")
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.record import RECORDED, record
+from tests.ros.system import Probe, System
 
 WORDS = ["disable", "reset_round", "enable"]
 
@@ -23,28 +24,29 @@ def start_recording(system: Any, out: Path, *options: str) -> Any:
     return system.run("record", [*command, "--namespace", "robot_15"])
 
 
-@pytest.fixture
-def bag(system: Any, probe: Any, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def bag(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Commands in a burst, scores and a pose; recorded, stopped and whole."""
-    out = tmp_path / "games" / "first"
-    recorder = start_recording(system, out)
-    probe.wait_for(lambda: "recording /robot_15" in recorder.output, what="the recorder is up")
-    pose = topics.AMCL_POSE.type()
-    pose.header.frame_id, pose.pose.pose.position.x = "map", 1.25
-    pose.pose.pose.orientation.w = 1.0
-    probe.publish(topics.GAME_STATE, "running")
-    for word in WORDS:
-        probe.publish(topics.GAME_COMMAND, word)
-    probe.publish(topics.SCORE, 3)
-    probe.publish(topics.AMCL_POSE, pose)
-    for topic in (topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE, topics.AMCL_POSE):
-        publisher = probe.publisher(topic)
-        probe.wait_for(
-            lambda publisher=publisher: publisher.wait_for_all_acked(_moment()), what=f"{topic.name} has arrived"
-        )
-    assert not out.exists()  # only when it is whole
-    assert recorder.stop() == 0, recorder.output
-    assert f"{out}: 6 messages" in recorder.output
+    out = tmp_path_factory.mktemp("games") / "first"
+    with System(tmp_path_factory.mktemp("system")) as system, Probe(system) as probe:
+        recorder = start_recording(system, out)
+        probe.wait_for(lambda: "recording /robot_15" in recorder.output, what="the recorder is up")
+        pose = topics.AMCL_POSE.type()
+        pose.header.frame_id, pose.pose.pose.position.x = "map", 1.25
+        pose.pose.pose.orientation.w = 1.0
+        probe.publish(topics.GAME_STATE, "running")
+        for word in WORDS:
+            probe.publish(topics.GAME_COMMAND, word)
+        probe.publish(topics.SCORE, 3)
+        probe.publish(topics.AMCL_POSE, pose)
+        for topic in (topics.GAME_STATE, topics.GAME_COMMAND, topics.SCORE, topics.AMCL_POSE):
+            publisher = probe.publisher(topic)
+            probe.wait_for(
+                lambda publisher=publisher: publisher.wait_for_all_acked(_moment()), what=f"{topic.name} has arrived"
+            )
+        assert not out.exists()  # only when it is whole
+        assert recorder.stop() == 0, recorder.output
+        assert f"{out}: 6 messages" in recorder.output
     assert sorted(path.name for path in out.parent.iterdir()) == ["first"]
     return out
 

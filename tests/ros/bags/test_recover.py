@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +30,14 @@ from rosbags.typesys import Stores, get_typestore
 from pacman_env.cli.main import main
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
-from pacman_env.ros.bags.record import RECORDED, record
+from pacman_env.ros.bags.record import FLUSH_S, NAME, RECORDED, Recorder, record
 from pacman_env.ros.bags.recover import Recovered, recover
 from pacman_env.ros.bags.unfinished import COMMAND, MAGIC, unfinished_folder
 from pacman_env.ros.messages import markers_of, pose_message
+from tests.ros import session
 from tests.ros.bags.test_bag_replay import write_round
 from tests.ros.bags.test_record import start_recording
 from tests.ros.selector_game import house, pellet
-from tests.ros.system import Probe, System
 
 
 def raw_messages(path: Path) -> list[bytes]:
@@ -103,8 +104,8 @@ def test_a_killed_recorders_bag_is_mended_and_replayed_with_all_that_was_on_the_
             markers_of({int(n): pellet(k) for k, n in enumerate(house().pellet_ids)}, probe.stamp()),
         ),
         (topics.AMCL_POSE, pose),
+        (topics.GAME_STATE, "running"),
     )
-    recording.say((topics.GAME_STATE, "running"))
     recording.say((topics.SCORE, 1), (topics.GAME_STATUS, "pellet_collected:3"))
     with pytest.raises(BagError, match="still being recorded"):
         recover(out)
@@ -133,17 +134,21 @@ def test_a_killed_recorders_bag_is_mended_and_replayed_with_all_that_was_on_the_
 
 @pytest.fixture(scope="module")
 def recorded(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A real recorded bag of three chunks."""
-    with System(tmp_path_factory.mktemp("system")) as system, Probe(system) as probe:
-        return record_in_chunks(Recording(system, probe, tmp_path_factory.mktemp("games") / "first"))
-
-
-def record_in_chunks(recording: Recording) -> Path:
-    recording.say(*[(topics.GAME_COMMAND, word) for word in ("disable", "reset_round", "enable")])
-    recording.say((topics.SCORE, 1), (topics.GAME_STATE, "running"))
-    recording.say((topics.SCORE, 2))
-    assert recording.recorder.stop() == 0, recording.recorder.output
-    return recording.out
+    """A bag of three chunks, written by the recorder's node."""
+    folder = tmp_path_factory.mktemp("games")
+    with session.nodes(folder) as nodes:
+        recorder = nodes.start(NAME, lambda: Recorder(folder / "first", sim_time=True))
+        chunks: list[list[tuple[topics.Topic, Any]]] = [
+            [(topics.GAME_COMMAND, word) for word in ("disable", "reset_round", "enable")],
+            [(topics.SCORE, 1), (topics.GAME_STATE, "running")],
+            [(topics.SCORE, 2)],
+        ]
+        for messages in chunks:
+            for topic, message in messages:
+                nodes.publish(topic, message)
+            nodes.advance(FLUSH_S)
+        nodes.game.remove(recorder)
+    return folder / "first"
 
 
 @pytest.fixture
@@ -163,8 +168,33 @@ def chunks_of(file: Path) -> list[tuple[int, list[bytes]]]:
     return chunks
 
 
-def recovered(content: bytes) -> tuple[list[bytes] | str, Recovered | None]:
-    """The messages of what becomes of a file, or the one line that says why nothing does."""
+def places_of(file: Path) -> list[int]:
+    """Where a file may be cut: around the first record of each kind, and around all chunks.
+
+    A record is an opcode of one byte, the length of its content in eight bytes, and that content.
+    """
+    ends = {0: "", len(MAGIC): "magic"}
+    with file.open("rb") as stream:
+        for one in StreamReader(stream, emit_chunks=True).records:
+            ends[stream.tell()] = type(one).__name__
+    places: set[int] = set()
+    seen: set[str] = set()
+    for begin, end in pairwise(ends):
+        kind = ends[end]
+        if kind == "Chunk":
+            places |= {begin, begin + 1, begin + 9, (begin + end) // 2, end - 1, end}
+        elif kind not in seen:
+            places |= {begin + 5, end}
+        seen.add(kind)
+    assert {"magic", "Header", "Chunk", "MessageIndex", "DataEnd", "Statistics", "Footer"} <= seen, seen
+    return sorted(place for place in places if place < file.stat().st_size)
+
+
+def recovered(content: bytes, by_ros: bool = True) -> tuple[list[bytes] | str, Recovered | None]:
+    """The messages of what becomes of a file, or the one line that says why nothing does.
+
+    ``by_ros``: the bag is read as ROS reads it, with metadata and index; else the MCAP file alone, in half the time.
+    """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cut.mcap"
         file.write_bytes(content)
@@ -175,38 +205,55 @@ def recovered(content: bytes) -> tuple[list[bytes] | str, Recovered | None]:
             return str(error).replace(folder, ""), None
         assert file.read_bytes() == content
         assert sorted(os.listdir(folder)) == ["cut.mcap", "cut_recovered"]
-        messages = raw_messages(report.out)
+        if by_ros:
+            messages = raw_messages(report.out)
+        else:
+            messages = [message for _, chunk in chunks_of(report.out / "cut_recovered.mcap") for message in chunk]
         assert len(messages) == report.messages
         return messages, report
 
 
-def test_a_bag_cut_anywhere_gives_all_messages_of_its_whole_chunks_or_one_line(in_chunks: Path) -> None:
-    file = in_chunks / "first.mcap"
+def check_cut(file: Path, length: int, zeros: bool) -> None:
+    """All messages of the whole chunks before the cut, or one line; ``zeros``: as a file system may fill up."""
     content, chunks = file.read_bytes(), chunks_of(file)
-    assert len(chunks) == 3
-    ends = [end for end, _ in chunks]
+    by_ros = length in [end for end, _ in chunks]
+    said, report = recovered(content[:length] + bytes((len(content) - length) * zeros), by_ros)
+    expected = [message for end, messages in chunks if end <= length for message in messages]
+    if expected:
+        assert said == expected, length
+        assert report is not None
+        assert report.lost_bytes <= len(content) - chunks[0][0]
+    else:
+        assert isinstance(said, str), length
+        assert said.startswith("/cut.mcap: ")
+        assert "\n" not in said
 
-    @settings(max_examples=60)
-    @given(
-        st.integers(0, len(content) - 1)
-        | st.sampled_from(ends).flatmap(lambda end: st.integers(end - 2, end + 2))
-        | st.integers(0, 60),
-        st.booleans(),
-    )
-    def cut(length: int, zeros: bool) -> None:
-        """``zeros``: as a file system may fill up after a power cut."""
-        said, report = recovered(content[:length] + bytes((len(content) - length) * zeros))
-        expected = [message for end, messages in chunks if end <= length for message in messages]
-        if expected:
-            assert said == expected
-            assert report is not None
-            assert report.lost_bytes <= max(len(content) - ends[0], 0)
-        else:
-            assert isinstance(said, str)
-            assert said.startswith("/cut.mcap: ")
-            assert "\n" not in said
 
-    cut()
+def test_a_bag_cut_around_records_of_every_kind_gives_all_messages_of_its_whole_chunks_or_one_line(
+    recorded: Path,
+) -> None:
+    file = recorded / "first.mcap"
+    assert len(chunks_of(file)) == 3
+    for number, place in enumerate(places_of(file)):
+        check_cut(file, place, zeros=number % 2 == 1)
+
+
+@settings(max_examples=10)
+@given(st.floats(0, 1, exclude_max=True), st.booleans())
+def test_a_bag_cut_anywhere_gives_all_messages_of_its_whole_chunks_or_one_line(
+    recorded: Path, share: float, zeros: bool
+) -> None:
+    file = recorded / "first.mcap"
+    check_cut(file, int(share * file.stat().st_size), zeros)
+
+
+@pytest.mark.daily
+def test_a_bag_cut_at_any_of_a_thousand_places_gives_all_messages_of_its_whole_chunks_or_one_line(
+    recorded: Path,
+) -> None:
+    file = recorded / "first.mcap"
+    for number in range(1000):
+        check_cut(file, number * file.stat().st_size // 1000, zeros=number % 2 == 1)
 
 
 @settings(max_examples=40)

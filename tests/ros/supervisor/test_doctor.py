@@ -1,4 +1,4 @@
-"""The doctor at real nodes: a simulated game, a robot made of probes, and nobody at all."""
+"""The doctor at real nodes: a robot made of probes, and no robot; a simulated game is in ``test_operating.py``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from pacman_env.ros.messages import pose_message, transform_message
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.ros.supervisor.doctor import BATTERY, DOCK_STATUS, Doctor, doctor
-from pacman_env.ros.supervisor.game_nodes import GAME, NODES, SELECTOR, SIMULATOR, WAIT, module_of
+from pacman_env.ros.supervisor.game_nodes import GAME, NODES, SELECTOR, SIMULATOR, WAIT
 from pacman_env.ros.supervisor.readiness import BAD, CLOUDS, OK, UNKNOWN, Finding, find
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.system import PATIENCE_S, Probe, System
@@ -73,44 +73,6 @@ def examine(
 
 def is_bad(found: dict[str, Finding], check: str, seen: str) -> bool:
     return check in found and found[check].mark == BAD and seen in found[check].seen
-
-
-def test_a_whole_simulated_game_is_all_ok_and_another_map_or_namespace_is_named(
-    domain: int, probe: Probe, system: System
-) -> None:
-    for name in NODES:
-        if name != WAIT:
-            with_map = {"map_yaml": MAP} if name in (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR) else {}
-            more = {SIMULATOR: {"speed": 10.0}, SELECTOR: {"policy": "nearest"}}.get(name, {})
-            system.start(module_of(name), use_sim_time=True, **with_map, **more)
-    probe.record(DIAGNOSTICS)
-    probe.wait_for(lambda: probe.heard(DIAGNOSTICS), START_S, "the goal selector")
-    out = io.StringIO()
-    status = doctor("robot_15", domain, MAP, sim=True, wait_s=PATIENCE_S, out=out)
-    text = out.getvalue()
-    assert status == 0, text
-    marks = {line[4:20].strip(): line[:4].strip() for line in text.splitlines()[1:-1] if line[:4].strip()}
-    assert {check for check, mark in marks.items() if mark != OK} - {"game", "clyde_trail"} == {
-        *("dock", "battery", "Nav2's nodes")
-    }, text
-    assert "all 8 are there" in text
-    assert "0.0 % differ from house" in text
-    assert "menu, policy nearest" in text
-    assert max(len(line) for line in text.splitlines()) <= 80
-
-    loop = load_map("loop")
-    size, plays_on = "not loop: size 300 x 283, here", f"map loop is {loop.hash[:12]}"
-    said = examine(
-        domain,
-        lambda found: is_bad(found, "map", size) and is_bad(found, "configuration", plays_on),
-        map=loop,
-    )
-    assert "localization and game need one file" in said["map"].cure
-    assert said["configuration"].command.startswith("pacman-env ros up --map loop")
-
-    said = examine(domain, lambda found: f"others in {NS}" in found["namespace"].seen, namespace="/robot_7")
-    assert said["namespace"].mark == BAD
-    assert "did you mean --namespace robot_15?" in said["namespace"].cure
 
 
 class FakeRobot:

@@ -1,8 +1,14 @@
-"""What an operator does: watch a game on a terminal of 80 columns, press keys, ask from another terminal, stop."""
+"""What an operator does: watch a game on a terminal of 80 columns, press keys, ask from another terminal, stop.
+
+One real game serves most of these tests, in their order: a round is begun, recorded and broken off; rounds are started
+and stopped by keys and by others; killed processes come back; the doctor examines it; a second one is refused; it ends.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
+import io
 import json
 import os
 import pty
@@ -17,7 +23,10 @@ import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import pytest
 
@@ -25,11 +34,22 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from eval.campaign.schedule import part_of_map
+from pacman_env.cli import main as cli
+from pacman_env.ros import topics
+from pacman_env.ros.bags.bag_replay import replay_bag
+from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.doctor import doctor
+from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
+from pacman_env.ros.supervisor.readiness import BAD, OK
 from pacman_env.ros.supervisor.status_line import fitted
+from pacman_env.world.maps.occupancy import load_map
+from tests.ros.supervisor.test_doctor import examine, is_bad
+from tests.ros.system import Probe, Process, System
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
 COLUMNS = 80
 PATIENCE_S = 300.0  # the first nodes may have to compile
+SHOWS = ("--set", "show.start_s=1.0", "--set", "show.death_s=1.0")
 
 
 class Terminal:
@@ -67,8 +87,8 @@ class Terminal:
 
     @property
     def too_long(self) -> list[str]:
-        """Lines that do not fit, but for the one with the logs' path."""
-        return [line for line in self.lines if len(line) >= COLUMNS and not line.startswith("logs in")]
+        """Lines that do not fit, but for those with the path of a log."""
+        return [line for line in self.lines if len(line) >= COLUMNS and "/logs" not in line]
 
     def press(self, key: str) -> None:
         os.write(self._master, key.encode())
@@ -90,99 +110,178 @@ class Terminal:
         return status
 
 
-def ask(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*COMMAND, *words, "--sim"], check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+@dataclass(frozen=True)
+class Answer:
+    """What a command printed, and its exit status."""
+
+    status: int
+    out: str
+    err: str
+
+
+def ask(*words: str) -> Answer:
+    """A command of another operator: a participant of its own in the domain, made in the test's process."""
+    out, err = io.StringIO(), io.StringIO()
+    with mock.patch.dict(os.environ), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = cli.main(["ros", *words, "--sim"])
+    return Answer(status, out.getvalue(), err.getvalue())
+
+
+def pid_of(node: str) -> int | None:
+    """The process of a node, or of the page, in this test's domain, found by its command line."""
+    domain = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}".encode()
+    (module, *_) = GameSetup("house", web=1).command(node)
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            with contextlib.suppress(OSError):  # it has just ended, or is another user's
+                words = (folder / "cmdline").read_bytes().split(b"\0")
+                if module.encode() in words and domain in (folder / "environ").read_bytes().split(b"\0"):
+                    return int(folder.name)
+    return None
+
+
+@dataclass(frozen=True)
+class Game:
+    """The game on its terminal, a recorder on another, and a node beside them."""
+
+    terminal: Terminal
+    recorder: Process
+    bag: Path
+    probe: Probe
+
+    def wait_for(self, condition: Callable[[], Any], what: str) -> None:
+        """Wait; messages are recorded meanwhile."""
+
+        def holds() -> bool:
+            self.probe.executor.spin_once(timeout_sec=0.0)
+            return bool(condition())
+
+        self.terminal.wait_for(holds, what)
+
+    def in_menu(self) -> None:
+        """Break off what goes on, and wait for the menu."""
+        assert ask("reset").status == 0
+        self.wait_for(lambda: self.probe.values(topics.GAME_STATE)[-1:] == ["menu"], "the menu")
+        self.wait_for(lambda: self.terminal.lines[-1].startswith("menu "), "the menu on the terminal")
+
+    def begin_round(self) -> None:
+        """Press the key, and wait for the round: after a reset it is the first one."""
+        since = len(self.terminal.lines)
+        self.terminal.press("s")
+        self.wait_for(lambda: self.terminal.shows(r"^(starting|running) +round 1", since), "the round")
 
 
 @pytest.fixture(scope="module")
-def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Terminal]:
-    logs = tmp_path_factory.mktemp("up") / "logs"
-    words = ["--map", "house", "--policy", "nearest", "--sim", "--speed", "5", "--home", "0.5", "0", "1.5"]
+def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game]:
+    folder = tmp_path_factory.mktemp("up")
+    words = ["--map", "house", "--policy", "nearest", "--sim", "--home", "0.5", "0", "1.5", "--start"]
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         port = one.getsockname()[1]
-    terminal = Terminal([*COMMAND, "up", *words, "--web", str(port), "--logs", str(logs)])
-    try:
-        yield terminal
-    finally:
-        if terminal.process.poll() is None:
-            terminal.process.send_signal(signal.SIGINT)
-            terminal.process.wait(PATIENCE_S)
+    with System(folder) as system, Probe(system) as probe:
+        probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL, DIAGNOSTICS)
+        bag = folder / "game"
+        recorder = system.run("record", [*COMMAND, "record", "--out", str(bag), "--sim"])
+        terminal = Terminal([*COMMAND, "up", *words, *SHOWS, "--web", str(port), "--logs", str(folder / "logs")])
+        try:
+            yield Game(terminal, recorder, bag, probe)
+        finally:
+            if terminal.process.poll() is None:
+                terminal.process.send_signal(signal.SIGINT)
+                terminal.process.wait(PATIENCE_S)
 
 
-def test_the_line_says_what_is_awaited_and_fits_the_terminal(game: Terminal) -> None:
-    game.wait_for(lambda: game.shows(r"^menu "), "the menu")
-    assert game.shows(r"^starting: waiting for .*pellet_manager")
-    assert game.shows(r"^starting: waiting for goal_selector")
-    assert game.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g go on, q quit$")
-    assert game.too_long == []
+def test_the_line_says_what_is_awaited_and_the_first_round_begins_where_it_is_asked_for(game: Game) -> None:
+    terminal = game.terminal
+    game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round")
+    assert terminal.shows(r"^starting: waiting for .*pellet_manager")
+    assert terminal.shows(r"^starting: waiting for goal_selector")
+    assert terminal.shows(r"^game on /robot_15; keys: s start, r reset, space stop, g go on, q quit$")
 
 
-def test_keys_start_and_reset_a_game_and_what_is_refused_is_said(game: Terminal) -> None:
-    game.wait_for(lambda: game.shows(r"^menu "), "the menu")
-    game.press("s")
-    game.wait_for(lambda: game.shows(r"^(starting|running) +round 1"), "the round")
-    since = len(game.lines)
-    game.press("s")
-    game.wait_for(lambda: game.shows(r"game/start: start: the game is in state", since), "the refusal")
-    game.press("r")
-    game.wait_for(lambda: game.shows(r"^menu ", since), "the menu again")
+def test_a_round_is_recorded_and_replayed(game: Game) -> None:
+    def collected() -> bool:
+        return any(word.startswith("pellet_collected") for word in game.probe.values(topics.GAME_STATUS))
+
+    game.wait_for(collected, "a pellet")
+    assert game.terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13 +pose [\d.]+ s ago +nearest")
+    assert game.recorder.stop() == 0, game.recorder.output
+    assert [path.name for path in game.bag.parent.glob("game*")] == ["game"]
+    report = replay_bag(game.bag, "house", "nearest")
+    assert report.statuses["pellet_collected"] >= 1
+    assert report.same >= 0.8 * report.decisions > 3  # the same policy, with what its robot knew
+    assert report.robot["speed"] is not None
+    assert report.robot["speed"][1] < 0.31
 
 
-def test_another_terminal_starts_and_resets_the_game_and_says_how_it_stands(game: Terminal) -> None:
-    game.wait_for(lambda: game.shows(r"^menu "), "the menu")
-    ask("reset")
+def test_keys_start_and_reset_a_game_and_what_is_refused_is_said(game: Game) -> None:
+    terminal = game.terminal
+    game.in_menu()
+    game.begin_round()
+    since = len(terminal.lines)
+    terminal.press("s")
+    game.wait_for(lambda: terminal.shows(r"game/start: start: the game is in state", since), "the refusal")
+    terminal.press("r")
+    game.wait_for(lambda: terminal.shows(r"^menu ", since), "the menu again")
+
+
+def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
+    game.in_menu()
     started = ask("start")
-    assert (started.returncode, started.stderr) == (0, "")
-    assert "the game is in state 'returning_home'" in started.stdout
+    assert (started.status, started.err) == (0, "")
+    assert "the game is in state 'returning_home'" in started.out
     again = ask("start")
-    assert again.returncode == 1
-    assert "start: the game is in state" in again.stdout
-    text = ask("status")
-    assert text.returncode == 0
-    assert re.search(r"^policy +nearest$", text.stdout, re.MULTILINE)
-    facts = json.loads(ask("status", "--json").stdout)
+    assert again.status == 1
+    assert "start: the game is in state" in again.out
+    facts = json.loads(ask("status", "--json").out)
     assert facts["namespace"] == "/robot_15"
     assert facts["goal_selector"]["home"] == [0.5, 0.0, 1.5]
     assert {"game_controller", "goal_selector", "sim_robot"} <= set(facts["nodes"])
-    assert ask("reset").returncode == 0
+    assert ask("reset").status == 0
 
 
-def test_the_space_bar_stops_the_robot_until_g_and_so_does_another_terminal(game: Terminal) -> None:
-    game.wait_for(lambda: game.shows(r"^menu "), "the menu")
-    game.press("s")
-    game.wait_for(lambda: game.shows(r"^(starting|running) +round 1"), "the round")
-    since = len(game.lines)
-    game.press(" ")
-    game.wait_for(lambda: game.shows(r"^\w+ +round 1.*STOPPED", since), "the stop")
-    assert "until 'pacman-env ros release'" in ask("status").stdout
-    since = len(game.lines)
-    game.press("g")
-    game.wait_for(lambda: game.shows(r"^released$", since), "the release")
+def test_the_state_is_printed_on_another_terminal(game: Game) -> None:
+    """By a process, as it is used."""
+    text = subprocess.run([*COMMAND, "status", "--sim"], check=False, capture_output=True, text=True)
+    assert (text.returncode, text.stderr) == (0, "")
+    assert re.search(r"^policy +nearest$", text.stdout, re.MULTILINE)
+
+
+def test_the_space_bar_stops_the_robot_until_g_and_so_do_others(game: Game) -> None:
+    terminal = game.terminal
+    game.in_menu()
+    game.begin_round()
+    since = len(terminal.lines)
+    terminal.press(" ")
+    game.wait_for(lambda: terminal.shows(r"^\w+ +round .*STOPPED", since), "the stop")
+    assert "until 'pacman-env ros release'" in ask("status").out
+    since = len(terminal.lines)
+    terminal.press("g")
+    game.wait_for(lambda: terminal.shows(r"^released$", since), "the release")
     obeying = ("game_controller", "game_event_mapper", "goal_selector", "pacman_page")
 
     def all_obey() -> bool:
         """It names those who have answered by then: on a busy machine not all at once."""
         stopped = ask("stop")
-        assert (stopped.returncode, stopped.stderr) == (0, "")
-        return all(name in stopped.stdout for name in obeying)
+        assert (stopped.status, stopped.err) == (0, "")
+        return all(name in stopped.out for name in obeying)
 
     def stands() -> bool:
-        return bool(json.loads(ask("status", "--json").stdout)["goal_selector"]["stopped"])
+        return bool(json.loads(game.probe.values(DIAGNOSTICS)[-1])["stopped"])
 
     game.wait_for(all_obey, "all to obey")
     game.wait_for(stands, "the goal selector to say so")
     released = ask("release")
-    assert released.returncode == 0
-    assert released.stdout.startswith("released: ")
+    assert released.status == 0
+    assert released.out.startswith("released: ")
     game.wait_for(lambda: not stands(), "the goal selector to go on")
-    assert ask("release").stdout == "nothing was stopped\n"
-    assert ask("reset").returncode == 0
+    assert ask("release").out == "nothing was stopped\n"
 
 
-def test_the_page_is_there_and_comes_back_when_it_was_killed(game: Terminal) -> None:
-    game.wait_for(lambda: game.shows(r"^page: http://127\.0\.0\.1:\d+/ on this computer$"), "the page's address")
-    (line,) = {line for line in game.lines if line.startswith("page: ")}
+def test_the_page_and_a_node_come_back_when_they_were_killed(game: Game) -> None:
+    terminal = game.terminal
+    game.wait_for(lambda: terminal.shows(r"^page: http://127\.0\.0\.1:\d+/ on this computer$"), "the page's address")
+    (line,) = {line for line in terminal.lines if line.startswith("page: ")}
     link = line.split()[1]
 
     def there() -> bool:
@@ -193,48 +292,112 @@ def test_the_page_is_there_and_comes_back_when_it_was_killed(game: Terminal) -> 
             return False
 
     game.wait_for(there, "the page")
-    os.kill(pid_of("operator_page", game), signal.SIGKILL)
-    game.wait_for(lambda: game.shows(r"^operator_page ended with status -9"), "its death")
+    killed = {name: pid_of(name) for name in (PAGE, "game_light_node")}
+    for name, pid in killed.items():
+        assert pid is not None, name
+        os.kill(pid, signal.SIGKILL)
+    for name, pid in killed.items():
+        game.wait_for(lambda name=name: terminal.shows(rf"^{name} ended with status -9"), f"the death of {name}")  # type: ignore[misc]
+        game.wait_for(lambda name=name, pid=pid: pid_of(name) not in (None, pid), f"{name} to be started again")  # type: ignore[misc]
     game.wait_for(there, "the page to be back")
+    game.probe.answered_by("/robot_15/game_light_node", anew=True)
 
 
-def test_a_second_game_in_the_namespace_is_refused_by_the_names_of_the_first(game: Terminal) -> None:
-    game.wait_for(lambda: game.shows(r"^menu "), "the menu")
+def test_the_doctor_finds_a_whole_simulated_game_ready_and_names_another_map_and_namespace(
+    game: Game, domain: int
+) -> None:
+    game.in_menu()
+    out = io.StringIO()
+    with mock.patch.dict(os.environ):
+        status = doctor("robot_15", domain, "house", sim=True, wait_s=PATIENCE_S, out=out)
+    text = out.getvalue()
+    assert status == 0, text
+    marks = {line[4:20].strip(): line[:4].strip() for line in text.splitlines()[1:-1] if line[:4].strip()}
+    assert {check for check, mark in marks.items() if mark != OK} - {"game", "clyde_trail"} == {
+        *("dock", "battery", "Nav2's nodes")
+    }, text
+    assert "all 8 are there" in text
+    assert "0.0 % differ from house" in text
+    assert "menu, policy nearest" in text
+    assert max(len(line) for line in text.splitlines()) <= COLUMNS
+
+    loop = load_map("loop")
+    size, plays_on = "not loop: size 300 x 283, here", f"map loop is {loop.hash[:12]}"
+    said = examine(
+        domain,
+        lambda found: is_bad(found, "map", size) and is_bad(found, "configuration", plays_on),
+        map=loop,
+    )
+    assert "localization and game need one file" in said["map"].cure
+    assert said["configuration"].command.startswith("pacman-env ros up --map loop")
+
+    said = examine(domain, lambda found: "others in /robot_15" in found["namespace"].seen, namespace="/robot_7")
+    assert said["namespace"].mark == BAD
+    assert "did you mean --namespace robot_15?" in said["namespace"].cure
+
+
+def test_a_second_game_in_the_namespace_is_refused_by_the_process_of_the_first(game: Game) -> None:
+    game.wait_for(lambda: game.terminal.shows(r"^game on "), "the game")
     second = ask("up", "--map", "house", "--policy", "nearest")
-    assert second.returncode == 2
-    assert "a game is in /robot_15 already: " in second.stderr
-    assert f"game_controller (process {pid_of('game_controller', game)} on " in second.stderr
+    first = f"ros up in /robot_15 (process {game.terminal.process.pid} on this machine, since "
+    assert second.status == 2
+    assert f"a game is in /robot_15 already: {first}" in second.err
     third = ask("up", "--map", "house", "--policy", "nearest", "--namespace", "robot_16")
-    assert third.returncode == 2
-    assert "another clock runs in this ROS domain: /robot_15/sim_robot (/clock)" in third.stderr
-    assert game.process.poll() is None
+    assert third.status == 2
+    assert f"another clock runs in this ROS domain: {first}" in third.err
+    assert game.terminal.process.poll() is None
 
 
-def pid_of(node: str, game: Terminal) -> int:
-    """The process of a node of this game."""
-    children = subprocess.check_output(["ps", "-ww", "-o", "pid=,args=", "--ppid", str(game.process.pid)], text=True)
-    (line,) = [line for line in children.splitlines() if f".{node} " in line]
-    return int(line.split()[0])
-
-
-def test_the_key_q_stops_everything_and_says_what_is_being_stopped(game: Terminal) -> None:
-    game.wait_for(lambda: game.shows(r"^menu "), "the menu")
-    game.press("q")
-    assert game.end() == 0
-    assert game.shows(r"^stopping goal_selector, then \d+ more")
-    stopped = [line.split()[1].rstrip(",") for line in game.lines if line.startswith("stopping ") and "_" in line]
+def test_the_key_q_stops_everything_in_order_and_says_what_is_being_stopped(game: Game) -> None:
+    terminal, probe = game.terminal, game.probe
+    game.in_menu()
+    probe.forget()
+    terminal.press("q")
+    probe.wait_for(lambda: terminal.process.poll() is not None, PATIENCE_S, "the end")
+    assert terminal.end() == 0
+    assert not probe.messages(topics.LIGHT_RING)[-1].override_system  # the ring is the base's own again
+    last = probe.messages(topics.CMD_VEL)[-1].twist
+    assert (last.linear.x, last.angular.z) == (0.0, 0.0)
+    for name in (SIMULATOR, *GAME, SELECTOR, PAGE):
+        assert pid_of(name) is None, name
+    assert terminal.shows(r"^stopping goal_selector, then \d+ more")
+    stopped = [line.split()[1].rstrip(",") for line in terminal.lines if line.startswith("stopping ") and "_" in line]
     assert stopped[:3] == ["goal_selector", "game_event_mapper", "game_light_node"]
     assert {"operator_page", "sim_robot"} <= set(stopped)
-    assert game.lines[-1] == "stopped"
+    assert terminal.lines[-1] == "stopped"
+    assert terminal.too_long == []
     nobody = ask("status", "--wait", "1")
-    assert nobody.returncode == 3
-    assert nobody.stderr.count("\n") == 1
-    assert "no game in /robot_15" in nobody.stderr
+    assert nobody.status == 3
+    assert nobody.err.count("\n") == 1
+    assert "no game in /robot_15" in nobody.err
 
 
+def test_a_simulated_game_plays_round_after_round_where_it_is_asked_to(domain: int, tmp_path: Path) -> None:
+    ground = str(part_of_map("loop", 1.5).save(tmp_path / "ground.yaml"))  # one pellet
+    words = ["--map", ground, "--policy", "nearest", "--sim", "--speed", "10", "--play-on", *SHOWS]
+    terminal = Terminal([*COMMAND, "up", *words, "--set", "clyde.speed_mps=0.01", "--logs", str(tmp_path / "logs")])
+    try:
+        for number in (1, 2, 3):
+            terminal.wait_for(lambda n=number: terminal.shows(rf"^running +round {n}"), f"round {number}")  # type: ignore[misc]
+        assert terminal.shows(r"Complete - Score: 1")
+        assert terminal.too_long == []
+    finally:
+        terminal.process.send_signal(signal.SIGINT)
+        assert terminal.end() == 0
+
+
+#: Prints when the command begins, when a module is first looked for, and when the command's own participant is there.
 BEGUN = """
 import sys
 from pacman_env.cli.main import main
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == AWAITED:
+            print("reached", flush=True)
+
+AWAITED = sys.argv.pop(1)
+sys.meta_path.insert(0, Finder())
 try:
     print("begun", flush=True)
     sys.exit(main(sys.argv[1:]))
@@ -242,33 +405,33 @@ except KeyboardInterrupt as interrupt:
     if interrupt.__traceback__.tb_next is not None:  # else the command has not begun
         raise
 """
+#: What is printed before the interrupt comes: the command has begun; ROS is being imported; the participant is being
+#: made, which loads the libraries of its messages; the nodes are being started, or the game is waited for.
+MOMENTS = {
+    "begun": ("", "begun"),
+    "importing ROS": ("rclpy", "reached"),
+    "joining": ("geometry_msgs.geometry_msgs_s__rosidl_typesupport_c", "reached"),
+    "going on": ("", "logs in"),
+}
 
 
-def test_a_simulated_game_plays_round_after_round_where_it_is_asked_to(domain: int, tmp_path: Path) -> None:
-    ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
-    words = ["--map", ground, "--policy", "nearest", "--sim", "--speed", "10", "--play-on"]
-    terminal = Terminal([*COMMAND, "up", *words, "--set", "clyde.speed_mps=0.01", "--logs", str(tmp_path / "logs")])
-    try:
-        for number in (1, 2, 3):
-            terminal.wait_for(lambda n=number: terminal.shows(rf"^running +round {n}"), f"round {number}")  # type: ignore[misc]
-        assert terminal.shows(r"Complete - Score: 3")
-        assert terminal.too_long == []
-    finally:
-        terminal.process.send_signal(signal.SIGINT)
-        assert terminal.end() == 0
-
-
-@pytest.mark.parametrize("after_s", [0.0, 0.3, 1.0, 3.0])
+@pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("words", [["up", "--map", "house", "--sim"], ["status"]], ids=lambda words: words[0])
-def test_ctrl_c_in_the_first_seconds_is_no_traceback(
-    domain: int, tmp_path: Path, words: list[str], after_s: float
+def test_ctrl_c_while_a_command_begins_is_no_traceback(
+    probe: Probe, tmp_path: Path, words: list[str], moment: str
 ) -> None:
+    awaited, line = MOMENTS[moment]
     logs = ["--logs", str(tmp_path)] if words[0] == "up" else []
-    command = [sys.executable, "-c", BEGUN, "ros", *words, *logs]
+    command = [sys.executable, "-c", BEGUN, awaited, "ros", *words, *logs]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         assert process.stdout is not None
-        assert process.stdout.readline() == "begun\n"  # before, it is Python's start
-        time.sleep(after_s)
+        if (words[0], moment) == ("status", "going on"):
+            probe.wait_for(lambda: "pacman_up" in probe.node.get_node_names(), PATIENCE_S, "the command's participant")
+        else:
+            shown = []
+            while not shown[-1:] or not shown[-1].startswith(line):
+                shown.append(process.stdout.readline())
+                assert shown[-1], f"ended before {line!r}: {shown}"
         process.send_signal(signal.SIGINT)
         try:
             out, _ = process.communicate(timeout=PATIENCE_S)
@@ -280,15 +443,17 @@ def test_ctrl_c_in_the_first_seconds_is_no_traceback(
 
 @pytest.mark.parametrize("text", ["abc", "500"])
 @pytest.mark.parametrize("words", [["up", "--map", "house"], ["start"], ["status"], ["record", "--out", "OUT"]])
-def test_a_bad_domain_is_one_line(words: list[str], text: str, tmp_path: Path) -> None:
+def test_a_bad_domain_is_one_line(
+    words: list[str],
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     words = [str(tmp_path / "bag") if word == "OUT" else word for word in words]
-    environment = {**os.environ, "ROS_DOMAIN_ID": text}
-    done = subprocess.run(
-        [*COMMAND, *words], check=False, capture_output=True, text=True, env=environment, timeout=PATIENCE_S
-    )
-    assert done.returncode == 2
-    assert done.stderr == f"pacman-env: ROS_DOMAIN_ID {text!r}: must be a whole number, 0 to 232\n"
-    assert done.stdout == ""
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    assert cli.main(["ros", *words]) == 2
+    assert capsys.readouterr() == ("", f"pacman-env: ROS_DOMAIN_ID {text!r}: must be a whole number, 0 to 232\n")
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,12 @@
-"""The command that runs a whole game: with a simulated robot, from the first process to the last."""
+"""What the command that runs a whole game refuses, writes and returns; what it does is for ``test_operating.py``."""
 
 from __future__ import annotations
 
 import io
-import json
 import os
 import re
-import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,82 +17,35 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env import ros
 from pacman_env.cli import main as cli
-from pacman_env.ros import topics
+from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import up as up_module
-from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup, module_of
+from pacman_env.ros.supervisor.game_lock import GameLock
+from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, STOP_ORDER, GameSetup
+from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.up import MEANINGS, NODE_LOST, LineWriter, environment
+from tests.ros import session
 
-COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
 PATIENCE_S = 240.0  # the first nodes may have to compile
-
-
-def bring_up(system: Any, tmp_path: Path, *options: str) -> Any:
-    command = [*COMMAND, "up", "--map", "house", "--sim", "--speed", "5"]
-    return system.run("up", [*command, "--logs", str(tmp_path / "logs"), *options])
-
-
-def pid_of(name: str) -> int | None:
-    """The process of a node in this test's domain, found by its command line."""
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdigit():
-            try:
-                words = (folder / "cmdline").read_bytes().split(b"\0")
-                domain = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}".encode()
-                if module_of(name).encode() in words and domain in (folder / "environ").read_bytes():
-                    return int(folder.name)
-            except OSError:
-                continue  # it has just ended, or is another user's
-    return None
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-def test_a_game_is_brought_up_recorded_kept_up_ended_in_order_and_replayed(
-    system: Any, probe: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bag = tmp_path / "game"
-    recorder = system.run("record", [*COMMAND, "record", "--out", str(bag), "--sim"])
-    up = bring_up(system, tmp_path, "--policy", "nearest", "--start")
-    probe.record(topics.GAME_STATE, topics.GAME_STATUS, topics.LIGHT_RING, topics.CMD_VEL)
-    probe.wait_for(
-        lambda: any(word.startswith("pellet_collected") for word in probe.values(topics.GAME_STATUS)),
-        PATIENCE_S,
-        "a pellet",
-    )
-    lights = pid_of("game_light_node")
-    assert lights is not None
-    os.kill(lights, signal.SIGKILL)
-    probe.wait_for(lambda: "game_light_node ended with status -9" in up.output, what="its death is seen")
-    probe.wait_for(lambda: pid_of("game_light_node"), what="it is started again")
-    probe.wait_for(lambda: "game_light_node" in probe.node.get_node_names(), what="it is there again")
-    assert recorder.stop() == 0, recorder.output
-    probe.forget()
-    up.send(signal.SIGINT)
-    probe.wait_for(lambda: up.popen.poll() is not None, PATIENCE_S, "the end")
-    assert up.wait() == 0, up.output
-    assert not probe.messages(topics.LIGHT_RING)[-1].override_system  # the ring is the base's own again
-    last = probe.messages(topics.CMD_VEL)[-1].twist
-    assert (last.linear.x, last.angular.z) == (0.0, 0.0)
-    assert re.search(r"^running +round 1 +score \d+ +pellets \d+/13 +pose [\d.]+ s ago +nearest", up.output, re.M)
-    for name in (SIMULATOR, *GAME, SELECTOR):
-        assert pid_of(name) is None, name
-
-    assert cli.main(["ros", "replay", str(bag), "--map", "house", "--policy", "nearest", "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report["statuses"]["pellet_collected"] >= 1
-    assert report["same"] >= 0.8 * report["decisions"] > 3  # the same policy, with what its robot knew
-    assert report["robot"]["speed"][1] < 0.31
 
 
 def test_what_moves_the_robot_stops_first_then_the_lights() -> None:
     assert STOP_ORDER[:3] == (SELECTOR, "game_event_mapper", "game_light_node")
 
 
+#: One node cannot be started; the others are processes that have begun, and compute nothing beside it.
+BROKEN = """
+import sys, time
+if any(word.endswith("audio_node") for word in sys.orig_argv):
+    sys.exit("no ears")
+if "pacman_env.ros.supervisor.child" in sys.orig_argv:
+    time.sleep(600)
+"""
+
+
 def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: Any, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
     broken.mkdir()
-    (broken / "sitecustomize.py").write_text(
-        "import sys\nif any(word.endswith('audio_node') for word in sys.orig_argv): sys.exit('no ears')\n"
-    )
+    (broken / "sitecustomize.py").write_text(BROKEN)
     code = (
         "import sys; from pacman_env.ros.supervisor import processes; processes.SLOW_START_S = 0.0; "
         "from pacman_env.cli.main import main; sys.exit(main(sys.argv[1:]))"
@@ -104,6 +56,73 @@ def test_a_node_that_cannot_be_kept_alive_ends_the_game_with_its_reason(system: 
     assert up.wait(PATIENCE_S) == NODE_LOST, up.output
     assert "audio_node died 5 times within 60 s" in up.output
     system.processes.clear()
+
+
+@pytest.fixture
+def unlocked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No other test's game holds a lock."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("namespace", "words"),
+    [
+        ("robot_15", r"a game is in /robot_15 already: game_controller \(process 3 on lock-step, since "),
+        (
+            "robot_16",
+            r"another clock runs in this ROS domain: /robot_15/time_node \(/clock\); choose another --domain-id",
+        ),
+    ],
+)
+def test_a_game_without_a_lock_is_discovered_and_refused_by_the_names_of_its_nodes(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, namespace: str, words: str
+) -> None:
+    monkeypatch.setattr(up_module, "GOING_S", 0.0)
+    setup = GameSetup("house", namespace=namespace, sim=True)
+    status_line = StatusLine(setup.namespace, setup.sim)
+    with session.nodes(tmp_path) as nodes:
+        nodes.start(REFEREE)
+        assert status_line.spin_until(lambda: re.match(words, status_line.others(setup.sim)), PATIENCE_S)
+        with pytest.raises(ValueError, match=words):
+            up_module._alone(status_line, setup, LineWriter(io.StringIO()), Stop())
+    status_line.close()
+
+
+class EndsOther(LineWriter):
+    """Ends another game as soon as it is said to be waited for."""
+
+    def __init__(self, end: Callable[[], None]) -> None:
+        super().__init__(io.StringIO())
+        self.shown, self._end = "", end
+
+    def show(self, line: Callable[[bool], str], at_once: bool = False) -> None:
+        if not self.shown:
+            self._end()
+        self.shown = line(False)
+
+
+@pytest.mark.usefixtures("unlocked")
+def test_a_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(up_module, "LOOK_S", PATIENCE_S)
+    monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
+    setup, stop = GameSetup("house", sim=True), Stop()
+    with session.nodes(tmp_path) as nodes:
+        nodes.start(REFEREE)
+        status_line = StatusLine(setup.namespace, setup.sim)
+        writer = EndsOther(nodes.game.close)
+        up_module._alone(status_line, setup, writer, stop)
+        status_line.close()
+    assert writer.shown == "waiting for another game in /robot_15 to end"
+
+    other, own = (GameLock(setup.namespace, domain, setup.sim) for _ in range(2))
+    assert other.acquire() == ("", False)
+    with pytest.raises(ValueError, match="a game is in /robot_15 already: ros up"):
+        up_module._acquire(own, writer, stop)
+    other.stopping()
+    writer = EndsOther(other.close)
+    up_module._acquire(own, writer, stop)
+    assert writer.shown == "waiting for another game to end"
+    own.close()
 
 
 @pytest.mark.parametrize(
