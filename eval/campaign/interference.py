@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import TransformStamped
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
+from unique_identifier_msgs.msg import UUID
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import cloud_message, markers_of, pose_message, twist_message
+from pacman_env.ros.node import BaseNode
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 
 NAN = math.nan
@@ -35,10 +36,10 @@ class Interference:
     """A troublemaker that speaks through a node of somebody else's; what it says is seen on no other node's account.
 
     Args:
-        node: of rclpy, in the game's namespace.
+        node: in the game's namespace.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: BaseNode) -> None:
         self._node = node
         self._out = {topic.name: topic.publisher(node) for topic in (*_WORDS, *_FEEDBACK, *_OTHERS)}
         self._acts: dict[str, Callable[[], object]] = {
@@ -126,7 +127,7 @@ class Interference:
 
     def _goal(self, leave: bool) -> None:
         goal = topics.NAVIGATE_TO_POSE.type.Goal(pose=pose_message(NAN, 0.0, 0.0, self._stamp()))
-        self._goals.send_goal_async(goal)
+        self._goals.send_goal_async(goal, goal_uuid=UUID(uuid=list(self._node.surroundings.new_id())))
         if leave:  # whoever asked is gone before the answer
             self._goals.destroy()
             self._goals = topics.NAVIGATE_TO_POSE.client(self._node)

@@ -88,5 +88,5 @@ class Losses:
 
 
 def _concerns(loss: _Loss, delivery: Delivery) -> bool:
-    names = {delivery.member.name, delivery.sender.name if delivery.sender is not None else ""}
-    return loss.name is None or loss.name in names
+    ends = [delivery.member, *([] if delivery.sender is None else [delivery.sender])]
+    return all(one.loses for one in ends) and (loss.name is None or loss.name in {one.name for one in ends})

@@ -24,6 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from ..node import LAST_MESSAGES_S, BaseNode
+from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
 from .losses import Losses
 from .members import Delivery, Member, NodeExecutor
@@ -35,6 +36,7 @@ MOST_DELIVERIES = 100_000  # in one step
 _JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
 _ACTION = "/_action/"
 Witness = Callable[[Delivery], None]
+RequestWitness = Callable[[str, Any], None]
 
 
 class NodeFailed(RuntimeError):
@@ -52,11 +54,13 @@ class LockStep:
 
     def __init__(self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S) -> None:
         self.context = Context()
-        rclpy.init(args=[], context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        arguments, signals = ["--ros-args", *QUIET], SignalHandlerOptions.NO
+        rclpy.init(args=arguments, context=self.context, domain_id=domain, signal_handler_options=signals)
         self.wall = SimulatedWall(seed)
         self.losses = Losses(seed)
         self.members: list[Member] = []
         self.witnesses: list[Witness] = []  # see each delivery before it is handled
+        self.request_witnesses: list[RequestWitness] = []  # see each request, with its service, when it is made
         self.ended: Callable[[Member], None] = lambda member: None  # called after a node has ended by itself
         self._started = 0
         self._queue: deque[Delivery] = deque()
@@ -69,12 +73,13 @@ class LockStep:
 
     # Members
 
-    def add(self, make: Callable[[], BaseNode], arguments: list[str]) -> Member:
+    def add(self, make: Callable[[], BaseNode], arguments: list[str], loses: bool = True) -> Member:
         """Make a node; what is latched reaches it before this returns.
 
         Args:
             make: called without arguments.
             arguments: of ROS, ``--ros-args ...``.
+            loses: losses concern it, too.
 
         Raises:
             Exception: what the making raises.
@@ -86,7 +91,7 @@ class LockStep:
         with within(surroundings), self._watchdog.during(f"the making of node {self._started}"):
             node = make()
         executor = NodeExecutor(self.context, self._entities_changed)
-        member = Member(node.get_name(), self._started, make, arguments, node, executor)
+        member = Member(node.get_name(), self._started, make, arguments, node, executor, loses)
         node.executor = executor
         self.members.append(member)
         self._changed = True
@@ -269,9 +274,11 @@ class LockStep:
                 self._take(member, sub)
 
     def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
-        answer = call(request)
         self._refresh()
         name = self._index.name_of(client)
+        for witness in self.request_witnesses:
+            witness(name, request)
+        answer = call(request)
         for member, service in self._index.services.get(name, ()):
             self._take(member, service)
         if _ACTION in name:
