@@ -11,7 +11,7 @@ from pacman_env.ros.lock_step.stepper import NodeFailed
 from pacman_env.ros.standstill import STOOD_STILL
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, SIMULATOR, GameSetup
 
-from .recorder import LateListener, Recorder
+from .recorder import GOAL_SERVICE, LateListener, Recorder
 
 FIRST_POLICY = "nearest"  # of the goal selector, until a game asks for its own
 READY_S = 30.0
@@ -42,11 +42,11 @@ class RecordedGame(LockStepGame):
     ) -> None:
         extra: dict[str, dict[str, Any]] = {REFEREE: {"state_file": str(folder / "game_controller.json")}}
         setup = GameSetup(map_yaml, FIRST_POLICY, sim=True, preset=preset, settings=tuple(settings), extra=extra)
-        super().__init__(setup, seed)
+        super().__init__(setup, seed, alone=True)
         self._looked_at = 0  # of the restarts
         try:
             self.recorder: Recorder = self.join(Recorder)
-            self.request_witnesses.append(lambda name, request: self.recorder.see_request(name, request))
+            self.overhear(self.recorder, f"{self.namespace}/{GOAL_SERVICE}", self.recorder.see_goal)
             if not self.until(self.recorder.ready, READY_S):
                 raise NodeFailed(f"the game is not ready after {READY_S:g} s: {self.recorder.condition}")
         except BaseException:

@@ -30,7 +30,7 @@ LATCHED = (
     *(topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED),
 )
 _PLAIN = (*LATCHED, topics.GAME_COMMAND, topics.GAME_STATUS, topics.GAME_EVENT)
-_GOAL = "navigate_to_pose/_action/send_goal"
+GOAL_SERVICE = f"{topics.NAVIGATE_TO_POSE.name}/_action/send_goal"
 _SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
 
 
@@ -99,16 +99,10 @@ class Recorder(BaseNode):
 
         topic.subscription(self, record)
 
-    def see_request(self, name: str, request: Any) -> None:
-        """Record a request that a node makes, if it is a goal for Nav2.
-
-        Args:
-            name: of the service, absolute.
-            request: as it is sent; whether it arrives is another matter.
-        """
-        if name.endswith(_GOAL):
-            place = request.goal.pose.pose.position
-            self.records.append(Record(self.instant(), "sent", f"({place.x:.2f}, {place.y:.2f})"))
+    def see_goal(self, request: Any) -> None:
+        """Record a goal that a node sends to Nav2; whether it arrives is another matter."""
+        place = request.goal.pose.pose.position
+        self.records.append(Record(self.instant(), "sent", f"({place.x:.2f}, {place.y:.2f})"))
 
     def _statuses(self, message: GoalStatusArray) -> tuple[str, Any]:
         goals = {bytes(s.goal_info.goal_id.uuid).hex(): s.status for s in message.status_list}

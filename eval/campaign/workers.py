@@ -1,4 +1,4 @@
-"""Processes that play lock-step games, each in a ROS domain of its own, with what the nodes log in a file."""
+"""Processes that play lock-step games, with what the nodes log in files."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
-from pacman_env.ros.discovery import HIGHEST_DOMAIN, domain_of, stay_on_this_machine
 from pacman_env.ros.supervisor.child import end_with_parent
 
 _ERRORS = re.compile(r"Traceback|Error raised|\[ERROR\]|\[FATAL\]|terminate called|SystemError")
@@ -26,24 +24,8 @@ def require_ros() -> None:
 
 
 def pool(count: int) -> ProcessPoolExecutor:
-    """So many processes; their ROS domains begin with that of the environment, 1 where it has none.
-
-    Raises:
-        ValueError: there are not so many domains.
-    """
-    first = domain_of(os.environ.get("ROS_DOMAIN_ID", "1"))
-    if first + count - 1 > HIGHEST_DOMAIN:
-        raise ValueError(f"{count} jobs from ROS domain {first} on: there are none above {HIGHEST_DOMAIN}")
-    context = get_context("spawn")
-    return ProcessPoolExecutor(count, context, _begin, (context.Value("i", first),))
-
-
-def _begin(domains: Any) -> None:
-    end_with_parent()
-    with domains.get_lock():
-        os.environ["ROS_DOMAIN_ID"] = str(domains.value)
-        domains.value += 1
-    stay_on_this_machine()
+    """So many processes, which end with this one."""
+    return ProcessPoolExecutor(count, get_context("spawn"), end_with_parent)
 
 
 @contextmanager

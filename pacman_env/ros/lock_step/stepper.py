@@ -23,6 +23,7 @@ from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
+from ..discovery import undiscovered
 from ..node import LAST_MESSAGES_S, BaseNode
 from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
@@ -36,7 +37,6 @@ MOST_DELIVERIES = 100_000  # in one step
 _JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
 _ACTION = "/_action/"
 Witness = Callable[[Delivery], None]
-RequestWitness = Callable[[str, Any], None]
 
 
 class NodeFailed(RuntimeError):
@@ -50,17 +50,23 @@ class LockStep:
         seed: of what nodes draw, and of losses.
         domain: ROS domain; None: that of the environment.
         silence_s: after so much real time in one callback, its node is named and the process ends.
+        alone: the nodes meet those of no other process, whatever their domain.
     """
 
-    def __init__(self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S) -> None:
+    def __init__(
+        self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S, alone: bool = False
+    ) -> None:
         self.context = Context()
         arguments, signals = ["--ros-args", *QUIET], SignalHandlerOptions.NO
-        rclpy.init(args=arguments, context=self.context, domain_id=domain, signal_handler_options=signals)
+        with undiscovered() if alone else contextlib.nullcontext():
+            rclpy.init(args=arguments, context=self.context, domain_id=domain, signal_handler_options=signals)
         self.wall = SimulatedWall(seed)
         self.losses = Losses(seed)
         self.members: list[Member] = []
         self.witnesses: list[Witness] = []  # see each delivery before it is handled
-        self.request_witnesses: list[RequestWitness] = []  # see each request, with its service, when it is made
+        self._overhearing: defaultdict[str, list[tuple[Member, Callable[[Any], None]]]] = defaultdict(
+            list
+        )  # by service
         self.ended: Callable[[Member], None] = lambda member: None  # called after a node has ended by itself
         self._started = 0
         self._queue: deque[Delivery] = deque()
@@ -108,6 +114,16 @@ class LockStep:
         self._join(member, before)
         self.drain()
         return made
+
+    def overhear(self, node: BaseNode, service: str, hear: Callable[[Any], None]) -> None:
+        """Have a member get each request for a service, too, when it is made, whether or not it arrives.
+
+        Args:
+            node: of the member.
+            service: its absolute name.
+            hear: called with the request, among the member's messages.
+        """
+        self._overhearing[service].append((next(one for one in self.members if one.node is node), hear))
 
     def _join(self, member: Member, known: set[Subscription]) -> None:
         """Take what was published while the member was made, and what is latched for it, by the times of publication.
@@ -276,8 +292,8 @@ class LockStep:
     def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
         self._refresh()
         name = self._index.name_of(client)
-        for witness in self.request_witnesses:
-            witness(name, request)
+        for member, hear in self._overhearing[name]:
+            self._queue.append(Delivery(member, hear, name, request, partial(hear, request), self._turn))
         answer = call(request)
         for member, service in self._index.services.get(name, ()):
             self._take(member, service)
