@@ -157,11 +157,12 @@ class LockStep:
             return 0
         name = sub.topic_name
         publishers = (p for other in self.members if other is not member for p in other.node.publishers)
-        return sum(
+        kept = sum(
             min(self._published.get(publisher, 0), publisher.qos_profile.depth)
             for publisher in publishers
             if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL and publisher.topic_name == name
         )
+        return min(kept, int(sub.qos_profile.depth))
 
     def member(self, name: str) -> Member | None:
         """The node of that name that is there; None: none is."""

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from pacman_env.game.events import FEEDBACK
+from pacman_env.game.dances import STAND_S
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from tests.ros.clock import SimulatedClock
@@ -49,7 +50,7 @@ def test_every_event_is_answered_as_the_rule_says(probe: Probe, system: System) 
 
 
 @pytest.mark.parametrize(
-    ("event", "speeds", "seconds"), [("start theatrical", {1.5}, 8.0), ("clyde killed", {1.5, -1.5}, 5.0)]
+    ("event", "speeds", "seconds"), [("start theatrical", {1.5}, 8.0), ("clyde killed", {1.5, -1.5}, 5.0 - STAND_S)]
 )
 def test_a_motion_ends_after_its_time_and_the_robot_stands(
     probe: Probe, system: System, event: str, speeds: set[float], seconds: float
@@ -58,7 +59,7 @@ def test_a_motion_ends_after_its_time_and_the_robot_stands(
     clock = SimulatedClock(probe, "game_event_mapper")
     probe.publish(topics.GAME_EVENT, event)
     probe.taken_in(topics.GAME_EVENT, "game_event_mapper")
-    clock.advance(seconds + 0.5)
+    clock.advance(seconds + STAND_S + 0.5)
     probe.wait_for(lambda: 0.0 in turns(probe), what="the end of the motion")
     probe.publish(topics.GAME_EVENT, "pellet")  # what moves nothing
     probe.wait_for(lambda: "pellet" in probe.values(topics.GAME_LIGHT), what="the pellet's light")
