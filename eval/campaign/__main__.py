@@ -2,8 +2,8 @@
 
 The nodes that ``pacman-env ros up --sim`` starts play in lock-step (``pacman_env.ros.lock_step``); a recorder beside
 them makes the simulated robot's faults begin and end, interferes from outside, freezes nodes, kills them, has their
-packets lost, all at simulated moments, and judges each game (``verdict``). What happens in a game is drawn from its seed
-(``schedule``). Ten consecutive seeds are played one after another by the same nodes on one ground. A game that is
+packets lost, all at simulated moments, and judges each game (``verdict``). What happens in a game is drawn from its
+seed (``schedule``). Ten consecutive seeds are played one after another by the same nodes on one ground. A game that is
 repeated with ``--only`` is the same game, message for message: those before it of the same ten are played again, too.
 Its transcript is a hash of all messages that a node has handled. Needs ROS.
 

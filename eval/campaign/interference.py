@@ -68,7 +68,7 @@ class Interference:
             "cancel of an unknown goal": lambda: self._cancel(bytes(range(16))),
             "cancel all and leave": lambda: self._cancel(bytes(16)),
         }
-        self._goals = topics.NAVIGATE_TO_POSE.client(node)
+        self._goals: Any = None  # a client, once it is needed
 
     def act(self, kind: str) -> None:
         """Do one of ``schedule.INTERFERENCES``, without waiting for anything."""
@@ -126,11 +126,13 @@ class Interference:
         self._say(topics.CLYDE_OBSTACLE, topics.CLYDE_OBSTACLE.type(width=100, height=100))
 
     def _goal(self, leave: bool) -> None:
+        if self._goals is None:
+            self._goals = topics.NAVIGATE_TO_POSE.client(self._node)
         goal = topics.NAVIGATE_TO_POSE.type.Goal(pose=pose_message(NAN, 0.0, 0.0, self._stamp()))
         self._goals.send_goal_async(goal, goal_uuid=UUID(uuid=list(self._node.surroundings.new_id())))
         if leave:  # whoever asked is gone before the answer
             self._goals.destroy()
-            self._goals = topics.NAVIGATE_TO_POSE.client(self._node)
+            self._goals = None
 
     def _cancel(self, goal_id: bytes) -> None:
         client = topics.NAVIGATE_TO_POSE.cancel_client(self._node)

@@ -1,9 +1,9 @@
 """Rounds of the robot's nodes beside rounds of the simulator, under one configuration: ``pacman-env robot-rounds``.
 
-The nodes that ``pacman-env ros up --sim`` starts play over the simulated robot in lock-step (``pacman_env.ros.lock_step``):
-games of one round each, from the menu over home back to the menu, as fast as the machine can. The same seed gives the
-same rounds, however many jobs there are. The simulator plays rounds of its own: the two share the rules and the
-configuration, not what is drawn, so shares are compared, not rounds. Needs ROS.
+The nodes that ``pacman-env ros up --sim`` starts play over the simulated robot in lock-step
+(``pacman_env.ros.lock_step``): games of one round each, from the menu over home back to the menu, as fast as the
+machine can. The same seed gives the same rounds, however many jobs there are. The simulator plays rounds of its own: the
+two share the rules and the configuration, not what is drawn, so shares are compared, not rounds. Needs ROS.
 """
 
 from __future__ import annotations

@@ -51,6 +51,8 @@ class Losses:
 
     def holds(self, delivery: Delivery, now_s: float) -> bool:
         """Whether a delivery does not come now; one that is reliable comes later."""
+        if not self._losses and not self._held:
+            return False
         behind = bool(self._held.get(delivery.entity)) and delivery.reliable
         if not behind and not self._lost(delivery):
             return False

@@ -22,11 +22,13 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.time_source import TimeSource
 
 from ..discovery import undiscovered
 from ..node import LAST_MESSAGES_S, BaseNode
 from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
+from ..topics import CLOCK
 from .losses import Losses
 from .members import Delivery, Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
@@ -227,6 +229,7 @@ class LockStep:
         robot = self._robot()
         if robot is not None and robot.frozen_s is None:
             self._run(robot, robot.node.step)
+            self._take_actions(expired=True)
             self.drain()
         for member in self.members[:]:
             if member.frozen_s is None and member.present:
@@ -241,7 +244,8 @@ class LockStep:
         return next((one for one in self.members if hasattr(one.node, "step")), None)
 
     def _fire_timers(self, member: Member) -> None:
-        for timer in list(member.node.timers):
+        self._refresh()
+        for timer in self._index.timers[member]:
             with timer.handle:
                 due = timer.handle.is_timer_ready()
                 if due:
@@ -288,7 +292,8 @@ class LockStep:
         if self._turn is not None:
             self._refresh()
             for member, sub in self._index.by_publisher(publisher):
-                self._take(member, sub)
+                if (taken := _message(sub)) is not None:
+                    self._put(self._delivery(member, sub, taken))
 
     def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
         self._refresh()
@@ -315,12 +320,12 @@ class LockStep:
         for taken in takes(entity):
             self._put(self._delivery(member, entity, taken))
 
-    def _take_actions(self) -> None:
+    def _take_actions(self, expired: bool = False) -> None:
         """What actions' clients and servers have sent, which rclpy does not say in Python."""
         for member, entity in self._index.of_actions:
             self._take(member, entity)
         for member, waitable in self._index.waitables:
-            while data := _data(waitable):
+            while data := _data(waitable, expired):
                 self._put(self._delivery(member, waitable, data))
 
     def take_all(self) -> None:
@@ -338,13 +343,11 @@ class LockStep:
     def _delivery(self, member: Member, entity: Any, taken: Any) -> Delivery:
         sender = self._turn
         if isinstance(entity, Subscription):
-            qos = entity.qos_profile
-            arguments = taken[:1] if entity._callback_type is Subscription.CallbackType.MessageOnly else taken
+            qos = self._index.qos[entity]
+            arguments = taken[:1] if qos.message_only else taken
             handle = partial(_call, member, entity.callback, *arguments)
-            reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
-            latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
             name = self._index.name_of(entity)
-            return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, reliable, latched)
+            return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, qos.reliable, qos.latched)
         if isinstance(entity, Service):
             return Delivery(
                 member, entity, self._index.name_of(entity), taken[0], partial(_serve, member, entity, *taken), sender
@@ -382,16 +385,22 @@ class LockStep:
                 continue
             for witness in self.witnesses:
                 witness(delivery)
-            self._run(member, delivery.handle)
+            if delivery.name == CLOCK.name and _sets_time(delivery.entity):  # and sends nothing
+                delivery.handle()
+            else:
+                self._run(member, delivery.handle)
         names = sorted({f"{one.member.name} ({one.name})" for one in self._queue})
         raise NodeFailed(f"no end to messages in one step, {MOST_DELIVERIES} so far; waiting: {', '.join(names)}")
 
     def _run(self, member: Member, handle: Callable[[], object]) -> None:
         before, self._turn = self._turn, member
         try:
-            with self._watchdog.during(member.name):
+            running = self._watchdog.begin(member.name)
+            try:
                 handle()
                 member.executor.run_tasks()
+            finally:
+                self._watchdog.end(running)
             if member in self._index.with_actions:
                 self._refresh()
                 self._take_actions()
@@ -414,6 +423,17 @@ class LockStep:
             self._index = _Index(self.members)
 
 
+class _Qos:
+    """What decides about a subscription's messages."""
+
+    def __init__(self, sub: Subscription) -> None:
+        profile = sub.qos_profile
+        self.depth = int(profile.depth)
+        self.reliable = profile.reliability != ReliabilityPolicy.BEST_EFFORT
+        self.latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self.message_only = sub._callback_type is Subscription.CallbackType.MessageOnly
+
+
 class _Index:
     """The entities of all members by the names of their topics and services."""
 
@@ -426,6 +446,8 @@ class _Index:
             (m, one) for m in members for one in m.node.waitables if isinstance(one, ActionServer | ActionClient)
         ]
         self.with_actions = {m for m, _ in self.waitables}
+        self.timers = {m: list(m.node.timers) for m in members}
+        self.qos = {sub: _Qos(sub) for _, sub in self.subscriptions}
         self._names: dict[Any, str] = {}
         self._by_topic: defaultdict[str, list[tuple[Member, Subscription]]] = defaultdict(list)
         for member, sub in self.subscriptions:
@@ -453,10 +475,15 @@ def _by_name(pairs: Iterator[tuple[Member, Any]]) -> dict[str, list[tuple[Member
     return dict(found)
 
 
-def _messages(sub: Subscription) -> Iterator[Any]:
+def _message(sub: Subscription) -> Any:
+    """A message and its times; None: there is none."""
     with sub.handle:
-        while (taken := sub.handle.take_message(sub.msg_type, sub.raw)) is not None:
-            yield taken
+        return sub.handle.take_message(sub.msg_type, sub.raw)
+
+
+def _messages(sub: Subscription) -> Iterator[Any]:
+    while (taken := _message(sub)) is not None:
+        yield taken
 
 
 def _requests(service: Service) -> Iterator[Any]:
@@ -471,8 +498,8 @@ def _answers(client: Client) -> Iterator[Any]:
             yield taken
 
 
-#: By which rclpy's ends of actions remember what a wait set has found for them. A wait set takes a millisecond each time;
-#: an attempt to take what is not there, a microsecond.
+#: By which rclpy's ends of actions remember what a wait set has found for them. A wait set takes a millisecond each
+#: time; an attempt to take what is not there, a microsecond.
 _READY = {
     ActionServer: ("_is_goal_request_ready", "_is_cancel_request_ready", "_is_result_request_ready"),
     ActionClient: (
@@ -482,20 +509,29 @@ _READY = {
 }
 
 
-def _data(waitable: ActionServer | ActionClient) -> dict[str, Any]:
-    """What has come for an action's end; empty: nothing."""
+def _data(waitable: ActionServer | ActionClient, expired: bool) -> dict[str, Any]:
+    """What has come for an action's end; empty: nothing.
+
+    Args:
+        waitable: the end.
+        expired: also what a server is to forget, of goals that ended 15 minutes ago.
+    """
+    if isinstance(waitable, ActionServer):
+        waitable._is_goal_expired = expired and bool(waitable._goal_handles)  # without goals rcl raises
     for flag in _READY[type(waitable)]:
         setattr(waitable, flag, True)
-    if isinstance(waitable, ActionServer):
-        waitable._is_goal_expired = bool(waitable._goal_handles)  # of 15 minutes ago; without goals rcl raises
     return {name: data for name, data in waitable.take_data().items() if data}
 
 
+def _sets_time(sub: Subscription) -> bool:
+    """Whether it is rclpy's own, which sets a node's clock."""
+    return isinstance(getattr(sub.callback, "__self__", None), TimeSource)
+
+
 def _call(member: Member, callback: Callable[..., Any], *arguments: Any) -> None:
-    if inspect.iscoroutinefunction(callback):
-        member.executor.create_task(callback, *arguments)
-    else:
-        callback(*arguments)
+    result = callback(*arguments)
+    if inspect.iscoroutine(result):
+        member.executor.create_task(result)
 
 
 def _serve(member: Member, service: Service, request: Any, header: Any) -> None:
@@ -532,15 +568,24 @@ class _Watchdog:
         self._end = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
+    def begin(self, name: str) -> tuple[str, float]:
+        """From now on the node of that name runs; what ran before, for :meth:`end`."""
+        before = self._name, self._since_s
+        self._name, self._since_s = name, time.monotonic()
+        return before
+
+    def end(self, before: tuple[str, float]) -> None:
+        """What ran before goes on."""
+        self._name, self._since_s = before
+
     @contextlib.contextmanager
     def during(self, name: str) -> Iterator[None]:
         """What runs in the block is the node of that name."""
-        before = self._name, self._since_s
-        self._name, self._since_s = name, time.monotonic()
+        before = self.begin(name)
         try:
             yield
         finally:
-            self._name, self._since_s = before
+            self.end(before)
 
     def close(self) -> None:
         self._end.set()
