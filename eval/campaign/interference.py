@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import TransformStamped
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
+from unique_identifier_msgs.msg import UUID
 
 from pacman_env.ros import topics
 from pacman_env.ros.messages import cloud_message, markers_of, pose_message, twist_message
+from pacman_env.ros.node import BaseNode
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 
 NAN = math.nan
@@ -35,10 +36,10 @@ class Interference:
     """A troublemaker that speaks through a node of somebody else's; what it says is seen on no other node's account.
 
     Args:
-        node: of rclpy, in the game's namespace.
+        node: in the game's namespace.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: BaseNode) -> None:
         self._node = node
         self._out = {topic.name: topic.publisher(node) for topic in (*_WORDS, *_FEEDBACK, *_OTHERS)}
         self._acts: dict[str, Callable[[], object]] = {
@@ -67,7 +68,7 @@ class Interference:
             "cancel of an unknown goal": lambda: self._cancel(bytes(range(16))),
             "cancel all and leave": lambda: self._cancel(bytes(16)),
         }
-        self._goals = topics.NAVIGATE_TO_POSE.client(node)
+        self._goals: Any = None  # a client, once it is needed
 
     def act(self, kind: str) -> None:
         """Do one of ``schedule.INTERFERENCES``, without waiting for anything."""
@@ -125,11 +126,13 @@ class Interference:
         self._say(topics.CLYDE_OBSTACLE, topics.CLYDE_OBSTACLE.type(width=100, height=100))
 
     def _goal(self, leave: bool) -> None:
+        if self._goals is None:
+            self._goals = topics.NAVIGATE_TO_POSE.client(self._node)
         goal = topics.NAVIGATE_TO_POSE.type.Goal(pose=pose_message(NAN, 0.0, 0.0, self._stamp()))
-        self._goals.send_goal_async(goal)
+        self._goals.send_goal_async(goal, goal_uuid=UUID(uuid=list(self._node.surroundings.new_id())))
         if leave:  # whoever asked is gone before the answer
             self._goals.destroy()
-            self._goals = topics.NAVIGATE_TO_POSE.client(self._node)
+            self._goals = None
 
     def _cancel(self, goal_id: bytes) -> None:
         client = topics.NAVIGATE_TO_POSE.cancel_client(self._node)

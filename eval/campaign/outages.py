@@ -1,131 +1,104 @@
-"""Nodes that are frozen, killed, or lose packets: begun and ended in the processes of a running game.
+"""Nodes that are frozen, killed, or lose packets: begun and ended at simulated moments of a running game.
 
-What is drawn is in ``schedule``, what may be late because of it in ``verdict``. Durations are wall time; a killed
-node is away until the recorder has heard the new one, and so is one that ends after a standstill.
+What is drawn is in ``schedule``, what may be late because of it in ``verdict``. Durations are of the simulated wall
+clock; a killed node is away until it has been started again, and so is one that ends after a standstill.
 """
 
 from __future__ import annotations
 
-import contextlib
-import math
-import os
-import signal
-import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from . import network
-from .schedule import EVERY_NODE, FREEZE, KILL, LEASE_S, LOSS, Step
+from .recorded_game import RecordedGame
+from .schedule import EVERY_NODE, FREEZE, KILL, LOSS, Step
 from .verdict import Outage
-
-#: By how many leases a node stood still, at most: how long it may take, wall time on a busy machine, until it is
-#: started anew. Nobody has missed it; it may be; it is.
-_ENDS_WITHIN_S = (0.75, 0.0), (1.25, 8.0), (math.inf, 60.0)
-_LOOK_S = 0.2  # between two looks at the ports of those who lose packets: a node that is started again has others
 
 
 @dataclass
 class _Active:
     step: Step
-    process: int
-    began: int  # ns
-    end_s: float
-    thawed: bool = False  # it ran again, and may end to be started anew
+    number: int  # of the node's start; 0: of none
+    began: int  # instant
+    end_s: float  # of the simulated wall clock
+    thawed: bool = False
 
 
 class Outages:
     """Those of one game.
 
     Args:
-        ids: the processes of the nodes, by name, as they are now.
-        heard: likewise, as they have been heard of.
-        speed: of simulated time: outages are as much shorter than they were drawn.
+        game: whose nodes are concerned.
+
+    Attributes:
+        over: those that have ended.
     """
 
-    def __init__(
-        self, ids: Callable[[], Mapping[str, int]], heard: Callable[[], Mapping[str, int]], speed: float
-    ) -> None:
-        self._ids, self._heard, self._speed = ids, heard, speed
+    def __init__(self, game: RecordedGame) -> None:
+        self._game = game
         self._active: list[_Active] = []
-        self._losses: list[network.Loss] = []
-        self._look_s = 0.0
         self.over: list[Outage] = []
 
     def __bool__(self) -> bool:
-        """Whether anybody is away."""
+        """Whether a node is away, or loses packets."""
         return bool(self._active)
 
     @property
     def now(self) -> list[Outage]:
         """Those that are not over, as if they were."""
-        return [Outage(one.step.kind, one.step.node, one.began, time.time_ns()) for one in self._active]
+        return [self._outage(one) for one in self._active]
 
     def away(self, node: str) -> bool:
-        """Whether that node is."""
+        """Whether that node is, or loses packets."""
         return any(one.step.node in (node, EVERY_NODE) for one in self._active)
 
     def begin(self, step: Step) -> bool:
         """False: nothing comes of it, for the node is dead or frozen already."""
-        process = self._ids().get(step.node, 0)
-        if step.kind != LOSS and (
-            not process or any(one.step.node == step.node and one.step.kind in (KILL, FREEZE) for one in self._active)
-        ):
+        game, kind, node = self._game, step.kind, step.node
+        member = game.member(node)
+        if kind != LOSS and (member is None or member.frozen_s is not None):
             return False
-        if step.kind != LOSS:
-            os.kill(process, signal.SIGKILL if step.kind == KILL else signal.SIGSTOP)
-        end_s = time.monotonic() + step.lasts_s / self._speed
-        self._active.append(_Active(step, process, time.time_ns(), end_s))
-        self._look_s = 0.0
+        self._active.append(
+            _Active(step, member.number if member else 0, game.recorder.instant(), game.wall.now_s + step.lasts_s)
+        )
+        if kind == KILL:
+            game.kill(node)
+        elif kind == FREEZE:
+            game.freeze_node(node)
+        else:
+            game.losses.begin(_loser(step), step.percent, game.wall.now_s)
         return True
 
     def tend(self) -> None:
-        """To be called often: ends what is due."""
+        """To be called after each step: ends what is due."""
         for one in self._active[:]:
-            if self._is_over(one):
+            due = self._game.wall.now_s >= one.end_s - 1e-6
+            if one.step.kind == FREEZE and due and not one.thawed:
+                one.thawed = True
+                self._game.thaw_node(one.step.node)
+            if due if one.step.kind == LOSS else self._is_back(one):
                 self._end(one)
-            elif one.step.kind == FREEZE and not one.thawed and time.monotonic() >= one.end_s:
-                self._thaw(one)
-                leases = (time.time_ns() - one.began) * 1e-9 * self._speed / LEASE_S
-                one.end_s = time.monotonic() + next(wait_s for most, wait_s in _ENDS_WITHIN_S if leases < most)
-        now_s = time.monotonic()
-        if now_s - self._look_s >= _LOOK_S:
-            self._look_s = now_s
-            self._lose()
 
     def end_all(self) -> None:
-        """Nobody is left frozen or cut off."""
+        """No node is left frozen or cut off."""
         for one in self._active[:]:
+            if one.step.kind == FREEZE and not one.thawed:
+                self._game.thaw_node(one.step.node)
             self._end(one)
-        self._lose()
 
-    def _is_over(self, one: _Active) -> bool:
-        known = self._ids().get(one.step.node)
-        if one.step.kind == KILL or (one.thawed and known != one.process):
-            return known not in (None, one.process) and self._heard().get(one.step.node) == known
-        return time.monotonic() >= one.end_s and (one.thawed or one.step.kind != FREEZE)
-
-    def _thaw(self, one: _Active) -> None:
-        one.thawed = True
-        if self._ids().get(one.step.node) == one.process:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(one.process, signal.SIGCONT)
+    def _is_back(self, one: _Active) -> bool:
+        """Whether a node is there that is not frozen: another one than was killed."""
+        member = self._game.member(one.step.node)
+        killed = one.step.kind == KILL
+        return member is not None and member.frozen_s is None and not (killed and member.number == one.number)
 
     def _end(self, one: _Active) -> None:
         self._active.remove(one)
-        if one.step.kind == FREEZE:
-            self._thaw(one)
-        self._look_s = 0.0
-        self.over.append(Outage(one.step.kind, one.step.node, one.began, time.time_ns()))
+        if one.step.kind == LOSS:
+            self._game.losses.end(_loser(one.step), self._game.wall.now_s)
+        self.over.append(self._outage(one))
 
-    def _lose(self) -> None:
-        ids = self._ids()
-        losses = [
-            network.Loss(
-                None if one.step.node == EVERY_NODE else network.ports_of(ids.get(one.step.node, 0)), one.step.percent
-            )
-            for one in self._active
-            if one.step.kind == LOSS
-        ]
-        if losses != self._losses:
-            network.apply(losses, network.ports_of(os.getpid()))  # who judges hears all
-            self._losses = losses
+    def _outage(self, one: _Active) -> Outage:
+        return Outage(one.step.kind, one.step.node, one.began, self._game.recorder.instant())
+
+
+def _loser(step: Step) -> str | None:
+    return None if step.node == EVERY_NODE else step.node

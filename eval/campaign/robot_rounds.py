@@ -1,24 +1,23 @@
 """Rounds of the robot's nodes beside rounds of the simulator, under one configuration: ``pacman-env robot-rounds``.
 
-The nodes that ``pacman-env ros up --sim`` starts run as processes over the simulated robot and play games of one round
-each, from the menu over home back to the menu. The simulator plays rounds of its own: the two share the rules and the
-configuration, not what is drawn, so shares are compared, not rounds. Needs ROS.
+The nodes that ``pacman-env ros up --sim`` starts play over the simulated robot in lock-step
+(``pacman_env.ros.lock_step``): games of one round each, from the menu over home back to the menu, as fast as the
+machine can. The same seed gives the same rounds, however many jobs there are. The simulator plays rounds of its own: the
+two share the rules and the configuration, not what is drawn, so shares are compared, not rounds. Needs ROS.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,30 +29,29 @@ from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, write_json
 from pacman_env.game.execution import COMPLETE
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.processes import Lost
+from pacman_env.ros.lock_step.stepper import NodeFailed
 from pacman_env.sim.maps.assets import map_assets
 
-from .system import System, confine, first_domain, require_ros
+from .recorded_game import RecordedGame
+from .workers import errors, logged, pool, require_ros
 
 #: A game's second round would be faster than its first; each game begins at Clyde's base speed.
 ONE_ROUND = ("clyde.speed_step_mps=0.0",)
-ANSWER_WALL_S = 30.0
-GAME_WALL_S = 600.0  # a game that takes longer is an error of the nodes
+ROUNDS_TOGETHER = 10  # are played by the same nodes
+ANSWER_S = 10.0  # simulated, as all below
+GAME_S = 900.0  # a game that takes longer is an error of the nodes
 
 
 @dataclass(frozen=True)
 class Task:
-    """Rounds that one system plays. Plain data: it travels to other processes."""
+    """Rounds that the same nodes play. Plain data: it travels to other processes."""
 
-    policies: tuple[str, ...]
-    speeds_mps: tuple[float, ...]
-    rounds: int  # of each policy at each speed
-    number: int  # of the system
-    domain: int
+    policy: str
+    clyde_speed_mps: float
+    rounds: int
     seed: int
     map: str
     settings: tuple[str, ...]
-    pace: float  # of simulated time
     folder: str
 
 
@@ -69,32 +67,23 @@ class RobotRound:
 
 
 def play_task(task: Task) -> list[RobotRound]:
-    """The rounds, one after the other, in one system.
+    """The rounds, one after the other.
 
     Raises:
-        Lost: a process has ended or hangs.
+        ValueError: a node has failed, or logged an error.
     """
-    folder = Path(task.folder) / f"system-{task.number}"
-    folder.mkdir(parents=True, exist_ok=True)
-    confine(folder, task.domain)
+    folder = Path(task.folder) / f"{task.policy.replace('/', '_')}-{task.clyde_speed_mps:g}-{task.seed}"
+    folder.mkdir(parents=True)
+    log = folder / "nodes.log"
     limit_s = _config(task.settings).time_limit_s
-    played = []
-    with System(task.map, task.seed, task.pace, folder, task.settings) as system:
-        for _ in range(task.rounds):
-            for policy in task.policies:
-                for speed_mps in task.speeds_mps:
-                    played.append(play_round(system, policy, speed_mps, limit_s))
-                    _tell(task, played)
+    try:
+        with logged(log), RecordedGame(task.map, task.seed, folder, task.settings) as game:
+            played = [play_round(game, task.policy, task.clyde_speed_mps, limit_s) for _ in range(task.rounds)]
+    except NodeFailed as failed:
+        raise ValueError(f"{failed}; log: {log}") from failed
+    if found := errors(log.read_text(errors="replace")):
+        raise ValueError(f"{found[0]}; log: {log}")
     return played
-
-
-def _tell(task: Task, played: Sequence[RobotRound]) -> None:
-    r = played[-1]
-    print(
-        f"system {task.number}, round {len(played)}: {r.policy}, Clyde at {r.clyde_speed_mps:g} m/s, {r.end},"
-        f" {r.collected} pellets, {r.time_s:.0f} s",
-        flush=True,
-    )
 
 
 def _config(settings: Sequence[str], clyde_speed_mps: float = 0.25) -> Config:
@@ -103,59 +92,58 @@ def _config(settings: Sequence[str], clyde_speed_mps: float = 0.25) -> Config:
     )
 
 
-def play_round(system: System, policy: str, speed_mps: float, limit_s: float) -> RobotRound:
+def play_round(game: RecordedGame, policy: str, speed_mps: float, limit_s: float) -> RobotRound:
     """One game from the menu to the menu; a round that is not over after ``limit_s`` is broken off.
 
     Raises:
-        Lost: the nodes do not answer, or do not end it.
+        NodeFailed: the nodes do not answer, end, or do not end the game.
     """
-    recorder = system.recorder
+    recorder = game.recorder
 
-    def wait(condition: Any, wall_s: float, what: str) -> None:
-        if not recorder.wait_for(condition, wall_s):
-            troubles = "; ".join(system.troubles())
-            raise Lost(f"no {what} within {wall_s:g} s, state {recorder.state}: {recorder.condition} {troubles}")
+    def wait(condition: Callable[[], object], for_s: float, what: str) -> None:
+        if not game.until(condition, for_s):
+            raise NodeFailed(f"no {what} within {for_s:g} s, state {recorder.state}: {recorder.condition}")
+        if ends := game.tend():
+            raise NodeFailed("; ".join(ends))
 
     recorder.forget()
-    answer = recorder.set_policy(policy)
-    wait(answer.done, ANSWER_WALL_S, "answer of the goal selector")
+    answer = game.do(lambda: recorder.set_policy(policy))
+    wait(answer.done, ANSWER_S, "answer of the goal selector")
     (result,) = answer.result().results
     if not result.successful:
-        raise Lost(f"policy {policy} was refused: {result.reason}")
-    recorder.set_base_speed(speed_mps)
-
-    def speed_known() -> bool:
-        speeds = [r.value for r in recorder.records if r.topic == topics.CLYDE_SPEED.name]
-        return bool(speeds) and math.isclose(speeds[-1], speed_mps, abs_tol=1e-6)
-
-    wait(speed_known, ANSWER_WALL_S, f"Clyde's speed of {speed_mps:g} m/s")
-    started = time.time_ns()
-    answer = recorder.start()
-    wait(answer.done, ANSWER_WALL_S, "answer to game/start")
+        raise NodeFailed(f"policy {policy} was refused: {result.reason}")
+    game.do(lambda: recorder.set_base_speed(speed_mps))
+    wait(
+        lambda: math.isclose(recorder.last(topics.CLYDE_SPEED.name) or 0.0, speed_mps, abs_tol=1e-6),
+        ANSWER_S,
+        f"Clyde's speed of {speed_mps:g} m/s",
+    )
+    started = recorder.instant()
+    answer = game.do(recorder.start)
+    wait(answer.done, ANSWER_S, "answer to game/start")
     if not answer.result().success:
-        raise Lost(f"game/start was refused in the menu: {answer.result().message}")
-    wait(lambda: recorder.state != "menu", ANSWER_WALL_S, "game")
+        raise NodeFailed(f"game/start was refused in the menu: {answer.result().message}")
+    wait(lambda: recorder.state != "menu", ANSWER_S, "game")
     late = False
 
     def over() -> bool:
         nonlocal late
         if recorder.state == "running" and recorder.time_s - recorder.state_since_s > limit_s and not late:
             late = True
-            recorder.reset()
+            game.do(recorder.reset)
         return recorder.state == "menu"
 
-    wait(over, GAME_WALL_S, "end of the game")
+    wait(over, GAME_S + limit_s, "end of the game")
     said = [record for record in recorder.records if record.at >= started]
     states = [(r.at, r.value) for r in said if r.topic == topics.GAME_STATE.name]
     words = [word for _, word in states]
     running = words.index("running") if "running" in words else -1
     if running < 0:
         return RobotRound(policy, speed_mps, "not started", 0, 0.0)
-    at = [sample.at for sample in recorder.track]
-    begin, end = np.interp([states[running][0], states[running + 1][0]], at, [s.time_s for s in recorder.track])
+    begin, end = states[running][0], states[running + 1][0]
     collected = max((r.value for r in said if r.topic == topics.PELLETS_COLLECTED.name), default=0)
     how = "timeout" if late else {"complete": "complete", "dying": "dead"}.get(words[running + 1], "not started")
-    return RobotRound(policy, speed_mps, how, int(collected), float(end - begin))
+    return RobotRound(policy, speed_mps, how, int(collected), round((end - begin) * 1e-9, 3))
 
 
 def row(robot: Sequence[RobotRound], config: Config, source: str, policy: str, seed: int, episodes: int) -> dict:
@@ -202,8 +190,18 @@ def table(rows: Sequence[dict]) -> list[str]:
     return lines
 
 
+def _parts(rounds: int) -> list[int]:
+    """How many rounds the same nodes play, in all so many."""
+    return [min(ROUNDS_TOGETHER, rounds - k) for k in range(0, rounds, ROUNDS_TOGETHER)]
+
+
+def _words(task: Task, rounds: Sequence[RobotRound]) -> str:
+    won = sum(r.end == "complete" for r in rounds)
+    return f"{task.policy}, Clyde at {task.clyde_speed_mps:g} m/s, seed {task.seed}: {won} of {len(rounds)} complete"
+
+
 def run(arguments: argparse.Namespace) -> int:
-    """Play, tell, and write.
+    """Play, print, and write.
 
     Raises:
         ValueError: no ROS, a configuration or policy that there is not, nodes that failed, or figures that cannot be
@@ -218,29 +216,21 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.logs or Path(tempfile.mkdtemp(prefix="robot_rounds_"))
     folder.mkdir(parents=True, exist_ok=True)
     map_yaml = str(assets.occupancy.save(folder / "map.yaml"))
-    jobs = min(arguments.jobs, arguments.rounds)
     tasks = [
-        Task(
-            tuple(arguments.policies),
-            tuple(arguments.clyde_speed),
-            len(part),
-            k,
-            first_domain() + k,
-            arguments.seed + k,
-            map_yaml,
-            settings,
-            arguments.speed,
-            str(folder),
-        )
-        for k, part in enumerate(np.array_split(np.arange(arguments.rounds), jobs))
+        Task(policy, speed_mps, rounds, arguments.seed + k, map_yaml, settings, str(folder))
+        for policy in arguments.policies
+        for speed_mps in arguments.clyde_speed
+        for k, rounds in enumerate(_parts(arguments.rounds))
     ]
     began = time.monotonic()
+    played: list[RobotRound] = []
     try:
-        context = multiprocessing.get_context("spawn")  # each its own ROS domain
-        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-            played = [r for rounds in pool.map(play_task, tasks) for r in rounds]
-    except Lost as lost:
-        raise ValueError(f"{lost}; logs: {folder}") from lost
+        with pool(min(arguments.jobs, len(tasks))) as workers:
+            for task, rounds in zip(tasks, workers.map(play_task, tasks), strict=True):
+                played += rounds
+                print(f"{len(played)} rounds: {_words(task, rounds)}", flush=True)
+    except BrokenProcessPool as broken:
+        raise ValueError(f"a process has ended; logs: {folder}") from broken
     print(f"{len(played)} rounds in {time.monotonic() - began:.0f} s")
     rows = []
     for policy in arguments.policies:
@@ -256,7 +246,7 @@ def run(arguments: argparse.Namespace) -> int:
             "map_hash": assets.occupancy.hash,
             "seed": arguments.seed,
         }
-        facts |= {"configuration": config.hash, "settings": settings, "speed": arguments.speed, "rows": rows}
+        facts |= {"configuration": config.hash, "settings": settings, "rows": rows}
         write_json(arguments.json, {**facts, "rounds": [asdict(r) for r in played]})
     if not arguments.logs:
         shutil.rmtree(folder)
@@ -284,12 +274,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S")
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="configuration fields of both sides")
-    parser.add_argument(
-        "--speed", type=finite_number(1, 10), default=10.0, metavar="X", help="of the simulated clock, 1 to 10"
-    )
-    parser.add_argument(
-        "--jobs", type=whole_number(1), default=1, metavar="N", help="systems at once, about a core each"
-    )
+    parser.add_argument("--jobs", type=whole_number(1), default=1, metavar="N", help="processes, a core each")
     parser.add_argument("--logs", type=Path, metavar="FOLDER", help="kept there; else only after a failure")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures and every round")
     return run_command(parser, argv, run, "ros")

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS
+from pacman_env.ros.standstill import DEFAULT_LEASE_S
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
-GAMES_PER_SYSTEM = 10  # consecutive seeds are played by the same processes, on the same ground
+GAMES_PER_SYSTEM = 10  # consecutive seeds are played by the same nodes, on the same ground
 STATES = ("menu", "returning_home", "starting", "running", "dying")
 POLICIES = ("clyde_aware", "lookahead", "ppo", "nearest", "random")
 #: Maps, and how much of them around home is played on, m; small ones, so that a game ends soon.
@@ -36,7 +37,7 @@ INTERFERENCES = (*RESETS, *NONSENSE)
 FREEZE, KILL, LOSS = OUTAGES = ("freeze", "kill", "network loss")
 EVERY_NODE = "all"  # of a network on which nobody hears anybody
 NODES = (SIMULATOR, *GAME, SELECTOR)
-LEASE_S = 20.0  # of silence, after which the middleware takes a node for gone
+LEASE_S = DEFAULT_LEASE_S  # of silence, after which the middleware takes a node for gone
 
 #: How long after its beginning something happens in a state at most, s; later than most games stay in it, never.
 _LATEST_S = {"menu": 3.0, "returning_home": 10.0, "starting": 8.0, "running": 40.0, "dying": 5.0}
@@ -61,7 +62,7 @@ class Step:
     after_s: float  # simulated
     kind: str  # a fault's name, or one of ``INTERFERENCES`` or ``OUTAGES``
     words: str = ""  # of a fault, as ``sim/fault`` takes them; empty: no fault
-    lasts_s: float = 0.0  # of a fault, simulated; of an outage, wall time multiplied by the clock's speed
+    lasts_s: float = 0.0  # of a fault, the robot's time; of an outage, the simulated wall clock's
     node: str = ""  # of an outage
     percent: int = 100  # of packets, of a network loss
 

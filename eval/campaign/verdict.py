@@ -1,13 +1,12 @@
 """The verdict on one recorded game of the robot's nodes: everything in it that violates a promise.
 
-Plain values in, lines about violations out: recording is ``eval.campaign``'s business. Instants are ns of the wall's
-clock at which messages left their publishers, so that those of different processes can be put in order; durations are
-of the robot's time, which no jump of the simulated clock touches.
+Plain values in, lines about violations out: recording is ``recorder``'s business. Instants are ns of the simulated wall
+clock, in the order of publication, so that no two are equal; durations are of the robot's time, which no jump of the
+clock touches. Nothing is late in lock-step, so nothing may be.
 
-Nodes that were frozen, killed or off the network answer late, and what they said then may not have reached the recorder
-(a participant that was forgotten by the middleware is heard again only when it is found again). So what may be late or
-unheard is not judged from the beginning of such an outage of a node that it is about until ``RECOVERY_S`` after its
-end. What the score, the counters and the result are at the end is judged as in every other game.
+Nodes that were frozen, killed or off the network answer late. So what may be late is not judged from the beginning of
+such an outage of a node that it is about until ``RECOVERY_S`` after its end. What the score, the counters and the
+result are at the end is judged as in every other game.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import bisect
 import itertools
 import math
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,17 +35,17 @@ NEXT = {
     "complete": {"returning_home"},
     "dying": {"returning_home"},
 }
-#: s of wall time in which what one process says may cross what another one says; at ten times speed that is 2 s of the
-#: robot's time. Messages need a millisecond, but a process may have to wait for a core, and acts on what it hears with
-#: its next tick. How long one of them did wait for a core just then comes on top.
-CROSSING_S = 0.2
-LAG_COUNTS_S = 0.5  # of wall time around it in which a waiting process may be why
-TICK_S = 0.2  # of the robot's time: of the timers that end a show, and of the samples
-#: s of wall time after an outage in which all find one another again, services are called again (after 2 s) and reports
-#: that nobody has answered are made again (every 2 s, of what was unanswered the time before).
+TICK_S = 0.15  # of the robot's time: a tick of the referee, one more that a jump of the clock costs, and a step
+#: s of the simulated wall clock after an outage: what was lost is sent again (after 3 s, the middleware's heartbeat),
+#: services are called again (after 2 s), and reports that were not answered are made again (every 2 s).
 RECOVERY_S = 5.0
+STILL_S = 120.0  # of the robot's time without any progress while nothing is wrong: the game hangs
+AROUND_M = 2.0  # a Clyde that moves less in STILL_S may stay where he is in the way, in these small grounds
+HOLD = -1  # pursued, in the goal selector's diagnostics
+REPORT_S = 1.0  # of the robot's time: between two reports of the pellets
 PELLET_MANAGER, EVENT_MAPPER = "pellet_manager", "game_event_mapper"
 MOVERS = (SELECTOR, REFEREE, SIMULATOR)
+RESET_S = 0.1  # of the simulated wall clock: a reset is obeyed at once
 CANCEL_S = 1.5  # of the robot's time: a cancel that was lost is sent again after 1 s
 FASTEST_MPS = 0.306
 BRAKING_M = FASTEST_MPS**2 / (2 * 0.9)
@@ -60,7 +59,7 @@ ENDED = frozenset({4, 5, 6})  # action_msgs/GoalStatus
 
 @dataclass(frozen=True)
 class Record:
-    """One message: when it left its publisher, ns of wall time, its topic and what it said."""
+    """One message: when it left its publisher, ns of the simulated wall clock, its topic and what it said."""
 
     at: int
     topic: str
@@ -69,7 +68,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Sample:
-    """The robot's own time, s, and where its odometry has it, m, at an instant of wall time, ns."""
+    """The robot's own time, s, and where its odometry has it, m, at an instant, ns of the simulated wall clock."""
 
     at: int
     time_s: float
@@ -79,7 +78,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Outage:
-    """A node that was frozen, killed or off the network, and from when to when, ns of wall time."""
+    """A node that was frozen, killed or off the network, and from when to when, ns of the simulated wall clock."""
 
     kind: str
     node: str
@@ -104,7 +103,6 @@ class Evidence:
     track: list[Sample] = field(default_factory=list)
     resets: list[int] = field(default_factory=list)  # when game/reset was called, ns
     forged_reports: list[int] = field(default_factory=list)  # when a false report of the pellets was sent, ns
-    lags: list[tuple[int, float]] = field(default_factory=list)  # when, ns, one had waited for a core how long, s
     troubles: list[tuple[float, float]] = field(default_factory=list)  # robot's time in which faults were active
     outages: list[Outage] = field(default_factory=list)
 
@@ -131,29 +129,6 @@ class Evidence:
         index = bisect.bisect_right(self.track, at, key=lambda s: s.at) - 1
         return self.track[max(index, 0)].time_s if self.track else 0.0
 
-    def crossing_ns(self, at: int) -> int:
-        """Tolerance at an instant for messages that cross one another, of wall time."""
-        near = [lag_s for when, lag_s in self.lags if abs(when - at) * 1e-9 <= LAG_COUNTS_S + lag_s]
-        return round((CROSSING_S + max(near, default=0.0)) * 1e9)
-
-    def crossing_s(self, at: int) -> float:
-        """The same in the robot's time."""
-        return self.crossing_ns(at) * 1e-9 * self.speed
-
-    def leap_s(self, begin: int, end: int) -> float:
-        """The longest step of the robot's time in an interval: a simulator that was late makes up for it at once."""
-        end += self.crossing_ns(end)
-        near = [s.time_s for s in self.track if begin <= s.at <= end]
-        return max((after - before for before, after in itertools.pairwise(near)), default=0.0)
-
-    @property
-    def speed(self) -> float:
-        """The robot's time in wall time, at least 1."""
-        if len(self.track) < 2:
-            return 1.0
-        first, last = self.track[0], self.track[-1]
-        return max(1.0, (last.time_s - first.time_s) / max(1e-9, (last.at - first.at) * 1e-9))
-
     def states(self) -> list[tuple[int, str]]:
         """The beginning of each state, without repetitions; the words that are states only."""
         states: list[tuple[int, str]] = []
@@ -179,7 +154,7 @@ class Evidence:
         """The instants in which one of these was away or not yet found again; what overlaps is one."""
         found: list[tuple[int, int]] = []
         for begin, end in sorted((o.begin, o.end) for o in self.outages if o.node in (*nodes, EVERY_NODE)):
-            begin, end = begin - self.crossing_ns(begin), end + round(RECOVERY_S * 1e9)
+            end += round(RECOVERY_S * 1e9)
             if found and begin <= found[-1][1]:
                 found[-1] = found[-1][0], max(end, found[-1][1])
             else:
@@ -209,8 +184,8 @@ def outcome(evidence: Evidence) -> str:
 
 
 def _was_reset(e: Evidence, at: int) -> bool:
-    tolerance, away = e.crossing_ns(at), e.away(REFEREE, SIMULATOR)
-    return any(called - tolerance <= at <= _answered(away, called, 2 * tolerance) for called in e.resets)
+    away = e.away(REFEREE, SIMULATOR)
+    return any(called <= at <= _answered(away, called, round(RESET_S * 1e9)) for called in e.resets)
 
 
 def _answered(away: Sequence[tuple[int, int]], asked: int, within: int) -> int:
@@ -226,6 +201,11 @@ def _overlaps(spans: Sequence[tuple[int, int]], begin: int, end: int) -> bool:
     return any(since <= end and begin <= until for since, until in spans)
 
 
+def waits(state: str | None, condition: Mapping[str, Any], clyde_speed_mps: float) -> bool:
+    """Whether the planner holds on purpose: a Clyde who stays at the last pellets lets nobody collect them."""
+    return state == "running" and condition.get("pursued") == HOLD and clyde_speed_mps * STILL_S < AROUND_M
+
+
 def violations(evidence: Evidence) -> list[str]:
     """Everything that was wrong, one line each."""
     if not evidence.states():
@@ -234,9 +214,14 @@ def violations(evidence: Evidence) -> list[str]:
     return [line for check in checks for line in check(evidence)]
 
 
-def _inside(e: Evidence, at: int, intervals: Sequence[tuple[int, int]]) -> bool:
-    tolerance = e.crossing_ns(at)
-    return any(begin - tolerance <= at <= end + tolerance for begin, end in intervals)
+def _inside(at: int, intervals: Sequence[tuple[int, int]]) -> bool:
+    """What happens at one simulated moment may be in any order, for nodes answer one another within it."""
+    return any(_moment(begin) <= _moment(at) <= _moment(end) for begin, end in intervals)
+
+
+def _moment(at: int) -> int:
+    """The step of simulated time to which an instant belongs; instants are numbered within it."""
+    return at // 1_000_000
 
 
 def _transitions(e: Evidence) -> Iterator[str]:
@@ -262,16 +247,16 @@ def _shows(e: Evidence) -> Iterator[str]:
     for state, lasts in SHOWS.items():
         for begin, end in e.intervals((state,)):
             lasted = e.time_s(end) - e.time_s(begin) - e.away_s(begin, end, REFEREE, SIMULATOR)
-            if lasted > lasts + e.crossing_s(end) + TICK_S + e.leap_s(begin, end):
+            if lasted > lasts + TICK_S:
                 yield f"{state} lasted {lasted:.1f} s, not {lasts:g} s"
 
 
 def _goals(e: Evidence) -> Iterator[str]:
     driving, away = e.intervals(DRIVING), e.away(*MOVERS)
     for record in e.of("sent"):
-        if not _inside(e, record.at, [*driving, *away]):
+        if not _inside(record.at, [*driving, *away]):
             late = min((record.at - end for _, end in driving if end <= record.at), default=0)
-            yield f"a goal was sent {late * 1e-9:.2f} s (wall) after driving was over: {record.value}"
+            yield f"a goal was sent {late * 1e-9:.2f} s after driving was over: {record.value}"
     sent = len(e.of("sent"))
     accepted: dict[str, int] = {}
     ended: dict[str, int] = {}
@@ -291,7 +276,7 @@ def _goals(e: Evidence) -> Iterator[str]:
         for stood, drove in e.intervals(NEXT.keys() - DRIVING):
             since, until = e.time_s(max(begin, stood)), e.time_s(min(end, drove))
             free = until - max([since, *(b for a, b in troubles if b >= since and a <= until)])
-            if free > CANCEL_S + e.crossing_s(max(begin, stood)):
+            if free > CANCEL_S:
                 yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
 
 
@@ -305,7 +290,7 @@ def _motion(e: Evidence) -> Iterator[str]:
             continue
         moved = max(math.dist(places[0], place) for place in places)
         starts = [begin, *(at for at in goals if begin <= at < end)]
-        stops = sum(FASTEST_MPS * (e.crossing_s(at) + 2 * TICK_S) + BRAKING_M for at in starts)
+        stops = len(starts) * (FASTEST_MPS * TICK_S + BRAKING_M)
         if moved > stops + STANDING_M:
             yield f"the robot moved {moved:.2f} m while nobody was to drive"
 
@@ -349,11 +334,11 @@ def _turns(e: Evidence) -> Iterator[str]:
             if _overlaps(away, begin, end):
                 turn = []
                 continue
-            if lasted > longest + e.crossing_s(end) + TICK_S:
+            if lasted > longest + TICK_S:
                 yield f"{what}, longer than {longest:g} s"
-            if not any(_inside(e, at, shows) for at in (begin, end)):
+            if not any(_inside(at, shows) for at in (begin, end)):
                 yield f"{what} outside of a show"
-            elif not _inside(e, end, shows):
+            elif not _inside(end, shows):
                 yield f"{what} that did not end with its show"
         turn = []
 
@@ -363,17 +348,17 @@ def _spawned(e: Evidence) -> Iterator[str]:
 
     How long a node needs for such a report is not known. That the number is right at the end is asked elsewhere.
     """
-    own = len(e.own_pellets)
+    own, late = len(e.own_pellets), e.away(PELLET_MANAGER, REFEREE)  # a report of the round before
     for record in e.of("game/pellets_spawned"):
         forged = any(at <= record.at for at in e.forged_reports)
         right = record.value in (0, own) or (forged and record.value > own) or _near_forged(e, record.at)
-        if record.at > e.started and not right:
+        if record.at > e.started and not right and not _inside(record.at, late):
             yield f"{record.value} pellets were said to be spawned, there are {own}"
 
 
 def _gone(e: Evidence, running: Sequence[tuple[int, int]]) -> set[int]:
     """The pellets that the last true report of a round shows no more: somebody has had them removed."""
-    shown = [r for r in e.of("shown") if not _near_forged(e, r.at) and _inside(e, r.at, running)]
+    shown = [r for r in e.of("shown") if not _near_forged(e, r.at) and _inside(r.at, running)]
     return set(e.own_pellets) - set(shown[-1].value) if shown else set()
 
 
@@ -382,9 +367,9 @@ def _scores(e: Evidence) -> Iterator[str]:
     sure, perhaps = set(), set()
     for record in e.of("game_status"):
         pellet = _own_pellet(e, record.value)
-        if pellet is not None and _inside(e, record.at, running):
+        if pellet is not None and _inside(record.at, running):
             perhaps.add(pellet)
-            if any(begin <= record.at < end - e.crossing_ns(end) for begin, end in running):
+            if any(begin <= record.at < end for begin, end in running):
                 sure.add(pellet)
     words = [state for _, state in e.states()]
     counted = _last_before_end(e, "game/pellets_collected")
@@ -411,9 +396,8 @@ def _own_pellet(e: Evidence, word: str) -> int | None:
 
 def _near_forged(e: Evidence, at: int) -> bool:
     """Whether a false report of the pellets was all that the referee knew: the next true one comes within 1 s."""
-    wall_ns = round(1e9 / e.speed) + 2 * e.crossing_ns(at)
-    away = e.away(PELLET_MANAGER, REFEREE)
-    return any(forged <= at <= _answered(away, forged, wall_ns) for forged in e.forged_reports)
+    away = e.away(PELLET_MANAGER, REFEREE, SIMULATOR)
+    return any(forged <= at <= _answered(away, forged, round(REPORT_S * 1e9)) for forged in e.forged_reports)
 
 
 def _last_before_end(e: Evidence, topic: str) -> int:

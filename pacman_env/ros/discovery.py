@@ -5,9 +5,10 @@ What is set here is read by the middleware when a process creates its first node
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
-from collections.abc import Iterable, MutableMapping, Sequence
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,20 @@ def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) ->
     environment[_RANGE] = "LOCALHOST"
     for name in BEYOND:
         environment.pop(name, None)
+
+
+@contextlib.contextmanager
+def undiscovered() -> Iterator[None]:
+    """A context of rclpy that is made in the block meets no other: its nodes meet one another alone."""
+    before = os.environ.get(_RANGE)
+    os.environ[_RANGE] = "OFF"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_RANGE]
+        else:
+            os.environ[_RANGE] = before
 
 
 def simulated(arguments: Sequence[str]) -> bool:

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.config import ShowConfig
-from pacman_env.game.dances import angular_velocity
+from pacman_env.config import ShowConfig, make_config
+from pacman_env.game.dances import STAND_S, angular_velocity
+from pacman_env.sim.core.robot import SimulatedRobot
+from pacman_env.world.maps.occupancy import load_map
 
 SHOW = ShowConfig()
 
@@ -29,13 +32,15 @@ def test_the_start_spin_turns_one_way_for_8_s() -> None:
 
 def test_the_death_shake_goes_to_and_fro_for_5_s_and_ends_where_it_began() -> None:
     commands = played("shake")
-    assert set(commands) == {1.5, -1.5}
+    standing = round(STAND_S / PERIOD)
+    assert set(commands[:standing]) == {0.0}
+    assert set(commands[standing:]) == {1.5, -1.5}
     assert len(commands) * PERIOD == pytest.approx(5.0)
     turned = [sum(commands[:k]) * PERIOD for k in range(len(commands) + 1)]
     assert max(map(abs, turned)) < 0.3
     assert abs(turned[-1]) < 0.1
     changes = sum(a != b for a, b in itertools.pairwise(commands))
-    assert changes == 20
+    assert changes == 19  # the first from the stand
 
 
 @given(st.sampled_from(["spin", "shake", "stop"]), st.floats(-1e9, 1e9))
@@ -48,11 +53,26 @@ def test_no_motion_is_faster_or_longer_than_it_may_be(motion: str, elapsed: floa
 
 def test_speed_and_swing_are_the_configurations() -> None:
     show = ShowConfig(spin_radps=0.7, swing_s=1.0, death_s=2.0)
-    assert [angular_velocity("shake", at, show) for at in (0.0, 0.4, 0.6, 1.4, 1.6, 2.0)] == [
+    assert [angular_velocity("shake", at, show) for at in (0.0, 0.4, 0.6, 0.9, 1.1, 1.9, 2.0)] == [
+        0.0,
+        0.0,
         0.7,
         0.7,
         -0.7,
         -0.7,
-        0.7,
         None,
     ]
+
+
+def test_a_robot_that_is_caught_at_full_speed_does_not_roll_on_while_it_shakes() -> None:
+    config = make_config("robot")
+    robot = SimulatedRobot(load_map("house"), config, 0)
+    for _ in range(30):
+        robot.set_velocity(config.robot.speed_mps, 0.0)
+        robot.step()
+    x, y, _ = robot.pose
+    for command in [0.0, *played("shake")]:
+        robot.set_velocity(0.0, command)
+        robot.step()
+    braking_m = config.robot.speed_mps**2 / (2 * config.robot.wheel_acceleration_mps2)
+    assert math.dist((x, y), robot.pose[:2]) < braking_m + 0.02

@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-import pytest
 import rclpy.node
 from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
@@ -230,18 +229,10 @@ class Session:
         return self.observer.get_clock().now().to_msg()
 
 
-def _made(make: Callable[[], T], alone: bool) -> T:
-    """Make the nodes; ``alone``: they meet no node of another context, whatever else runs in their domain."""
-    with pytest.MonkeyPatch.context() as patch:
-        if alone:
-            patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-        return make()
-
-
 @contextmanager
 def nodes(folder: Path, seed: int = 0, gives_time: bool = True) -> Iterator[Session]:
     """A session with the observer alone and, unless a simulated robot is to do so, a node that gives the time."""
-    game = _made(lambda: LockStep(seed), alone=True)
+    game = LockStep(seed)
     try:
         if gives_time:
             game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
@@ -274,7 +265,7 @@ def game(
     extra = fields.pop("extra", {})
     referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
     setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
-    whole = _made(lambda: LockStepGame(setup, seed), alone)
+    whole = LockStepGame(setup, seed, alone=alone)
     try:
         yield Session(whole, folder)
     finally:

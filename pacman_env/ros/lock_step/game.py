@@ -76,9 +76,9 @@ class LockStepGame(LockStep):
         return self.add(CLASSES[name], self.setup.command(name)[1:])
 
     def join(self, make: Callable[[], BaseNode]) -> Any:
-        """Add a node that is none of the game's, in its namespace; the node."""
+        """Add a node that is none of the game's, in its namespace, which no loss concerns; the node."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}", "-p", "use_sim_time:=true"]
-        return self.add(make, arguments).node
+        return self.add(make, arguments, loses=False).node
 
     def call(self, node: BaseNode, service: Service, limit_s: float = 10.0) -> Any:
         """The answer of a service, asked for by a node that has joined.

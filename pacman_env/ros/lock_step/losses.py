@@ -51,6 +51,8 @@ class Losses:
 
     def holds(self, delivery: Delivery, now_s: float) -> bool:
         """Whether a delivery does not come now; one that is reliable comes later."""
+        if not self._losses and not self._held:
+            return False
         behind = bool(self._held.get(delivery.entity)) and delivery.reliable
         if not behind and not self._lost(delivery):
             return False
@@ -88,5 +90,5 @@ class Losses:
 
 
 def _concerns(loss: _Loss, delivery: Delivery) -> bool:
-    names = {delivery.member.name, delivery.sender.name if delivery.sender is not None else ""}
-    return loss.name is None or loss.name in names
+    ends = [delivery.member, *([] if delivery.sender is None else [delivery.sender])]
+    return all(one.loses for one in ends) and (loss.name is None or loss.name in {one.name for one in ends})

@@ -93,6 +93,7 @@ class Member:
         number: in the order of all starts.
         make: makes the node, to start it again.
         arguments: of the node.
+        loses: losses concern what it sends and gets, too.
         ending: it says its last messages, or is gone.
         present: False once it was killed or has ended.
         frozen_s: since when it does not run, game's wall s; None: it runs.
@@ -105,6 +106,7 @@ class Member:
     arguments: list[str]
     node: BaseNode
     executor: NodeExecutor
+    loses: bool = True
     ending: bool = False
     present: bool = True
     frozen_s: float | None = None

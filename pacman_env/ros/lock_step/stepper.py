@@ -23,9 +23,13 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.time_source import TimeSource
 
+from ..discovery import undiscovered
 from ..node import LAST_MESSAGES_S, BaseNode
+from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
+from ..topics import CLOCK
 from .losses import Losses
 from .members import Delivery, Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
@@ -50,18 +54,21 @@ class LockStep:
         seed: of what nodes draw, and of losses.
         domain: ROS domain; None: that of the environment.
         silence_s: after so much real time in one callback, its node is named and the process ends.
-        alone: nodes of other processes take no part; else they can tell this process from others.
+        alone: the nodes meet those of no other process, whatever their domain; else they can be told from those.
     """
 
     def __init__(
         self, seed: int = 0, domain: int | None = None, silence_s: float = SILENCE_S, alone: bool = True
     ) -> None:
         self.context = Context()
-        rclpy.init(args=[], context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        arguments, signals = ["--ros-args", *QUIET], SignalHandlerOptions.NO
+        with undiscovered() if alone else contextlib.nullcontext():
+            rclpy.init(args=arguments, context=self.context, domain_id=domain, signal_handler_options=signals)
         self.wall = SimulatedWall(seed)
         self.losses = Losses(seed)
         self.members: list[Member] = []
         self.witnesses: list[Witness] = []  # see each delivery before it is handled
+        self._observed: defaultdict[str, list[tuple[Member, Callable[[Any], None]]]] = defaultdict(list)
         self.ended: Callable[[Member], None] = lambda member: None  # called after a node has ended by itself
         self._alone = alone
         self.step_ns = STEP_NS  # of the simulated robot, once there is one
@@ -77,12 +84,13 @@ class LockStep:
 
     # Members
 
-    def add(self, make: Callable[[], BaseNode], arguments: list[str]) -> Member:
+    def add(self, make: Callable[[], BaseNode], arguments: list[str], loses: bool = True) -> Member:
         """Make a node; what is latched reaches it before this returns.
 
         Args:
             make: called without arguments.
             arguments: of ROS, ``--ros-args ...``.
+            loses: losses concern it, too.
 
         Raises:
             Exception: what the making raises.
@@ -99,7 +107,7 @@ class LockStep:
                 if "send_response" not in vars(service):  # of the lifecycle, which rclpy makes by itself
                     self._watch(service)
         executor = NodeExecutor(self.context, self._entities_changed)
-        member = Member(node.get_name(), self._started, make, arguments, node, executor)
+        member = Member(node.get_name(), self._started, make, arguments, node, executor, loses)
         node.executor = executor
         self.step_ns = getattr(node, "step_ns", self.step_ns)
         self.members.append(member)
@@ -117,6 +125,16 @@ class LockStep:
         self._join(member, before)
         self.drain()
         return made
+
+    def observe_requests(self, node: BaseNode, service: str, callback: Callable[[Any], None]) -> None:
+        """Have a member get each request for a service, too, when it is made, whether or not it arrives.
+
+        Args:
+            node: of the member.
+            service: its absolute name.
+            callback: called with the request, among the member's messages.
+        """
+        self._observed[service].append((next(one for one in self.members if one.node is node), callback))
 
     def _join(self, member: Member, known: set[Subscription]) -> None:
         """Take what was published while the member was made, and what is latched for it, by the times of publication.
@@ -229,6 +247,7 @@ class LockStep:
         robot = self._robot()
         if robot is not None and robot.frozen_s is None:
             self._run(robot, robot.node.step)
+            self._take_actions(expired=True)
             self.drain()
         for member in self.members[:]:
             if member.frozen_s is None and member.present:
@@ -238,7 +257,8 @@ class LockStep:
         return next((one for one in self.members if hasattr(one.node, "step")), None)
 
     def _fire_timers(self, member: Member) -> None:
-        for timer in list(member.node.timers):
+        self._refresh()
+        for timer in self._index.timers[member]:
             with timer.handle:
                 due = timer.handle.is_timer_ready()
                 if due:
@@ -288,12 +308,15 @@ class LockStep:
         if self._turn is not None:
             self._refresh()
             for member, sub in self._index.by_publisher(publisher):
-                self._take(member, sub)
+                if (taken := _message(sub)) is not None:
+                    self._put(self._delivery(member, sub, taken))
 
     def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
-        answer = call(request)
         self._refresh()
         name = self._index.name_of(client)
+        for member, callback in self._observed.get(name, ()):
+            self._queue.append(Delivery(member, callback, name, request, partial(callback, request), self._turn))
+        answer = call(request)
         for member, service in self._index.services.get(name, ()):
             self._take(member, service)
         if _ACTION in name:
@@ -313,14 +336,14 @@ class LockStep:
         for taken in takes(entity):
             self._put(self._delivery(member, entity, taken))
 
-    def _take_actions(self) -> None:
+    def _take_actions(self, expired: bool = False) -> None:
         """What actions' clients and servers have sent, which rclpy does not say in Python."""
         for member, entity in self._index.of_actions:
             self._take(member, entity)
         for member, waitable in self._index.waitables:
             if isinstance(waitable, ActionServer) and waitable._goal_handles:
                 self._with_statuses.add(waitable)
-            while data := _data(waitable):
+            while data := _data(waitable, expired):
                 self._put(self._delivery(member, waitable, data))
 
     def take_all(self) -> None:
@@ -338,13 +361,11 @@ class LockStep:
     def _delivery(self, member: Member, entity: Any, taken: Any) -> Delivery:
         sender = self._turn
         if isinstance(entity, Subscription):
-            qos = entity.qos_profile
-            arguments = taken[:1] if entity._callback_type is Subscription.CallbackType.MessageOnly else taken
+            qos = self._index.qos[entity]
+            arguments = taken[:1] if qos.message_only else taken
             handle = partial(_call, member, entity.callback, *arguments)
-            reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
-            latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
             name = self._index.name_of(entity)
-            return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, reliable, latched)
+            return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, qos.reliable, qos.latched)
         if isinstance(entity, Service):
             return Delivery(
                 member, entity, self._index.name_of(entity), taken[0], partial(_serve, member, entity, *taken), sender
@@ -382,16 +403,22 @@ class LockStep:
                 continue
             for witness in self.witnesses:
                 witness(delivery)
-            self._run(member, delivery.handle)
+            if delivery.name == CLOCK.name and _sets_time(delivery.entity):  # and sends nothing
+                delivery.handle()
+            else:
+                self._run(member, delivery.handle)
         names = sorted({f"{one.member.name} ({one.name})" for one in self._queue})
         raise NodeFailed(f"no end to messages in one step, {MOST_DELIVERIES} so far; waiting: {', '.join(names)}")
 
     def _run(self, member: Member, handle: Callable[[], object]) -> None:
         before, self._turn = self._turn, member
         try:
-            with self._watchdog.during(member.name):
+            running = self._watchdog.begin(member.name)
+            try:
                 handle()
                 member.executor.run_tasks()
+            finally:
+                self._watchdog.end(running)
             if member in self._index.with_actions:
                 self._refresh()
                 self._take_actions()
@@ -433,6 +460,17 @@ def _complete(sub: Subscription, latched: list[_Published], came_ns: list[int]) 
     return all(any(one.begin_ns <= at_ns <= one.end_ns for at_ns in came_ns) for one in latched)
 
 
+class _Qos:
+    """What decides about a subscription's messages."""
+
+    def __init__(self, sub: Subscription) -> None:
+        profile = sub.qos_profile
+        self.depth = int(profile.depth)
+        self.reliable = profile.reliability != ReliabilityPolicy.BEST_EFFORT
+        self.latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self.message_only = sub._callback_type is Subscription.CallbackType.MessageOnly
+
+
 class _Index:
     """The entities of all members by the names of their topics and services."""
 
@@ -445,6 +483,8 @@ class _Index:
             (m, one) for m in members for one in m.node.waitables if isinstance(one, ActionServer | ActionClient)
         ]
         self.with_actions = {m for m, _ in self.waitables}
+        self.timers = {m: list(m.node.timers) for m in members}
+        self.qos = {sub: _Qos(sub) for _, sub in self.subscriptions}
         self._names: dict[Any, str] = {}
         self._by_topic: defaultdict[str, list[tuple[Member, Subscription]]] = defaultdict(list)
         for member, sub in self.subscriptions:
@@ -472,10 +512,15 @@ def _by_name(pairs: Iterator[tuple[Member, Any]]) -> dict[str, list[tuple[Member
     return dict(found)
 
 
-def _messages(sub: Subscription) -> Iterator[Any]:
+def _message(sub: Subscription) -> Any:
+    """A message and its times; None: there is none."""
     with sub.handle:
-        while (taken := sub.handle.take_message(sub.msg_type, sub.raw)) is not None:
-            yield taken
+        return sub.handle.take_message(sub.msg_type, sub.raw)
+
+
+def _messages(sub: Subscription) -> Iterator[Any]:
+    while (taken := _message(sub)) is not None:
+        yield taken
 
 
 def _requests(service: Service) -> Iterator[Any]:
@@ -501,20 +546,29 @@ _READY = {
 }
 
 
-def _data(waitable: ActionServer | ActionClient) -> dict[str, Any]:
-    """What has come for an action's end; empty: nothing."""
+def _data(waitable: ActionServer | ActionClient, expired: bool) -> dict[str, Any]:
+    """What has come for an action's end; empty: nothing.
+
+    Args:
+        waitable: the end.
+        expired: also what a server is to forget, of goals that ended 15 minutes ago.
+    """
+    if isinstance(waitable, ActionServer):
+        waitable._is_goal_expired = expired and bool(waitable._goal_handles)  # without goals rcl raises
     for flag in _READY[type(waitable)]:
         setattr(waitable, flag, True)
-    if isinstance(waitable, ActionServer):
-        waitable._is_goal_expired = bool(waitable._goal_handles)  # of 15 minutes ago; without goals rcl raises
     return {name: data for name, data in waitable.take_data().items() if data}
 
 
+def _sets_time(sub: Subscription) -> bool:
+    """Whether it is rclpy's own, which sets a node's clock."""
+    return isinstance(getattr(sub.callback, "__self__", None), TimeSource)
+
+
 def _call(member: Member, callback: Callable[..., Any], *arguments: Any) -> None:
-    if inspect.iscoroutinefunction(callback):
-        member.executor.create_task(callback, *arguments)
-    else:
-        callback(*arguments)
+    result = callback(*arguments)
+    if inspect.iscoroutine(result):
+        member.executor.create_task(result)
 
 
 def _serve(member: Member, service: Service, request: Any, header: Any) -> None:
@@ -551,15 +605,24 @@ class _Watchdog:
         self._end = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
+    def begin(self, name: str) -> tuple[str, float]:
+        """From now on the node of that name runs; what ran before, for :meth:`end`."""
+        before = self._name, self._since_s
+        self._name, self._since_s = name, time.monotonic()
+        return before
+
+    def end(self, before: tuple[str, float]) -> None:
+        """What ran before goes on."""
+        self._name, self._since_s = before
+
     @contextlib.contextmanager
     def during(self, name: str) -> Iterator[None]:
         """What runs in the block is the node of that name."""
-        before = self._name, self._since_s
-        self._name, self._since_s = name, time.monotonic()
+        before = self.begin(name)
         try:
             yield
         finally:
-            self._name, self._since_s = before
+            self.end(before)
 
     def close(self) -> None:
         self._end.set()

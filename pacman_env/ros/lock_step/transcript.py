@@ -14,7 +14,7 @@ from .stepper import LockStep
 
 
 class Transcript:
-    """Takes part as a witness of :class:`LockStep`, from its making on.
+    """Takes part as a witness of :class:`LockStep`, from its making until its end.
 
     Attributes:
         messages: how many were handled.
@@ -31,6 +31,10 @@ class Transcript:
         self._hash.update(f"{self._game.wall.now_ns} {delivery.member.name} {delivery.name} ".encode())
         for part in parts(delivery.content):
             self._hash.update(part)
+
+    def end(self) -> None:
+        """What comes now is not added any more."""
+        self._game.witnesses.remove(self._add)
 
     def hexdigest(self) -> str:
         """Of simulated times, receivers, topics and contents so far, 64 hexadecimal digits."""

@@ -73,7 +73,7 @@ class GameEventMapper(GameNode):
         turn = angular_velocity(self._motion, self.now_s() - self._since_s, self.config.show)
         if turn is None:
             self._stop()
-        else:
+        elif turn:  # the stand before a shake is the planner's: it has stopped the robot
             self._drive(turn)
 
     def _stop(self) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from pacman_env.game.dances import STAND_S
 from pacman_env.game.events import FEEDBACK
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
@@ -42,13 +43,13 @@ def test_every_event_is_answered_as_the_rule_says(nodes: Session) -> None:
 
 
 @pytest.mark.parametrize(
-    ("event", "speeds", "seconds"), [("start theatrical", {1.5}, 8.0), ("clyde killed", {1.5, -1.5}, 5.0)]
+    ("event", "speeds", "seconds"), [("start theatrical", {1.5}, 8.0), ("clyde killed", {1.5, -1.5}, 5.0 - STAND_S)]
 )
 def test_a_motion_ends_after_its_time_and_the_robot_stands(
     nodes: Session, event: str, speeds: set[float], seconds: float
 ) -> None:
     nodes.publish(topics.GAME_EVENT, event)
-    nodes.advance(seconds + 0.5)
+    nodes.advance(seconds + STAND_S + 0.5)
     nodes.publish(topics.GAME_EVENT, "pellet")  # what moves nothing
     assert nodes.values(topics.GAME_LIGHT)[-1] == "pellet"
     nodes.advance(0.5)
