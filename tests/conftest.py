@@ -15,8 +15,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 #: Files that take longest: begun first, so that none is left to run alone at the end.
 LONGEST = (
-    *("ros/test_whole_game.py", "ros/test_killed_nodes.py", "ros/supervisor/test_up.py"),
-    *("ros/original/test_mixed_graph.py", "ros/test_package.py", "ros/bags/test_recover.py"),
+    *("ros/operator_page/test_page_process.py", "ros/supervisor/test_up.py"),
+    *("ros/test_package.py", "ros/bags/test_recover.py"),
     *("ros/campaign/test_robot_rounds.py", "ros/campaign/test_campaign.py", "ros/simulated_robot/test_sim_robot.py"),
     *("test_other_python.py", "web/test_page.py", "test_package.py", "eval/benchmarks/test_web_load.py"),
     *("clients/test_scripts.py", "envs/test_promises.py", "eval/checks/test_memory.py", "web/test_page_accessible.py"),

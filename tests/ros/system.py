@@ -97,6 +97,11 @@ class System:
         log = self._log(name)
         return self._add(Process(name, Forked(module, words, os.environ, log), log))
 
+    def fork(self, name: str, module: str, *arguments: str) -> Process:
+        """Start the ``main()`` of any module, with what nodes need imported already."""
+        log = self._log(name)
+        return self._add(Process(name, Forked(module, arguments, os.environ, log), log))
+
     def run(self, name: str, command: list[str]) -> Process:
         """Start any command, at the checkout's root."""
         log = self._log(name)

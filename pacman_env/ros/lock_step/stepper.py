@@ -10,7 +10,6 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -41,6 +40,8 @@ MOST_DELIVERIES = 100_000  # in one step
 _JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
 _ACTION = "/_action/"
 Witness = Callable[[Delivery], None]
+_Span = tuple[int, int]  # begin and end of a publication, ns of the machine's clock
+_ANY: _Span = (0, 2**63)
 
 
 class NodeFailed(RuntimeError):
@@ -75,7 +76,7 @@ class LockStep:
         self._started = 0
         self._queue: deque[Delivery] = deque()
         self._turn: Member | None = None  # whose code runs
-        self._published: dict[Any, _Published] = {}  # by publisher
+        self._latched: dict[Any, deque[_Span]] = {}  # by publisher: of what the middleware keeps for those that come
         self._with_statuses: set[ActionServer] = set()  # rclpy publishes these in C
         self._index = _Index()
         self._changed = True
@@ -146,7 +147,7 @@ class LockStep:
         self._refresh()
         taken: list[tuple[int, Member, Subscription, Any]] = []
         came: defaultdict[Subscription, list[int]] = defaultdict(list)  # times of publication, ns
-        owed = {sub: self._latched_for(sub) for sub in member.node.subscriptions if sub not in known}
+        owed = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions if sub not in known}
         end = time.monotonic() + _JOIN_S
         while True:
             for other, sub in self._index.subscriptions:
@@ -165,20 +166,14 @@ class LockStep:
             if sub not in owed or at_ns in sorted(came[sub])[-sub.qos_profile.depth :]:
                 self._put(self._delivery(other, sub, message))
 
-    def _latched_for(self, sub: Subscription) -> list[_Published]:
-        """What members have published that the middleware keeps for a subscription that was made now."""
+    def _latched_for(self, member: Member, sub: Subscription) -> list[deque[_Span]]:
+        """What other members have published that the middleware keeps for a subscription that was made now."""
         if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return []
         name = sub.topic_name
-        publishers = (p for other in self.members for p in other.node.publishers)
-        statuses = [_Published(1, 1, 0, 2**63) for server in self._with_statuses if server.statuses_name == name]
-        return statuses + [
-            self._published[publisher]
-            for publisher in publishers
-            if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            and publisher.topic_name == name
-            and publisher in self._published
-        ]
+        publishers = (p for other in self.members if other is not member for p in other.node.publishers)
+        statuses = [deque([_ANY]) for server in self._with_statuses if server.statuses_name == name]
+        return statuses + [self._latched[one] for one in publishers if one in self._latched and one.topic_name == name]
 
     def member(self, name: str) -> Member | None:
         """The node of that name that is there; None: none is."""
@@ -203,7 +198,7 @@ class LockStep:
         self._queue = deque(one for one in self._queue if one.member is not member)
         self.losses.forget(member)
         for publisher in member.node.publishers:
-            self._published.pop(publisher, None)
+            self._latched.pop(publisher, None)
         member.executor.shutdown()
         for waitable in [one for one in member.node.waitables if isinstance(one, ActionServer | ActionClient)]:
             waitable.destroy()  # a node does not, and they would be there until Python collects them
@@ -302,9 +297,10 @@ class LockStep:
     def _publish(self, publisher: Publisher, publish: Callable[[Any], None], message: Any) -> None:
         begin_ns = time.time_ns()
         publish(message)
-        count = self._published[publisher].count + 1 if publisher in self._published else 1
-        kept = min(count, publisher.qos_profile.depth)
-        self._published[publisher] = _Published(count, kept, begin_ns, time.time_ns())
+        if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+            if publisher not in self._latched:
+                self._latched[publisher] = deque(maxlen=publisher.qos_profile.depth)
+            self._latched[publisher].append((begin_ns, time.time_ns()))
         if self._turn is not None:
             self._refresh()
             for member, sub in self._index.by_publisher(publisher):
@@ -442,22 +438,12 @@ class LockStep:
             self._with_statuses &= {waitable for _, waitable in self._index.waitables}
 
 
-@dataclass(frozen=True)
-class _Published:
-    """By one publisher."""
-
-    count: int  # messages
-    kept: int  # of them, for those that come later, where it is latched
-    begin_ns: int  # of the last publication, by the machine's clock
-    end_ns: int
-
-
-def _complete(sub: Subscription, latched: list[_Published], came_ns: list[int]) -> bool:
+def _complete(sub: Subscription, latched: list[deque[_Span]], came_ns: list[int]) -> bool:
     """Whether all that is latched for a subscription has come, by the times of publication of what has."""
-    if sum(one.kept for one in latched) <= sub.qos_profile.depth:
-        return len(came_ns) >= sum(one.kept for one in latched)
-    # It keeps fewer than there are: the middleware may drop the older ones. The newest of each publisher comes last.
-    return all(any(one.begin_ns <= at_ns <= one.end_ns for at_ns in came_ns) for one in latched)
+    spans = [span for one in latched for span in one]
+    if len(spans) > sub.qos_profile.depth:  # of older ones the middleware may drop some; the newest comes last
+        spans = [one[-1] for one in latched]
+    return all(any(begin_ns <= at_ns <= end_ns for at_ns in came_ns) for begin_ns, end_ns in spans)
 
 
 class _Qos:

@@ -17,7 +17,7 @@ def test_every_node_is_measured_and_keeps_to_the_memory_that_is_promised(
     domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "load.json"
-    words = ["--seconds", "4", "--domain-id", str(domain), "--json", str(out)]
+    words = ["--seconds", "2", "--domain-id", str(domain), "--json", str(out)]
     assert node_load.main(words) == 0
     figures = json.loads(out.read_text())
     nodes = figures["nodes"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import socket
-import sys
 import time
 import urllib.request
 from collections.abc import Callable
@@ -23,7 +22,7 @@ START_S = 240.0  # the first nodes may have to compile
 STILL_MPS, STILL_RADPS = 0.005, 0.02
 SETTINGS = ["clyde.speed_mps=0.02", "show.start_s=1", "show.death_s=1"]
 OWN: dict[str, dict[str, Any]] = {
-    SIMULATOR: {"map_yaml": MAP},
+    SIMULATOR: {"map_yaml": MAP, "speed": 3.0},
     "pellet_manager": {"map_yaml": MAP},
     "clyde_ghost_node": {"map_yaml": MAP},
     SELECTOR: {"map_yaml": MAP, "policy": "nearest", "home": "[0.0, 0.0, 0.0]", "diagnostics_rate": 5.0},
@@ -43,6 +42,7 @@ class Nodes:
     def __init__(self, probe: Probe, system: System) -> None:
         self.probe, self.system = probe, system
         self.processes: dict[str, Process] = {}
+        self.pages: list[Page] = []  # at most one, which tests pass on
         probe.record(topics.CMD_VEL, topics.ODOMETRY, topics.OPERATOR_STOP, topics.GAME_STATE, DIAGNOSTICS)
 
     def start(self, name: str) -> None:
@@ -63,7 +63,15 @@ class Nodes:
     def wait(self, condition: Callable[[], T], what: str, timeout_s: float = PATIENCE_S) -> T:
         return self.probe.wait_for(condition, timeout_s, what)
 
+    def page(self) -> Page:
+        """The page that an earlier test has left, or a new one."""
+        if not self.pages:
+            self.pages.append(Page(self))
+        return self.pages[0]
+
     def close(self) -> None:
+        for page in self.pages[:]:
+            page.kill()
         for name in list(self.processes):
             self.kill(name)
 
@@ -117,8 +125,8 @@ class Page:
     def __init__(self, nodes: Nodes) -> None:
         self.nodes = nodes
         self.port = free_port()
-        command = [sys.executable, "-m", "pacman_env.ros.operator_page", "--namespace", NAMESPACE.strip("/"), "--sim"]
-        self.process: Process = nodes.system.run("page", [*command, "--map", MAP, "--port", str(self.port)])
+        words = ["--namespace", NAMESPACE.strip("/"), "--sim", "--map", MAP, "--port", str(self.port)]
+        self.process: Process = nodes.system.fork("page", "pacman_env.ros.operator_page.__main__", *words)
         nodes.wait(self._there, "the page", START_S)
         from websockets.sync.client import connect
 
@@ -197,4 +205,5 @@ class Page:
         self.process.popen.kill()
         self.process.popen.wait()
         self.nodes.system.processes.remove(self.process)
+        self.nodes.pages.remove(self)
         self._open.close()

@@ -44,7 +44,7 @@ def nodes(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nod
 
 
 def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nodes) -> None:
-    page = Page(nodes)
+    page = nodes.page()
     page.wait(lambda: "no game is heard in /robot_15" in page.notice(), "what is missing")
     hello = next(one for one in page.told if one["kind"] == "hello")
     assert hello["source"] == "ros"
@@ -62,12 +62,11 @@ def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nod
         assert picture.read(8).startswith(b"\x89PNG")
     page.wait(lambda: page.ask("start")["ok"], "the start")
     page.wait(lambda: page.frame is not None and page.frame.score > 0, "a pellet")
-    page.kill()
 
 
 def test_the_readiness_list_is_the_doctors_with_the_nodes_that_obey_a_stop(nodes: Nodes) -> None:
     nodes.start_all_once()
-    page = Page(nodes)
+    page = nodes.page()
     wanted = ("domain", "base", "map", "pose", "Nav2", "game's nodes", "configuration", "STOP")
     rows: dict[str, dict[str, str]] = {}
 
@@ -81,14 +80,13 @@ def test_the_readiness_list_is_the_doctors_with_the_nodes_that_obey_a_stop(nodes
 
     page.wait(ready, "all to be well")
     assert "goal_selector" in rows["STOP"]["words"]
-    page.kill()
 
 
 def test_a_stop_by_websocket_and_its_page_killed_and_another_one_that_lets_go(
     nodes: Nodes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     nodes.start_all_once()
-    page = Page(nodes)
+    page = nodes.page()
     page.wait(lambda: page.frame is not None, "the game")
     said, stood = [], []
     for _ in range(STOPS):
@@ -115,17 +113,16 @@ def test_a_stop_by_websocket_and_its_page_killed_and_another_one_that_lets_go(
     nodes.pass_s(1.0)
     assert nodes.condition()["goals_sent"] == 0
     assert nodes.stands()
-    other = Page(nodes)
+    other = nodes.page()
     other.wait(lambda: other.frame is not None and other.frame.stopped, "the page to show the stop")
     assert not other.ask("start")["ok"]
     other.wait(lambda: other.ask("release")["ok"], "the release")
     other.wait(other.drives, "the round to go on")
-    other.kill()
 
 
 def test_a_page_killed_while_driving_by_hand_leaves_a_robot_that_stands(nodes: Nodes) -> None:
     nodes.start_all_once()
-    page = Page(nodes)
+    page = nodes.page()
     page.wait(lambda: page.frame is not None, "the game")
     page.wait(lambda: page.ask("reset")["ok"], "the reset")
     page.wait(lambda: page.frame is not None and page.frame.state == "menu" and nodes.stands(), "the menu")
@@ -157,7 +154,7 @@ def test_a_page_killed_while_driving_by_hand_leaves_a_robot_that_stands(nodes: N
 @pytest.fixture
 def page(nodes: Nodes) -> Page:
     nodes.start_all_once()
-    return Page(nodes)
+    return nodes.page()
 
 
 @pytest.fixture
@@ -212,7 +209,6 @@ def test_a_start_and_stops_by_clicks(
     visitor.press("reset")
     visitor.wait("state.frame.state === 'menu'")
     visitor.check()
-    page.kill()
 
 
 def test_by_arrow_keys_until_the_page_is_killed(nodes: Nodes, page: Page, visitor: Visitor) -> None:

@@ -1,0 +1,102 @@
+"""Nodes that join a lock-step game get what is latched, all of it and once; nodes that are gone leave nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("nav2_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode
+from tests.ros import session
+
+WORDS = [f"word {k}" for k in range(5)]
+
+
+class Talker(BaseNode):
+    """Publishes its name on a latched topic while it is made, and keeps what it gets there."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.words: list[str] = []
+        publisher = topics.OPERATOR_STOP.publisher(self)
+        self.listen(topics.OPERATOR_STOP, lambda message: self.words.append(message.data), "bad word")
+        publisher.publish(topics.OPERATOR_STOP.type(data=name))
+
+
+class Speaker(BaseNode):
+    """Publishes several words on a topic that keeps all of them."""
+
+    def __init__(self) -> None:
+        super().__init__("speaker")
+        publisher = topics.GAME_COMMAND.publisher(self)
+        for word in WORDS:
+            publisher.publish(topics.GAME_COMMAND.type(data=word))
+
+
+class Listener(BaseNode):
+    """Keeps what it gets on that topic, in order.
+
+    Args:
+        depth: of the subscription.
+    """
+
+    def __init__(self, depth: int) -> None:
+        super().__init__(f"listener_{depth}")
+        self.words: list[str] = []
+        qos = topics.LATCHED if depth == 1 else topics.COMMANDS
+        topic = topics.GAME_COMMAND
+        self.create_subscription(topic.type, topic.name, lambda message: self.words.append(message.data), qos)
+
+
+class Server(BaseNode):
+    """Has an action server."""
+
+    def __init__(self) -> None:
+        super().__init__("server")
+        self.action = topics.NAVIGATE_TO_POSE.server(self, self._end)
+
+    def _end(self, goal: Any) -> Any:
+        goal.succeed()
+        return topics.NAVIGATE_TO_POSE.type.Result()
+
+
+def test_a_node_that_publishes_while_it_is_made_gets_what_the_others_have_latched(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path) as nodes:
+        names = [f"talker_{k}" for k in range(8)]
+        for name in names:
+            nodes.start(name, lambda name=name: Talker(name))
+        for name in names:
+            assert nodes.node(name).words == names  # in the order of publication
+
+
+@pytest.mark.parametrize("depth", [1, 32])
+def test_a_subscription_gets_as_much_of_what_is_latched_as_it_keeps(domain: int, tmp_path: Path, depth: int) -> None:
+    with session.nodes(tmp_path) as nodes:
+        nodes.start("speaker", Speaker)
+        for _ in range(5):
+            nodes.start("listener", lambda: Listener(depth))
+            assert nodes.node(f"listener_{depth}").words == WORDS[-depth:]
+            nodes.kill(f"listener_{depth}")
+
+
+def test_an_action_of_a_node_that_is_gone_is_gone(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path) as nodes:
+        nodes.start("server", Server)
+        client = topics.NAVIGATE_TO_POSE.client(nodes.observer)
+        assert client.server_is_ready()
+        nodes.kill("server")
+        assert not client.server_is_ready()
+        client.destroy()
+
+
+def test_errors_that_nodes_log_are_known(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path) as nodes:
+        nodes.start("speaker", Speaker)
+        nodes.node("speaker").get_logger().warning("a warning")
+        nodes.node("speaker").get_logger().error("an error")
+        assert nodes.errors() == ["robot_15.speaker: an error"]
