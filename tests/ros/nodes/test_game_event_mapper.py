@@ -81,7 +81,7 @@ def test_a_motion_ends_when_the_planner_takes_over(nodes: Session) -> None:
         nodes.forget()
         nodes.publish(topics.GAME_COMMAND, "disable")
         nodes.publish(topics.GAME_EVENT, event)
-        nodes.advance(0.5)
+        nodes.advance(STAND_S + 0.5)
         assert len(turns(nodes)) > 5
         assert 0.0 not in turns(nodes)
         nodes.publish(topics.GAME_COMMAND, command)
@@ -115,8 +115,8 @@ def test_no_show_begins_while_the_planner_drives(nodes: Session) -> None:
 
 def test_the_robot_stands_after_the_nodes_end_fault_13(nodes: Session) -> None:
     nodes.publish(topics.GAME_EVENT, "death")
-    nodes.advance(0.5)
-    assert all(turns(nodes))
+    nodes.advance(STAND_S + 0.5)
+    assert set(turns(nodes)) == {1.5, -1.5}
     nodes.stop(NAME)
     assert turns(nodes)[-1] == 0.0
 
@@ -136,5 +136,5 @@ def test_an_operators_stop_ends_a_motion_and_lets_none_begin(nodes: Session) -> 
     assert len(turns(nodes)) == count
     nodes.publish(topics.OPERATOR_STOP, word(False, 2))
     nodes.publish(topics.GAME_EVENT, "death")
-    nodes.advance(0.5)
+    nodes.advance(STAND_S + 0.5)
     assert len(turns(nodes)) > count + 5

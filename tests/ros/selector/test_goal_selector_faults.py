@@ -126,18 +126,16 @@ def test_fault_13_at_its_end_the_node_stops_the_robot_and_cancels_its_goal(game:
     game.begin()
     goal = game.running_goal(1) if answer == "accept" else game.goal(1)
     assert game.stops() == 0
-    answered_s: list[float] = []
-
-    def let_in() -> None:
-        answered_s.append(game.session.now_s)
-        game.nav2.let_in()
-
-    game.nav2.create_timer(0.5, let_in)
+    game.nav2.create_timer(0.5, game.nav2.let_in)
     began_s = game.session.now_s
     game.session.stop(SELECTOR)
     assert goal.cancelled
-    assert game.stops() >= 2, "at once, and when Nav2 drives no more"
-    assert game.session.now_s - began_s == pytest.approx(0.0 if answer == "accept" else 0.5, abs=0.051)
+    waited_s = game.session.now_s - began_s
+    assert waited_s == pytest.approx(0.0 if answer == "accept" else 0.5, abs=0.051)
+    stops = game.session.on(topics.CMD_VEL)
+    assert stops[0].at == pytest.approx(began_s), "at once"
+    assert stops[-1].at == pytest.approx(began_s + waited_s, abs=0.051), "and when Nav2 drives no more"
+    assert len(stops) == game.stops() >= 3
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)

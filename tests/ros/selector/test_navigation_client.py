@@ -81,7 +81,7 @@ def test_a_goal_whose_result_was_lost_ends_as_its_status_says(nodes: Session, mo
 
 
 def test_a_goal_that_a_server_started_anew_does_not_know_has_ended(nodes: Session) -> None:
-    start_nav2(nodes)
+    first = start_nav2(nodes)
     asker, do = start_asker(nodes)
     do("send", 1, PLACE)
     for _ in range(3):
@@ -89,6 +89,7 @@ def test_a_goal_that_a_server_started_anew_does_not_know_has_ended(nodes: Sessio
         do("end_without_results")
     assert asker.words == [("accepted", 1)]  # this one knows it
     nodes.kill(scripted_nav2.NAME)
+    assert not asker.client.ready, f"{first} is gone, however many refer to it"
     start_nav2(nodes)
     do("end_without_results")
     assert len(asker.words) == 1, "it has just been asked"

@@ -61,15 +61,26 @@ def test_an_earlier_word_changes_nothing_and_of_two_at_once_the_stop_counts(game
     assert game.condition()["stopped"]
 
 
-def test_a_goal_of_another_node_is_cancelled_while_stopped(game: Game) -> None:
+@pytest.mark.parametrize("when", ["before the stop", "after it"])
+def test_a_goal_of_another_node_is_cancelled_while_stopped(game: Game, when: str) -> None:
+    client = topics.NAVIGATE_TO_POSE.client(game.session.observer)  # RViz's, say
+
+    def send() -> None:
+        game.session.within(lambda: client.send_goal_async(topics.NAVIGATE_TO_POSE.type.Goal()))
+
     game.start()
     game.begin()
     game.running_goal(1)
+    game.session.advance(5.0)
+    if when == "before the stop":
+        send()
+        assert game.nav2.goals[1].running
     game.say(topics.OPERATOR_STOP, "stop")  # as a person types it
-    game.condition(lambda c: c["stopped"])
-    client = topics.NAVIGATE_TO_POSE.client(game.session.observer)  # RViz's, say
-    game.session.within(lambda: client.send_goal_async(topics.NAVIGATE_TO_POSE.type.Goal()))
-    assert game.goal(2).ended
+    if when == "after it":
+        game.condition(lambda c: c["stopped"])
+        send()
+    assert len(game.nav2.goals) == 2
+    assert not game.nav2.running()
 
 
 def test_the_way_home_waits_for_the_release_and_does_not_fail(game: Game) -> None:
