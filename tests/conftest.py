@@ -17,7 +17,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONGEST = (
     *("ros/test_whole_game.py", "test_package.py", "ros/test_killed_nodes.py", "ros/supervisor/test_up.py"),
     *("ros/original/test_mixed_graph.py", "ros/test_package.py", "ros/bags/test_recover.py"),
-    *("test_other_python.py", "ros/campaign/test_robot_rounds.py", "ros/campaign/test_campaign.py"),
+    *("test_other_python.py", "ros/campaign/test_campaign.py"),
     *("train/test_adversary.py", "envs/test_promises.py", "ros/simulated_robot/test_sim_robot.py"),
 )
 

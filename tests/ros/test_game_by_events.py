@@ -9,20 +9,17 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from eval.campaign.recorded_game import RecordedGame
 from eval.campaign.robot_rounds import ONE_ROUND, play_round
 from eval.campaign.schedule import part_of_map
-from eval.campaign.system import System
 from pacman_env.config import make_config
 
 
-def test_a_round_is_completed_with_fewer_decisions_than_ticks(domain: int, tmp_path: Path) -> None:
+def test_a_round_is_completed_with_fewer_decisions_than_ticks(tmp_path: Path) -> None:
     ground = str(part_of_map("house", 3.0).save(tmp_path / "ground.yaml"))
-    (tmp_path / "logs").mkdir()
-    with System(ground, 3, 5.0, tmp_path / "logs", (*ONE_ROUND, "decisions.when=event")) as system:
-        played = play_round(system, "clyde_aware", 0.1, 600.0)
-        condition = system.recorder.condition
-        assert system.troubles() == []
-    assert system.said == []
+    with RecordedGame(ground, 3, tmp_path, (*ONE_ROUND, "decisions.when=event")) as game:
+        played = play_round(game, "clyde_aware", 0.1, 600.0)
+        condition = game.recorder.condition
     assert played.end == "complete"
     assert played.collected > 2
     ticks = played.time_s / make_config().execution.tick_s
