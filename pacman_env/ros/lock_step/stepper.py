@@ -201,7 +201,7 @@ class LockStep:
             self._latched.pop(publisher, None)
         member.executor.shutdown()
         for waitable in [one for one in member.node.waitables if isinstance(one, ActionServer | ActionClient)]:
-            waitable.destroy()  # a node does not, and they would be there until Python collects them
+            waitable.destroy()  # else the middleware keeps the node, and at its end forgets its successor's name
         member.node.destroy_node()
         self._changed = True
 

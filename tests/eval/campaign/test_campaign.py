@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 
-from eval.campaign.__main__ import main, table
-from eval.campaign.games import Verdict, waits
-from eval.campaign.schedule import schedule
+from eval.campaign.__main__ import main
+from eval.campaign.results import Verdict, blocks, table
+from eval.campaign.verdict import waits
 
 
 def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> None:
@@ -38,13 +36,12 @@ def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> No
 def test_a_planner_that_holds_waits_for_a_clyde_who_stands_and_for_no_other(
     state: str, pursued: int, clyde_speed_mps: float, waiting: bool
 ) -> None:
-    plan = dataclasses.replace(schedule(0), clyde_speed_mps=clyde_speed_mps)
-    assert waits(state, {"pursued": pursued}, plan) == waiting
-    assert not waits(state, {}, plan)
+    assert waits(state, {"pursued": pursued}, clyde_speed_mps) == waiting
+    assert not waits(state, {}, clyde_speed_mps)
 
 
 def test_a_row_names_seed_outcome_and_faults() -> None:
-    line = Verdict(7, "loop, 3 m", "random", ["abort", "start"], "lost", 99.0, 10.0).line()
+    line = Verdict(7, "loop, 3 m", "random", ["abort", "start"], "lost", 99.0, transcript="0123456789ab").line()
     assert line.split() == [
         "7",
         "loop,",
@@ -53,15 +50,18 @@ def test_a_row_names_seed_outcome_and_faults() -> None:
         "random",
         "lost",
         "99",
-        "10",
-        "0.00",
+        "01234567",
         "abort;",
         "1",
         "interferences",
     ]
 
 
-@pytest.mark.parametrize("arguments", [["--games", "0"], ["--only", "x"], ["--speed", "11"], ["--domain", "102"]])
+def test_the_same_nodes_play_the_seeds_of_ten() -> None:
+    assert list(blocks([19, 3, 10, 7, 30])) == [[3, 7], [10, 19], [30]]
+
+
+@pytest.mark.parametrize("arguments", [["--games", "0"], ["--only", "x"], ["--jobs", "0"], ["--speed", "10"]])
 def test_bad_arguments_are_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as exit_info:
         main(arguments)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -15,23 +15,38 @@ from unique_identifier_msgs.msg import UUID
 from eval.campaign.recorder import Recorder
 from pacman_env.ros import topics
 from pacman_env.ros.simulated_robot.sim_robot import FAULTS_NOW
-
-if TYPE_CHECKING:
-    from tests.ros.system import Probe
+from tests.ros import session
 
 
-def test_the_goals_of_a_server_that_goes_are_over(probe: Probe) -> None:
-    recorder = Recorder(probe.system.namespace)
-    try:
+def test_the_goals_of_a_server_that_goes_are_over(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path) as nodes:
+        recorder = nodes.start("recorder", Recorder).node
+        assert isinstance(recorder, Recorder)
         info = GoalInfo(goal_id=UUID(uuid=[7] * 16))
         running = GoalStatusArray(status_list=[GoalStatus(goal_info=info, status=GoalStatus.STATUS_EXECUTING)])
         assert recorder.resting
-        probe.publish(topics.NAVIGATE_TO_POSE.statuses, running)
-        assert recorder.wait_for(lambda: not recorder.resting, 15.0)
-        probe.publish(FAULTS_NOW, json.dumps(["reject"]))
-        assert recorder.wait_for(lambda: recorder.faults == ["reject"], 15.0)
+        nodes.publish(topics.NAVIGATE_TO_POSE.statuses, running)
         assert not recorder.resting
-        probe.publish(FAULTS_NOW, json.dumps(["nav2_away", "reject"]))
-        assert recorder.wait_for(lambda: recorder.resting, 15.0)
-    finally:
-        recorder.close()
+        nodes.publish(FAULTS_NOW, json.dumps(["reject"]))
+        assert recorder.faults == ["reject"]
+        assert not recorder.resting
+        nodes.publish(FAULTS_NOW, json.dumps(["nav2_away", "reject"]))
+        assert recorder.resting
+
+
+def test_instants_are_in_the_order_of_publication_within_a_step_of_time(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path) as nodes:
+        recorder = nodes.start("recorder", Recorder).node
+        assert isinstance(recorder, Recorder)
+        for word, topic in (
+            ("running", topics.GAME_STATE),
+            ("pellet", topics.GAME_EVENT),
+            ("dying", topics.GAME_STATE),
+        ):
+            nodes.publish(topic, word)
+        nodes.advance(0.05)
+        nodes.publish(topics.GAME_EVENT, "death")
+        first = recorder.records[0].at
+        assert [(r.at - first, r.value) for r in recorder.records] == [
+            *((0, "running"), (1, "pellet"), (2, "dying"), (50_000_000, "death")),
+        ]

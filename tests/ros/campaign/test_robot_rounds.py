@@ -14,9 +14,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from eval.campaign import robot_rounds
+from eval.campaign.recorded_game import RecordedGame
 from eval.campaign.robot_rounds import ONE_ROUND, main, play_round
 from eval.campaign.schedule import part_of_map
-from eval.campaign.system import System
+from eval.campaign.workers import errors, logged
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of
 from tests.plugin_example import install
@@ -33,22 +35,21 @@ def play(ground: str, folder: Path, ghosts: str, policy: str, preset: str = "rob
     count = len(ghosts.split(","))
     settings = (*ONE_ROUND, f"clyde.ghosts={ghosts}")
     folder.mkdir()
-    with System(ground, 3, 5.0, folder, settings, preset) as system:
-        recorder = system.recorder
+    with logged(folder / "nodes.log"), RecordedGame(ground, 3, folder, settings, preset) as game:
+        recorder = game.recorder
         places: list[list[tuple[float, float]]] = [[] for _ in range(count)]
 
-        def hear(k: int, message: Any) -> None:
+        def take(k: int, message: Any) -> None:
             if recorder.state == "running":
                 places[k].append(pose_of(message)[:2])
 
         for k, topic in enumerate(topics.GHOST_POSES[:count]):
-            topic.subscription(recorder.node, partial(hear, k))
-        played = play_round(system, policy, 0.3, 600.0)
+            game.subscribe(recorder, partial(topic.subscription, recorder, partial(take, k)))
+        played = play_round(game, policy, 0.3, 600.0)
         events = [r.value for r in recorder.records if r.topic == topics.GAME_EVENT.name]
         statuses = [r.value for r in recorder.records if r.topic == topics.GAME_STATUS.name]
-        assert system.troubles() == []
-    assert system.said == []
-    assert played.end in ("complete", "dead")  # which of them is a matter of time
+    assert errors((folder / "nodes.log").read_text()) == []
+    assert played.end in ("complete", "dead")
     assert played.collected == sum(status.startswith("pellet_collected") for status in statuses)
     killers = {f"{name} killed" for name in topics.GHOSTS[:count]}
     assert len(killers & set(events)) == (played.end == "dead")
@@ -57,12 +58,12 @@ def play(ground: str, folder: Path, ghosts: str, policy: str, preset: str = "rob
         assert max(steps) > 0.01
 
 
-def test_a_round_against_three_ghosts_of_the_table(domain: int, ground: str, tmp_path: Path) -> None:
+def test_a_round_against_three_ghosts_of_the_table(ground: str, tmp_path: Path) -> None:
     play(ground, tmp_path / "logs", "arcade,chase,wander", "clyde_aware")
 
 
 def test_a_round_against_a_learned_ghost_and_one_of_a_plug_in_by_its_preset_and_policy(
-    domain: int, ground: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ground: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("onnxruntime")
@@ -74,15 +75,23 @@ def test_a_round_against_a_learned_ghost_and_one_of_a_plug_in_by_its_preset_and_
     play(ground, tmp_path / "logs", f"{random_planner(tmp_path)},ambush", "shy", preset="sleepy")
 
 
-def test_the_command_sets_both_sides_beside_one_another(domain: int, ground: str, tmp_path: Path) -> None:
-    out = tmp_path / "rounds.json"
-    scale = ["--rounds", "1", "--episodes", "20"]
-    status = main(["--map", ground, "--policies", "clyde_aware", "--clyde-speed", "0.25", *scale, "--json", str(out)])
-    assert status == 0
-    found = json.loads(out.read_text())
+def test_the_command_sets_both_sides_beside_one_another_and_plays_the_same_rounds_in_any_number_of_jobs(
+    ground: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot_rounds, "ROUNDS_TOGETHER", 1)
+
+    def figures(jobs: int) -> Any:
+        out = tmp_path / f"{jobs}.json"
+        scale = ["--rounds", "2", "--episodes", "20", "--jobs", str(jobs), "--json", str(out)]
+        assert main(["--map", ground, "--policies", "clyde_aware", "--clyde-speed", "0.25", *scale]) == 0
+        return json.loads(out.read_text())
+
+    found = figures(1)
+    assert figures(2) == found
     (row,) = found["rows"]
-    assert row["robot_rounds"] + row["robot_not_started"] == len(found["rounds"]) == 1
+    assert row["robot_rounds"] + row["robot_not_started"] == len(found["rounds"]) == 2
+    assert found["rounds"][0] != found["rounds"][1]
     ends = [one["end"] for one in found["rounds"]]
-    assert row["robot_complete"] == ends.count("complete")
+    assert row["robot_complete"] == ends.count("complete") / 2
     assert row["inside"] == (row["simulator_interval"][0] <= row["robot_complete"] <= row["simulator_interval"][1])
     assert all(one["collected"] > 0 for one in found["rounds"] if one["end"] == "complete")

@@ -1,0 +1,108 @@
+"""What a fault in lock-step leaves behind, and whom it concerns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.context import Context
+
+pytest.importorskip("irobot_create_msgs")
+
+from pacman_env.ros import topics
+from pacman_env.ros.lock_step.stepper import LockStep
+from tests.ros import session
+from tests.ros.session import Observer
+
+
+def test_a_robot_that_is_killed_while_it_drives_leaves_the_middleware_and_comes_back_as_one_node(
+    domain: int, tmp_path: Path
+) -> None:
+    with session.game(tmp_path, settings=("show.start_s=1.0",)) as game:
+        game.record(topics.GAME_STATE)
+        assert game.call(topics.START_GAME).success
+        game.wait_for(lambda: "running" in game.values(topics.GAME_STATE))
+        game.advance(2.0)
+        for _ in range(2):
+            game.game.kill("sim_robot")
+            assert "sim_robot" not in game.observer.get_node_names()
+            game.advance(10.0)  # it looks for others with its name meanwhile
+            assert game.observer.get_node_names().count("sim_robot") == 1
+
+
+def test_a_node_that_has_joined_loses_nothing_and_one_of_the_game_does(domain: int, tmp_path: Path) -> None:
+    with session.game(tmp_path) as game:
+        beside = game.game.join(Observer)
+        counts = {"joined": 0, "robot's": 0}
+
+        def count(name: str) -> None:
+            counts[name] += 1
+
+        game.game.subscribe(beside, lambda: topics.ODOMETRY.subscription(beside, lambda _: count("joined")))
+        game.game.subscribe(
+            game.observer, lambda: topics.ODOMETRY.subscription(game.observer, lambda _: count("robot's"))
+        )
+        game.game.losses.begin("sim_robot", 50.0, game.now_s)
+        game.advance(20.0)
+        assert counts["joined"] == 400
+        assert 150 < counts["robot's"] < 250
+
+
+def test_a_request_is_overheard_in_the_order_of_all_messages_even_if_no_server_gets_it(
+    domain: int, tmp_path: Path
+) -> None:
+    with session.nodes(tmp_path) as nodes:
+        heard: list[str] = []
+        game, observer = nodes.game, nodes.observer
+        topics.GAME_EVENT.subscription(observer, lambda message: heard.append(message.data))
+        game.overhear(observer, f"{session.NAMESPACE}/game/start", lambda request: heard.append("start"))
+        client = topics.START_GAME.client(observer)
+        event = topics.GAME_EVENT.publisher(observer)
+
+        def do() -> None:
+            event.publish(topics.GAME_EVENT.type(data="before"))
+            client.call_async(topics.START_GAME.type.Request())
+            event.publish(topics.GAME_EVENT.type(data="after"))
+
+        game.within(observer, do)
+        assert heard == ["before", "start", "after"]
+
+
+def test_latched_messages_of_several_nodes_that_are_more_than_a_reader_keeps_keep_no_new_node_waiting(
+    domain: int, tmp_path: Path
+) -> None:
+    with session.nodes(tmp_path) as nodes:
+        other = nodes.start("other", Observer).node
+        depth = topics.GAME_COMMAND.qos.depth
+        for node in (nodes.observer, other):
+            publisher = topics.GAME_COMMAND.publisher(node)
+            for k in range(depth):
+                nodes.game.within(node, lambda publisher=publisher, k=k: publisher.publish(_command(k)))
+        late = nodes.start("late", Observer).node
+        taken: list[str] = []
+        nodes.game.subscribe(late, lambda: topics.GAME_COMMAND.subscription(late, lambda m: taken.append(m.data)))
+        assert len(taken) == depth
+
+
+def _command(k: int) -> object:
+    return topics.GAME_COMMAND.type(data=str(k))
+
+
+def test_nodes_that_are_alone_meet_those_of_no_other_process_and_of_no_other_context(domain: int) -> None:
+    game = LockStep(alone=True)
+    context = Context()
+    try:
+        game.add(Observer, ["--ros-args", "-r", "__ns:=/alone"])
+        rclpy.init(context=context)
+        other = rclpy.create_node("other", context=context)
+        third = rclpy.create_node("third", context=context)
+        member = game.member("observer")
+        assert member is not None
+        assert member.node.get_node_names() == ["observer"]
+        assert sorted(other.get_node_names()) == ["other", "third"]
+        for node in (other, third):
+            node.destroy_node()
+    finally:
+        game.close()
+        context.try_shutdown()
