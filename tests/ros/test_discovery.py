@@ -161,4 +161,4 @@ def test_a_simulated_robot_and_its_game_are_not_seen_on_the_network(domain: int,
             for run in started:
                 run.terminate()
             for run in started:
-                run.wait(30)
+                run.wait(START_S)
