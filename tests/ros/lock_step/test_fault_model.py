@@ -49,14 +49,14 @@ def test_a_node_that_has_joined_loses_nothing_and_one_of_the_game_does(domain: i
         assert 150 < counts["robot's"] < 250
 
 
-def test_a_request_is_overheard_in_the_order_of_all_messages_even_if_no_server_gets_it(
+def test_a_request_is_observed_in_the_order_of_all_messages_even_if_no_server_gets_it(
     domain: int, tmp_path: Path
 ) -> None:
     with session.nodes(tmp_path) as nodes:
         heard: list[str] = []
         game, observer = nodes.game, nodes.observer
         topics.GAME_EVENT.subscription(observer, lambda message: heard.append(message.data))
-        game.overhear(observer, f"{session.NAMESPACE}/game/start", lambda request: heard.append("start"))
+        game.observe_requests(observer, f"{session.NAMESPACE}/game/start", lambda request: heard.append("start"))
         client = topics.START_GAME.client(observer)
         event = topics.GAME_EVENT.publisher(observer)
 
