@@ -38,7 +38,11 @@ def test_instants_are_in_the_order_of_publication_within_a_step_of_time(domain: 
     with session.nodes(tmp_path) as nodes:
         recorder = nodes.start("recorder", Recorder).node
         assert isinstance(recorder, Recorder)
-        for word, topic in (("running", topics.GAME_STATE), ("pellet", topics.GAME_EVENT), ("dying", topics.GAME_STATE)):
+        for word, topic in (
+            ("running", topics.GAME_STATE),
+            ("pellet", topics.GAME_EVENT),
+            ("dying", topics.GAME_STATE),
+        ):
             nodes.publish(topic, word)
         nodes.advance(0.05)
         nodes.publish(topics.GAME_EVENT, "death")

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from pacman_env.game.events import FEEDBACK
 from pacman_env.game.dances import STAND_S
+from pacman_env.game.events import FEEDBACK
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from tests.ros.clock import SimulatedClock
