@@ -119,13 +119,17 @@ class Played:
         recorder = self._recorder
         for asked in range(round(BACK_S / AGAIN_S)):
             answer = self._game.do(recorder.start)
-            self._wait(lambda answer=answer: answer.done() or recorder.left_menu(self.evidence.started), AGAIN_S)
+            self._wait(partial(self._begun, answer), AGAIN_S)
             if answer.done() and not (answer.result().success or asked):
                 return [f"game/start was refused in the menu: {answer.result().message}"]
-            if answer.done() or recorder.left_menu(self.evidence.started):
+            if self._begun(answer):
                 self._wait(lambda: recorder.left_menu(self.evidence.started), ANSWER_S)
                 return []
         return ["game/start was never answered"]
+
+    def _begun(self, answer: Any) -> bool:
+        """Whether there is an answer, or it was lost and the game has begun."""
+        return bool(answer.done()) or self._recorder.left_menu(self.evidence.started)
 
     def _all_back(self) -> list[str]:
         """Wait for every node that is away."""

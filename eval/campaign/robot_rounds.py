@@ -2,8 +2,8 @@
 
 The nodes that ``pacman-env ros up --sim`` starts play over the simulated robot in lock-step
 (``pacman_env.ros.lock_step``): games of one round each, from the menu over home back to the menu, as fast as the
-machine can. The same seed gives the same rounds, however many jobs there are. The simulator plays rounds of its own: the
-two share the rules and the configuration, not what is drawn, so shares are compared, not rounds. Needs ROS.
+machine can. The same seed gives the same rounds, however many jobs there are. The simulator plays rounds of its own:
+the two share the rules and the configuration, not what is drawn, so shares are compared, not rounds. Needs ROS.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.episodes.statistics import wilson
+from pacman_env.episodes.statistics import difference, wilson
 from pacman_env.files import prepare, write_json
 from pacman_env.game.execution import COMPLETE
 from pacman_env.ros import topics
@@ -169,22 +169,25 @@ def row(robot: Sequence[RobotRound], config: Config, source: str, policy: str, s
         "simulator_collected": float(episode["collected"].mean()),
         "simulator_round_s": float(np.median(episode["time_s"][complete])) if complete.any() else math.nan,
         "inside": least <= share <= most,
+        "difference": difference(len(won), len(begun), int(complete.sum()), episodes) if begun else (0.0, (-1.0, 1.0)),
     }
 
 
 def table(rows: Sequence[dict]) -> list[str]:
     """The rows as lines of Markdown."""
-    lines = ["| policy | Clyde m/s | robot % | simulator % | inside | pellets | a completed round, s |"]
-    lines.append("|---|---|---|---|---|---|---|")
+    head = "policy", "Clyde m/s", "robot %", "simulator %", "inside", "difference", "pellets", "a completed round, s"
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for r in rows:
 
         def share(side: str, r: dict = r) -> str:
             least, most = r[f"{side}_interval"]
             return f"{100 * r[f'{side}_complete']:.1f} [{100 * least:.1f}, {100 * most:.1f}] of {r[f'{side}_rounds']}"
 
+        by, (least, most) = r["difference"]
         lines.append(
             f"| `{r['policy']}` | {r['clyde_speed_mps']:g} | {share('robot')} | {share('simulator')} |"
-            f" {'yes' if r['inside'] else 'no'} | {r['robot_collected']:.1f}, {r['simulator_collected']:.1f} |"
+            f" {'yes' if r['inside'] else 'no'} | {100 * by:+.1f} [{100 * least:+.1f}, {100 * most:+.1f}] |"
+            f" {r['robot_collected']:.1f}, {r['simulator_collected']:.1f} |"
             f" {r['robot_round_s']:.0f}, {r['simulator_round_s']:.0f} |"
         )
     return lines

@@ -43,8 +43,11 @@ MODULES = {
     "houses": ("eval.checks.generated_levels", "whether generated houses can be played, judged independently"),
     "fuzz": ("eval.checks.fuzz", "random actions under random configurations"),
     "memory": ("eval.checks.memory", "whether long runs keep their memory, and threads change nothing"),
-    "campaign": ("eval.campaign.__main__", "random games of the nodes, with faults (ROS)"),
-    "robot-rounds": ("eval.campaign.robot_rounds", "rounds of the nodes beside rounds of the simulator (ROS)"),
+    "campaign": ("eval.campaign.__main__", "random games of the nodes in lock-step, with faults (ROS)"),
+    "robot-rounds": (
+        "eval.campaign.robot_rounds",
+        "rounds of the nodes in lock-step beside the simulator's (ROS)",
+    ),
     "train": ("train.ppo", "train a planner"),
     "tune": ("train.tune", "search for hyperparameters"),
     "adversary": ("train.adversary", "train a planner and a Clyde against each other"),

@@ -19,6 +19,7 @@ from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -242,7 +243,7 @@ class LockStep:
         robot = self._robot()
         if robot is not None and robot.frozen_s is None:
             self._run(robot, robot.node.step)
-            self._take_actions(expired=True)
+            self._expire_goals()
             self.drain()
         for member in self.members[:]:
             if member.frozen_s is None and member.present:
@@ -332,15 +333,27 @@ class LockStep:
         for taken in takes(entity):
             self._put(self._delivery(member, entity, taken))
 
-    def _take_actions(self, expired: bool = False) -> None:
+    def _take_actions(self) -> None:
         """What actions' clients and servers have sent, which rclpy does not say in Python."""
-        for member, entity in self._index.of_actions:
-            self._take(member, entity)
+        for member, client in self._index.clients_of_actions:
+            self._take(member, client)
+        for member, sub in self._index.topics_of_actions:
+            while (taken := _message_if_any(sub)) is not None:
+                self._put(self._delivery(member, sub, taken))
         for member, waitable in self._index.waitables:
             if isinstance(waitable, ActionServer) and waitable._goal_handles:
                 self._with_statuses.add(waitable)
-            while data := _data(waitable, expired):
+            while data := _data(waitable):
                 self._put(self._delivery(member, waitable, data))
+
+    def _expire_goals(self) -> None:
+        """Have servers of actions forget the goals that ended 15 minutes ago."""
+        self._refresh()
+        for member, server in self._index.waitables:
+            if not isinstance(server, ActionServer) or not server._goal_handles:  # without goals rcl raises
+                continue
+            if expired := server._handle.expire_goals(len(server._goal_handles)):
+                self._put(self._delivery(member, server, {"expired": expired}))
 
     def take_all(self) -> None:
         """What others than the members have sent, too."""
@@ -475,9 +488,10 @@ class _Index:
         self._by_topic: defaultdict[str, list[tuple[Member, Subscription]]] = defaultdict(list)
         for member, sub in self.subscriptions:
             self._by_topic[self.name_of(sub)].append((member, sub))
-        of_clients = [(m, one) for name, pairs in self.clients.items() if _ACTION in name for m, one in pairs]
-        of_topics = [(m, sub) for m, sub in self.subscriptions if _ACTION in self.name_of(sub)]
-        self.of_actions: list[tuple[Member, Any]] = [*of_clients, *of_topics]
+        self.clients_of_actions = [
+            (m, one) for name, pairs in self.clients.items() if _ACTION in name for m, one in pairs
+        ]
+        self.topics_of_actions = [(m, sub) for m, sub in self.subscriptions if _ACTION in self.name_of(sub)]
 
     def name_of(self, entity: Any) -> str:
         """The full name of its topic or service."""
@@ -502,6 +516,13 @@ def _message(sub: Subscription) -> Any:
     """A message and its times; None: there is none."""
     with sub.handle:
         return sub.handle.take_message(sub.msg_type, sub.raw)
+
+
+def _message_if_any(sub: Subscription) -> Any:
+    """The same, for topics on which there mostly is none: an attempt to take bytes makes no message in vain."""
+    with sub.handle:
+        taken = sub.handle.take_message(sub.msg_type, True)
+    return None if taken is None else (deserialize_message(taken[0], sub.msg_type), taken[1])
 
 
 def _messages(sub: Subscription) -> Iterator[Any]:
@@ -532,15 +553,10 @@ _READY = {
 }
 
 
-def _data(waitable: ActionServer | ActionClient, expired: bool) -> dict[str, Any]:
-    """What has come for an action's end; empty: nothing.
-
-    Args:
-        waitable: the end.
-        expired: also what a server is to forget, of goals that ended 15 minutes ago.
-    """
+def _data(waitable: ActionServer | ActionClient) -> dict[str, Any]:
+    """What has come for an action's end; empty: nothing."""
     if isinstance(waitable, ActionServer):
-        waitable._is_goal_expired = expired and bool(waitable._goal_handles)  # without goals rcl raises
+        waitable._is_goal_expired = False
     for flag in _READY[type(waitable)]:
         setattr(waitable, flag, True)
     return {name: data for name, data in waitable.take_data().items() if data}
