@@ -132,7 +132,9 @@ class Page:
 
         self._open = contextlib.ExitStack()
         where = f"127.0.0.1:{self.port}"
-        self._socket = self._open.enter_context(connect(f"ws://{where}/ws", origin=f"http://{where}"))
+        self._socket = self._open.enter_context(
+            connect(f"ws://{where}/ws", origin=f"http://{where}", close_timeout=0.2)  # a killed page does not answer
+        )
         self.frame: Frame | None = None
         self.told: list[dict[str, Any]] = []
         self._id = 0
