@@ -137,8 +137,9 @@ class Game:
 
     def to_the_end(self, score: int) -> None:
         """The round is completed; every pellet of it counts."""
-        self.wait(lambda: self.value(RESULT) or self.value(STATE) == "dying", "the end of the round")
-        assert self.value(RESULT) == f"Complete - Score: {score}"
+        result = f"Complete - Score: {score}"  # the result of the round before may still be on its way
+        self.wait(lambda: self.value(RESULT) == result or self.value(STATE) == "dying", result)
+        assert self.value(RESULT) == result
         self.wait(lambda: self.value(SCORE) == score, "the score")
 
 
