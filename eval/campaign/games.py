@@ -152,12 +152,14 @@ class Played:
         """Until the game is over; a list of what kept it from that."""
         recorder = self._recorder
         mark = self._mark()
-        mark_s = recorder.time_s
+        mark_s = waited_s = recorder.time_s  # since when there is no progress, and until when the planner waited
 
         def over() -> bool:
-            nonlocal mark, mark_s
+            nonlocal mark, mark_s, waited_s
             if not self._same(mark, self._mark()) or self._ends or self._outages:
                 mark, mark_s = self._mark(), recorder.time_s
+            if waits(recorder.state, recorder.condition, self._plan.clyde_speed_mps):
+                waited_s = recorder.time_s
             still = recorder.time_s - mark_s >= STILL_S
             late = not (self._ends or self._outages) and recorder.time_s - self._quiet_s >= LIMIT_S
             return recorder.state == "menu" or still or late
@@ -166,9 +168,7 @@ class Played:
         if recorder.state == "menu":
             return []
         found = []
-        if recorder.time_s - mark_s >= STILL_S and not waits(
-            recorder.state, recorder.condition, self._plan.clyde_speed_mps
-        ):
+        if recorder.time_s - max(mark_s, waited_s) >= STILL_S:
             found.append(f"hangs in state {recorder.state}: {recorder.condition}")
         self._reset()
         self._wait(lambda: recorder.state == "menu", ANSWER_S)

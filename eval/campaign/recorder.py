@@ -16,7 +16,7 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 
 from pacman_env.config import Config
 from pacman_env.ros import topics
-from pacman_env.ros.messages import BadMessage, pellets_of, twist_message
+from pacman_env.ros.messages import twist_message
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
@@ -63,12 +63,10 @@ class Recorder(BaseNode):
         self.condition: dict[str, Any] = {}
         self._instant = 0
         self._over: set[str] = set()  # goals of games before, which the server goes on to list
-        self._shown: list[int] | None = None  # pellets
         for topic in _PLAIN:
             self._record(topic, functools.partial(_data, topic.name))
         self._record(topics.CMD_VEL, lambda message: ("turn", message.twist.angular.z))
         self._record(topics.NAVIGATE_TO_POSE.statuses, self._statuses)
-        self._record(topics.PELLET_MARKERS, self._pellets)
         topics.ODOMETRY.subscription(self, self._odometry)
         FAULTS_NOW.subscription(self, self._faults_now)
         DIAGNOSTICS.subscription(self, lambda message: setattr(self, "condition", json.loads(message.data)))
@@ -118,17 +116,6 @@ class Recorder(BaseNode):
         """The server of goals is gone, and says no more of those that it had."""
         self.records.append(Record(self.instant(), "goals", {}))
 
-    def _pellets(self, message: Any) -> tuple[str, Any] | None:
-        """The ids in a report that differs from the one before."""
-        try:
-            shown = sorted(pellets_of(message))
-        except BadMessage:
-            return None
-        if shown == self._shown:
-            return None
-        self._shown = shown
-        return "shown", shown
-
     def _odometry(self, message: Any) -> None:
         self.time_s += Config.physics_step_s
         self.odometry_s = self.surroundings.monotonic()
@@ -156,7 +143,6 @@ class Recorder(BaseNode):
                 self._over |= {key for key, status in record.value.items() if status in ENDED}
         latched = {r.topic: r for r in self.records if r.topic in {t.name for t in LATCHED}}
         self.records = sorted(latched.values(), key=lambda r: r.at)
-        self._shown = None
         self.track = self.track[-1:]
 
     # What it asks for

@@ -219,34 +219,28 @@ def test_what_a_referee_who_was_away_says_late_is_no_violation_and_what_another_
         assert (late in violations(e)) == wrong
 
 
-def test_states_that_the_recorder_missed_while_the_referee_was_found_again_are_no_violation() -> None:
+def test_a_state_is_left_out_by_no_referee_be_it_away_or_not() -> None:
     e = a_game()
     e.records = [r for r in e.records if r.value != "complete"]
-    assert violations(e) == ["the state went from running to returning_home"]
     away(e, "game_controller", OVER - 5.0, OVER - 1.0)
+    assert "the state went from running to returning_home" in violations(e)
+
+
+def test_the_result_of_the_game_before_said_again_by_a_referee_that_comes_back_is_not_this_games() -> None:
+    e = a_game(lost=True)
+    away(e, "game_controller", 1.0, 1.55)
+    say(e, 1.55, ("game_result", "Complete - Score: 5"), state("menu"), ("game_result", ""))
+    assert outcome(e) == "lost"
     assert violations(e) == []
-    e.outages.clear()
-    away(e, "game_controller", BACK - 1.0, BACK)  # later
-    assert violations(e) == ["the state went from running to returning_home"]
 
 
 @pytest.mark.parametrize("node", ["game_controller", "goal_selector", "sim_robot", "pellet_manager", "all"])
 def test_a_wrong_score_is_one_whoever_was_away(node: str) -> None:
     e = a_game(lost=True)
     away(e, node, 15.0, 25.0)
-    say(e, 19.0, ("game_status", "pellet_collected:8"), ("shown", []))  # nobody counted it
+    say(e, 19.0, ("game_status", "pellet_collected:8"))  # it was not counted
     assert "1 pellets were counted, 2 to 2 were collected" in violations(e)
     e = a_game()
     away(e, node, 15.0, 25.0)
     replace("game/score", 7, 9)(e)
     assert "the score went up to 9, from 5 with 2 pellets" in violations(e)
-
-
-def test_a_report_that_only_the_referee_heard_is_believed_where_somebody_was_away() -> None:
-    e = a_game()
-    replace("game_status", "pellet_collected:3", "nothing")(e)
-    say(e, 20.0, ("shown", [8]))
-    say(e, OVER, ("shown", []))
-    assert violations(e) == ["2 pellets were counted, 1 to 1 were collected"]
-    away(e, "goal_selector", 18.0, 19.0)
-    assert violations(e) == []
