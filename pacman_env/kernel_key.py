@@ -17,7 +17,6 @@ import functools
 import hashlib
 import sys
 import types
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -71,14 +70,17 @@ def forget() -> None:
 
 
 def type_content(kind: numba_types.Type) -> Content:
-    """What a type of an argument says of its layout beyond what Numba compares: fields of named tuples."""
-    return _Reader(()).type_content(kind)
+    """What Numba does not compare of an argument's type: fields of named tuples, and types that a package has added."""
+    if isinstance(kind, numba_types.BaseTuple):  # type: ignore[attr-defined]
+        own = _Reader().content(kind.instance_class) if isinstance(kind, numba_types.BaseNamedTuple) else ""  # type: ignore[attr-defined]
+        return own, tuple(type_content(one) for one in kind)
+    return "" if _versioned(type(kind).__module__) else _Reader().content(type(kind))
 
 
 @functools.cache
 def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
     """The content of a kernel, intrinsic or function alone, and those that it refers to in their order."""
-    reader = _Reader(())
+    reader = _Reader()
     content: Content
     if isinstance(function, Dispatcher):
         content = ("kernel", sorted(map(repr, function.targetoptions.items())), reader.content(function.py_func))
@@ -92,9 +94,9 @@ def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
 class _Reader:
     """Writes down what one function refers to."""
 
-    def __init__(self, names: Iterable[str]) -> None:
+    def __init__(self) -> None:
         self.reached: list[Any] = []
-        self._names = tuple(names)
+        self._names: tuple[str, ...] = ()
         self._modules: list[types.ModuleType] = []
 
     def function(self, function: types.FunctionType) -> Content:
@@ -148,13 +150,14 @@ class _Reader:
             return "dtype", repr(value)
         if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
             strides = value.strides if isinstance(value, np.ndarray) else ()
-            return kind.__name__, repr(value.dtype), value.shape, strides, value.tobytes()
+            numbers = hashlib.sha256(value.tobytes()).hexdigest()
+            return kind.__name__, repr(value.dtype), value.shape, strides, numbers
         if isinstance(value, types.ModuleType):
             return self._module(value)
         if isinstance(value, type):
             return self._class(value)
         if isinstance(value, numba_types.Type):
-            return self.type_content(value)
+            return str(value), type_content(value)
         if isinstance(value, ir.Type):
             return "IR", repr(value)
         if isinstance(value, np.ufunc):
@@ -182,14 +185,6 @@ class _Reader:
         if issubclass(kind, numba_types.Type):
             return name, _text(kind)
         raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__}")
-
-    def type_content(self, kind: numba_types.Type) -> Content:
-        """A type of Numba's, or one that a package has added to them."""
-        if isinstance(kind, numba_types.BaseNamedTuple):  # type: ignore[attr-defined]
-            return self.content(kind.instance_class), tuple(self.type_content(one) for one in kind)
-        if isinstance(kind, numba_types.BaseTuple):  # type: ignore[attr-defined]
-            return str(type(kind)), tuple(self.type_content(one) for one in kind)
-        return str(kind), () if _versioned(type(kind).__module__) else self._class(type(kind))
 
 
 def _names(code: types.CodeType) -> set[str]:

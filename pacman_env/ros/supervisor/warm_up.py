@@ -1,7 +1,7 @@
 """Compiles what nodes of a game need, before any of them is started: ``python -m pacman_env.ros.supervisor.warm_up``.
 
-Compiled kernels are kept on disk (``jit.py``), so this is work for the first start on a machine and after an update.
-What is done already is marked beside them. ROS is not imported.
+Compiled kernels are kept on disk (``kernel_cache.py``), so this is work for the first start on a machine and after an
+update. What is done already is marked beside them. ROS is not imported.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import collections
+import importlib
 import os
 import threading
 import weakref
@@ -115,6 +116,7 @@ class _Workers:
         _working.add(self)
 
     def start(self, source: LevelSource, threads: int) -> None:
+        _register_hooks()
         while len(self._threads) < threads:
             busy = threading.RLock()
             thread = threading.Thread(target=self._work, args=(source, busy), name="levels ahead", daemon=True)
@@ -177,5 +179,18 @@ def _begin_again() -> None:
         ahead._begin()
 
 
+def _register_hooks() -> None:
+    """Before the first thread, and after filelock's hooks, which a thread that compiles would else load during a fork.
+
+    The hooks of later modules run first: filelock's hold its locks up, for which the levels under way would wait.
+    """
+    try:
+        hooks = _to_register.pop()
+    except IndexError:  # they are registered
+        return
+    importlib.import_module("filelock")
+    os.register_at_fork(**hooks)
+
+
+_to_register = [{"before": _hold_all, "after_in_parent": _let_go, "after_in_child": _begin_again}]
 atexit.register(_end_all)
-os.register_at_fork(before=_hold_all, after_in_parent=_let_go, after_in_child=_begin_again)

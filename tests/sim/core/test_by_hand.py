@@ -44,9 +44,9 @@ def test_goals_go_on_after_it() -> None:
 
 def test_what_is_no_velocity_changes_nothing() -> None:
     games = batch()
-    before = games.games.copy()
+    before = games.games.tobytes()  # a copy of the array has other bytes between the fields
     with pytest.raises(ValueError, match="must be finite"):
         games.step_by_hand(np.array([[0.0, np.nan], [0.0, 0.0], [0.0, 0.0]]))
-    assert games.games.tobytes() == before.tobytes()
+    assert games.games.tobytes() == before
     games.step(np.full(3, games.hold))
     assert games.games["tick"].tolist() == [1, 1, 1]

@@ -13,6 +13,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -238,6 +239,29 @@ print(ahead.take(59).occupancy.name)
 """)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.split() == ["generated-45", "generated-41", "generated-42", "3", "generated-59"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_fork_waits_for_a_thread_that_takes_the_lock_of_a_kernel_meanwhile(tmp_path: Path) -> None:
+    done = run(f"""
+class Locks(GeneratedMaps):
+    def prepare(self, level):
+        begun.set()
+        time.sleep(0.3)  # the other thread is in its fork by now; if it is not, nothing is tested and nothing fails
+        from filelock import FileLock
+        with FileLock({str(tmp_path / "lock")!r}):
+            return super().prepare(level)
+begun = threading.Event()
+ahead = LevelsAhead(Locks(make_config(), 0, 1000))
+ahead.ask([40])
+begun.wait()
+child = os.fork()
+if child == 0:
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+print(ahead.take(40).occupancy.name)
+""")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "generated-40\n", "")
 
 
 def test_a_program_ends_while_levels_are_prepared() -> None:
