@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import inspect
-import os
-import sys
-import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -18,28 +14,27 @@ from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
+from rclpy.qos import DurabilityPolicy
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.time_source import TimeSource
 
 from ..discovery import undiscovered
 from ..node import LAST_MESSAGES_S, BaseNode
 from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
 from ..topics import CLOCK
+from . import entities
+from .entities import ACTION, Index
 from .losses import Losses
 from .members import Delivery, Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
+from .watchdog import Watchdog
 
 STEP_NS = 50_000_000  # of physics: Nav2's controller rate
 SILENCE_S = 60.0  # of real time that one callback may take
-SILENT = 70  # exit status: EX_SOFTWARE of sysexits.h
 MOST_DELIVERIES = 100_000  # in one step
 _JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
-_ACTION = "/_action/"
 Witness = Callable[[Delivery], None]
 _Span = tuple[int, int]  # begin and end of a publication, ns of the machine's clock
 _ANY: _Span = (0, 2**63)
@@ -79,10 +74,10 @@ class LockStep:
         self._turn: Member | None = None  # whose code runs
         self._latched: dict[Any, deque[_Span]] = {}  # by publisher: of what the middleware keeps for those that come
         self._with_statuses: set[ActionServer] = set()  # rclpy publishes these in C
-        self._index = _Index()
+        self._index = Index()
         self._changed = True
         self._closed = False
-        self._watchdog = _Watchdog(silence_s)
+        self._watchdog = Watchdog(silence_s)
 
     # Members
 
@@ -152,7 +147,7 @@ class LockStep:
         end = time.monotonic() + _JOIN_S
         while True:
             for other, sub in self._index.subscriptions:
-                for message in _messages(sub):
+                for message in entities.messages(sub):
                     at_ns = message[1]["source_timestamp"]
                     taken.append((at_ns, other, sub, message))
                     came[sub].append(at_ns)
@@ -181,8 +176,7 @@ class LockStep:
         return next((one for one in self.members if one.name == name and one.present), None)
 
     def remove(self, member: Member, last_messages: bool = True) -> None:
-        """End a node, as a signal does, or as its death does: without its last messages, and with those of its fellows
-        that it has not handled."""
+        """End a node, as a signal does; or as a kill does, without its last messages. What waits for it is lost."""
         if member.ending:
             return
         member.ending = True
@@ -260,7 +254,7 @@ class LockStep:
                 if due:
                     timer.handle.call_timer()
             if due and member.present and member.frozen_s is None:
-                self._run(member, partial(_call, member, timer.callback))
+                self._run(member, partial(entities.call, member, timer.callback))
                 self.drain()
 
     def until(self, condition: Callable[[], object], limit_s: float) -> bool:
@@ -305,7 +299,7 @@ class LockStep:
         if self._turn is not None:
             self._refresh()
             for member, sub in self._index.by_publisher(publisher):
-                if (taken := _message(sub)) is not None:
+                if (taken := entities.message(sub)) is not None:
                     self._put(self._delivery(member, sub, taken))
 
     def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
@@ -316,7 +310,7 @@ class LockStep:
         answer = call(request)
         for member, service in self._index.services.get(name, ()):
             self._take(member, service)
-        if _ACTION in name:
+        if ACTION in name:
             self._take_actions()
         return answer
 
@@ -327,10 +321,7 @@ class LockStep:
             self._take(member, client)
 
     def _take(self, member: Member, entity: Subscription | Service | Client) -> None:
-        takes = (
-            _messages if isinstance(entity, Subscription) else _requests if isinstance(entity, Service) else _answers
-        )
-        for taken in takes(entity):
+        for taken in entities.taken(entity):
             self._put(self._delivery(member, entity, taken))
 
     def _take_actions(self) -> None:
@@ -338,12 +329,12 @@ class LockStep:
         for member, client in self._index.clients_of_actions:
             self._take(member, client)
         for member, sub in self._index.topics_of_actions:
-            while (taken := _message_if_any(sub)) is not None:
+            while (taken := entities.message_if_any(sub)) is not None:
                 self._put(self._delivery(member, sub, taken))
         for member, waitable in self._index.waitables:
             if isinstance(waitable, ActionServer) and waitable._goal_handles:
                 self._with_statuses.add(waitable)
-            while data := _data(waitable):
+            while data := entities.data_of_action(waitable):
                 self._put(self._delivery(member, waitable, data))
 
     def _expire_goals(self) -> None:
@@ -369,22 +360,17 @@ class LockStep:
 
     def _delivery(self, member: Member, entity: Any, taken: Any) -> Delivery:
         sender = self._turn
+        if isinstance(entity, ActionServer | ActionClient):
+            return Delivery(member, entity, "action", taken, partial(entities.execute, member, entity, taken), sender)
+        name = self._index.name_of(entity)
         if isinstance(entity, Subscription):
             qos = self._index.qos[entity]
             arguments = taken[:1] if qos.message_only else taken
-            handle = partial(_call, member, entity.callback, *arguments)
-            name = self._index.name_of(entity)
+            handle = partial(entities.call, member, entity.callback, *arguments)
             return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, qos.reliable, qos.latched)
         if isinstance(entity, Service):
-            return Delivery(
-                member, entity, self._index.name_of(entity), taken[0], partial(_serve, member, entity, *taken), sender
-            )
-        if isinstance(entity, Client):
-            return Delivery(
-                member, entity, self._index.name_of(entity), taken[1], partial(_answer, member, entity, *taken), sender
-            )
-        handle = partial(_execute, member, entity, taken)
-        return Delivery(member, entity, "action", taken, handle, sender)
+            return Delivery(member, entity, name, taken[0], partial(entities.serve, member, entity, *taken), sender)
+        return Delivery(member, entity, name, taken[1], partial(entities.answer, member, entity, *taken), sender)
 
     def _put(self, delivery: Delivery, again: bool = False) -> None:
         if not again and self.losses.holds(delivery, self.wall.now_s):
@@ -412,7 +398,7 @@ class LockStep:
                 continue
             for witness in self.witnesses:
                 witness(delivery)
-            if delivery.name == CLOCK.name and _sets_time(delivery.entity):  # and sends nothing
+            if delivery.name == CLOCK.name and entities.sets_time(delivery.entity):  # and sends nothing
                 delivery.handle()
             else:
                 self._run(member, delivery.handle)
@@ -447,7 +433,7 @@ class LockStep:
     def _refresh(self) -> None:
         if self._changed:
             self._changed = False
-            self._index = _Index(self.members)
+            self._index = Index(self.members)
             self._with_statuses &= {waitable for _, waitable in self._index.waitables}
 
 
@@ -457,182 +443,3 @@ def _complete(sub: Subscription, latched: list[deque[_Span]], came_ns: list[int]
     if len(spans) > sub.qos_profile.depth:  # which of them the middleware drops is its choice
         return len(came_ns) >= sub.qos_profile.depth
     return all(any(begin_ns <= at_ns <= end_ns for at_ns in came_ns) for begin_ns, end_ns in spans)
-
-
-class _Qos:
-    """What decides about a subscription's messages."""
-
-    def __init__(self, sub: Subscription) -> None:
-        profile = sub.qos_profile
-        self.depth = int(profile.depth)
-        self.reliable = profile.reliability != ReliabilityPolicy.BEST_EFFORT
-        self.latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self.message_only = sub._callback_type is Subscription.CallbackType.MessageOnly
-
-
-class _Index:
-    """The entities of all members by the names of their topics and services."""
-
-    def __init__(self, members: list[Member] | None = None) -> None:
-        members = members or []
-        self.subscriptions = [(m, sub) for m in members for sub in m.node.subscriptions]
-        self.services = _by_name((m, one) for m in members for one in m.node.services)
-        self.clients = _by_name((m, one) for m in members for one in m.node.clients)
-        self.waitables = [
-            (m, one) for m in members for one in m.node.waitables if isinstance(one, ActionServer | ActionClient)
-        ]
-        self.with_actions = {m for m, _ in self.waitables}
-        self.timers = {m: list(m.node.timers) for m in members}
-        self.qos = {sub: _Qos(sub) for _, sub in self.subscriptions}
-        self._names: dict[Any, str] = {}
-        self._by_topic: defaultdict[str, list[tuple[Member, Subscription]]] = defaultdict(list)
-        for member, sub in self.subscriptions:
-            self._by_topic[self.name_of(sub)].append((member, sub))
-        self.clients_of_actions = [
-            (m, one) for name, pairs in self.clients.items() if _ACTION in name for m, one in pairs
-        ]
-        self.topics_of_actions = [(m, sub) for m, sub in self.subscriptions if _ACTION in self.name_of(sub)]
-
-    def name_of(self, entity: Any) -> str:
-        """The full name of its topic or service."""
-        if entity not in self._names:
-            by_topic = isinstance(entity, Publisher | Subscription)
-            self._names[entity] = entity.topic_name if by_topic else entity.service_name
-        return self._names[entity]
-
-    def by_publisher(self, publisher: Publisher) -> list[tuple[Member, Subscription]]:
-        """The subscriptions of its topic."""
-        return self._by_topic.get(self.name_of(publisher), [])
-
-
-def _by_name(pairs: Iterator[tuple[Member, Any]]) -> dict[str, list[tuple[Member, Any]]]:
-    found: defaultdict[str, list[tuple[Member, Any]]] = defaultdict(list)
-    for member, entity in pairs:
-        found[entity.service_name].append((member, entity))
-    return dict(found)
-
-
-def _message(sub: Subscription) -> Any:
-    """A message and its times; None: there is none."""
-    with sub.handle:
-        return sub.handle.take_message(sub.msg_type, sub.raw)
-
-
-def _message_if_any(sub: Subscription) -> Any:
-    """The same, for topics on which there mostly is none: an attempt to take bytes makes no message in vain."""
-    with sub.handle:
-        taken = sub.handle.take_message(sub.msg_type, True)
-    return None if taken is None else (deserialize_message(taken[0], sub.msg_type), taken[1])
-
-
-def _messages(sub: Subscription) -> Iterator[Any]:
-    while (taken := _message(sub)) is not None:
-        yield taken
-
-
-def _requests(service: Service) -> Iterator[Any]:
-    with service.handle:
-        while (taken := service.handle.service_take_request(service.srv_type.Request))[0] is not None:
-            yield taken
-
-
-def _answers(client: Client) -> Iterator[Any]:
-    with client.handle:
-        while (taken := client.handle.take_response(client.srv_type.Response))[0] is not None:
-            yield taken
-
-
-#: Flags of rclpy's ends of actions, which a wait set would set. A wait set takes a millisecond each time, an attempt to
-#: take what is not there a microsecond.
-_READY = {
-    ActionServer: ("_is_goal_request_ready", "_is_cancel_request_ready", "_is_result_request_ready"),
-    ActionClient: (
-        *("_is_goal_response_ready", "_is_cancel_response_ready", "_is_result_response_ready"),
-        *("_is_feedback_ready", "_is_status_ready"),
-    ),
-}
-
-
-def _data(waitable: ActionServer | ActionClient) -> dict[str, Any]:
-    """What has come for an action's end; empty: nothing."""
-    if isinstance(waitable, ActionServer):
-        waitable._is_goal_expired = False
-    for flag in _READY[type(waitable)]:
-        setattr(waitable, flag, True)
-    return {name: data for name, data in waitable.take_data().items() if data}
-
-
-def _sets_time(sub: Subscription) -> bool:
-    """Whether it is rclpy's own, which sets a node's clock."""
-    return isinstance(getattr(sub.callback, "__self__", None), TimeSource)
-
-
-def _call(member: Member, callback: Callable[..., Any], *arguments: Any) -> None:
-    result = callback(*arguments)
-    if inspect.iscoroutine(result):
-        member.executor.create_task(result)
-
-
-def _serve(member: Member, service: Service, request: Any, header: Any) -> None:
-    async def serve() -> None:
-        response = service.callback(request, service.srv_type.Response())
-        service.send_response(await response if inspect.isawaitable(response) else response, header)
-
-    member.executor.create_task(serve)
-
-
-def _answer(member: Member, client: Client, header: Any, response: Any) -> None:
-    try:
-        future = client.get_pending_request(header.request_id.sequence_number)
-    except KeyError:  # it is not waited for any more
-        return
-    future._set_executor(member.executor)
-    future.set_result(response)
-
-
-def _execute(member: Member, waitable: ActionServer | ActionClient, data: dict[str, Any]) -> None:
-    for future in waitable._futures:
-        future._set_executor(member.executor)
-    member.executor.create_task(waitable.execute, data)
-
-
-class _Watchdog:
-    """A thread that ends the process, with the node's name, when one callback takes too long."""
-
-    LOOK_S = 0.25
-
-    def __init__(self, silence_s: float) -> None:
-        self._silence_s = silence_s
-        self._name, self._since_s = "", 0.0
-        self._end = threading.Event()
-        threading.Thread(target=self._watch, daemon=True).start()
-
-    def begin(self, name: str) -> tuple[str, float]:
-        """From now on the node of that name runs; what ran before, for :meth:`end`."""
-        before = self._name, self._since_s
-        self._name, self._since_s = name, time.monotonic()
-        return before
-
-    def end(self, before: tuple[str, float]) -> None:
-        """What ran before goes on."""
-        self._name, self._since_s = before
-
-    @contextlib.contextmanager
-    def during(self, name: str) -> Iterator[None]:
-        """What runs in the block is the node of that name."""
-        before = self.begin(name)
-        try:
-            yield
-        finally:
-            self.end(before)
-
-    def close(self) -> None:
-        self._end.set()
-
-    def _watch(self) -> None:
-        while not self._end.wait(self.LOOK_S):
-            name, since_s = self._name, self._since_s
-            if name and time.monotonic() - since_s > self._silence_s:
-                text = f"{name} has not answered for {self._silence_s:g} s of real time: the game ends"
-                print(text, file=sys.stderr, flush=True)
-                os._exit(SILENT)

@@ -18,7 +18,8 @@ from pacman_env.ros import topics
 from pacman_env.ros.lock_step import stepper
 from pacman_env.ros.lock_step.losses import HEARTBEAT_S
 from pacman_env.ros.lock_step.members import Member
-from pacman_env.ros.lock_step.stepper import SILENT, LockStep, NodeFailed
+from pacman_env.ros.lock_step.stepper import LockStep, NodeFailed
+from pacman_env.ros.lock_step.watchdog import SILENT
 from pacman_env.ros.node import BaseNode
 from tests.ros import session
 from tests.ros.session import Session
