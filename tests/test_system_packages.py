@@ -19,7 +19,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPT = ROOT / "scripts" / "system_packages"
 #: By package, a command of it.
-PROGRAMS = {"chromium": "chromium", "npm": "npm", "g++": "g++", "iproute2": "ip", "nftables": "nft"}
+PROGRAMS = {"chromium": "chromium", "npm": "npm", "g++": "g++", "iproute2": "ip"}
 NEEDED = ("bash", "env", "mktemp", "rm", "sed", "tail", "touch", "chmod")
 
 
@@ -71,7 +71,7 @@ def asked(path: Path) -> list[str]:
 APT = """
 echo "$DEBIAN_FRONTEND $*" >>"${0%/*}/../calls"
 [ "$1" = install ] || exit 0
-declare -A programs=([chromium]=chromium [npm]=npm [g++]=g++ [iproute2]=ip [nftables]=nft)
+declare -A programs=([chromium]=chromium [npm]=npm [g++]=g++ [iproute2]=ip)
 for package in "${@:4}"; do
   touch "${0%/*}/${programs[$package]}" && chmod +x "${0%/*}/${programs[$package]}"
 done
@@ -97,12 +97,12 @@ def test_root_is_told_which_packages_and_why_before_they_are_installed_without_a
     write("apt-get", f"{APT}\necho noise of apt-get")
     write("npm")
     lines = run("--ros").splitlines()
-    assert lines[0] == "installing system packages with apt-get: chromium g++ iproute2 nftables"
-    assert [line.split(":")[0].strip() for line in lines[1:]] == ["chromium", "g++", "iproute2", "nftables"]
+    assert lines[0] == "installing system packages with apt-get: chromium g++ iproute2"
+    assert [line.split(":")[0].strip() for line in lines[1:]] == ["chromium", "g++", "iproute2"]
     assert all(len(line.split(": ")[1]) > 20 for line in lines[1:])
     assert asked(path) == [
         "noninteractive update -qq",
-        "noninteractive install -y -qq chromium g++ iproute2 nftables",
+        "noninteractive install -y -qq chromium g++ iproute2",
     ]
     assert run("--ros") == ""
 
@@ -129,7 +129,7 @@ def test_without_root_it_is_said_what_is_missing_how_to_get_it_and_which_tests_a
     said = run("--ros")
     assert said.splitlines()[0] == "missing system packages (only root may install them):"
     assert list(named(said)) == list(PROGRAMS)
-    assert "sudo apt-get install chromium npm g++ iproute2 nftables" in said.splitlines()[-1]
+    assert "sudo apt-get install chromium npm g++ iproute2" in said.splitlines()[-1]
     assert asked(path) == []
 
 
@@ -143,7 +143,7 @@ def test_tests_that_are_said_to_be_skipped_are_there(run: Callable[..., str]) ->
 def test_where_tests_must_not_be_skipped_it_is_said_that_they_fail(run: Callable[..., str]) -> None:
     said = run("--ros", CI="true")
     assert "skipped" not in said
-    assert said.count("failing without it, as CI is set: tests/") == 4
+    assert said.count("failing without it, as CI is set: tests/") == 3
     assert said.count("failing without it, as CI is set") == 5
 
 
