@@ -144,7 +144,7 @@ def test_where_tests_must_not_be_skipped_it_is_said_that_they_fail(run: Callable
     said = run("--ros", CI="true")
     assert "skipped" not in said
     assert said.count("failing without it, as CI is set: tests/") == 3
-    assert said.count("failing without it, as CI is set") == 5
+    assert said.count("failing without it, as CI is set") == 4
 
 
 def test_without_apt_get_root_is_told_what_is_missing(write: Callable[..., None], run: Callable[..., str]) -> None:

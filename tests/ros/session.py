@@ -230,9 +230,9 @@ class Session:
 
 
 @contextmanager
-def nodes(folder: Path, seed: int = 0, gives_time: bool = True) -> Iterator[Session]:
+def nodes(folder: Path, seed: int = 0, gives_time: bool = True, alone: bool = True) -> Iterator[Session]:
     """A session with the observer alone and, unless a simulated robot is to do so, a node that gives the time."""
-    game = LockStep(seed)
+    game = LockStep(seed, alone=alone)
     try:
         if gives_time:
             game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])

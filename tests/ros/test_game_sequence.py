@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from pacman_env.game.dances import STAND_S
 from pacman_env.ros import topics
 from tests.ros import session
 
@@ -27,7 +28,7 @@ def test_another_planner_plays_and_short_shows_break_the_motions_off(domain: int
         game.record(topics.GAME_STATE, topics.SCORE, topics.GAME_RESULT, topics.PELLETS_SPAWNED, topics.CMD_VEL)
         for node in NODES[:3]:
             game.start(node, **({} if node == "game_event_mapper" else {"map_yaml": "loop"}))
-        game.start(NODES[3], settings=[f"show.start_s={SHOW_S}", f"show.death_s={SHOW_S}"])
+        game.start(NODES[3], settings=[f"show.start_s={SHOW_S}", f"show.death_s={STAND_S + SHOW_S}"])
         game.wait_for(lambda: game.last(topics.PELLETS_SPAWNED).data > 0, 5.0, "the pellets")
 
         assert game.call(topics.START_GAME).success
@@ -44,7 +45,7 @@ def test_another_planner_plays_and_short_shows_break_the_motions_off(domain: int
         game.forget()
         game.publish(topics.GAME_EVENT, "clyde killed")  # the planner names the ghost, then reports
         game.publish(topics.GAME_STATUS, "death_detected")
-        game.wait_for(lambda: {-1.5, 1.5} <= set(turning()), SHOW_S, "the shake to both sides")
+        game.wait_for(lambda: {-1.5, 1.5} <= set(turning()), STAND_S + SHOW_S, "the shake to both sides")
         game.wait_for(lambda: "returning_home" in game.values(topics.GAME_STATE), SHOW_S, "the way home")
         assert game.values(topics.GAME_RESULT)[-1] == "Death - Score: 1"
         game.wait_for(lambda: turning()[-1] == 0.0, 0.05, "the end of the shake")

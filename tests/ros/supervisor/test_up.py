@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
+import socket
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -67,7 +68,10 @@ def unlocked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("namespace", "words"),
     [
-        ("robot_15", r"a game is in /robot_15 already: game_controller \(process 3 on lock-step, since "),
+        (
+            "robot_15",
+            rf"a game is in /robot_15 already: game_controller \(process {os.getpid()} on {socket.gethostname()}, since ",
+        ),
         (
             "robot_16",
             r"another clock runs in this ROS domain: /robot_15/time_node \(/clock\); choose another --domain-id",
@@ -80,7 +84,7 @@ def test_a_game_without_a_lock_is_discovered_and_refused_by_the_names_of_its_nod
     monkeypatch.setattr(up_module, "GOING_S", 0.0)
     setup = GameSetup("house", namespace=namespace, sim=True)
     status_line = StatusLine(setup.namespace, setup.sim)
-    with session.nodes(tmp_path) as nodes:
+    with session.nodes(tmp_path, alone=False) as nodes:
         nodes.start(REFEREE)
         assert status_line.spin_until(lambda: re.match(words, status_line.others(setup.sim)), PATIENCE_S)
         with pytest.raises(ValueError, match=words):
@@ -106,7 +110,7 @@ def test_a_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch
     monkeypatch.setattr(up_module, "LOOK_S", PATIENCE_S)
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
     setup, stop = GameSetup("house", sim=True), Stop()
-    with session.nodes(tmp_path) as nodes:
+    with session.nodes(tmp_path, alone=False) as nodes:
         nodes.start(REFEREE)
         status_line = StatusLine(setup.namespace, setup.sim)
         writer = EndsOther(nodes.game.close)
