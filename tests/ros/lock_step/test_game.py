@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from eval.campaign.schedule import part_of_map
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.transcript import Transcript
 from tests.ros import session
@@ -21,7 +22,8 @@ SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 def played(folder: Path, seed: int) -> tuple[int, str, list[str]]:
     """One game: how many messages were handled, their hash, and the states."""
     folder.mkdir()
-    with session.game(folder, seed=seed, settings=SHOWS) as game:
+    ground = part_of_map("house", 3.0).save(folder / "ground.yaml")
+    with session.game(folder, ground, seed=seed, settings=SHOWS) as game:
         game.record(topics.GAME_STATE)
         transcript = Transcript(game.game)
         assert game.call(topics.START_GAME).success
