@@ -30,7 +30,6 @@ class RecordedGame(LockStepGame):
 
     Attributes:
         recorder: the node that records.
-        killed: nodes that were killed on purpose, or have ended after a standstill; ``unexpected`` lists the others.
 
     Raises:
         ValueError: a map or configuration that cannot be played.
@@ -64,15 +63,14 @@ class RecordedGame(LockStepGame):
         result: T = self.within(self.recorder, do)
         return result
 
-    def kill(self, name: str) -> None:
-        """As of any lock-step game; a robot that is gone lists no goals any more."""
-        super().kill(name)
-        if name == SIMULATOR:
-            self.recorder.no_goals()
-
     def tend(self) -> list[str]:
-        """After a step: what ``ros up`` does when the goal selector has ended; other ends that were not asked for."""
+        """After a step: what ``ros up`` does when the goal selector has ended; ends that were not asked for.
+
+        A simulated robot that has ended lists no goals any more, which is recorded.
+        """
         new, self._looked_at = self.restarts[self._looked_at :], len(self.restarts)
+        if any(name == SIMULATOR for _, name, _ in new):
+            self.recorder.no_goals()
         if any(name == SELECTOR for _, name, _ in new):
             self.do(self.recorder.halt)
         return [f"{name} ended with status {status}" for _, name, status in new if status not in (None, STOOD_STILL)]

@@ -35,7 +35,8 @@ NEXT = {
     "complete": {"returning_home"},
     "dying": {"returning_home"},
 }
-TICK_S = 0.15  # of the robot's time: a tick of the referee, one more that a jump of the clock costs, and a step
+#: s of the robot's time: a tick of the referee, one more that a jump of the clock costs, and a step; rounded up.
+TICK_S = 0.15 + 1e-6
 #: s of the simulated wall clock after an outage: what was lost is sent again (after 3 s, the middleware's heartbeat),
 #: services are called again (after 2 s), and reports that were not answered are made again (every 2 s).
 RECOVERY_S = 5.0
