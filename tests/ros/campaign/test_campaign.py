@@ -38,7 +38,7 @@ def test_games_with_all_kinds_of_outages_end_without_a_violation_and_are_the_sam
     happened = set().union(*(game["happened"] for game in games))
     assert {FREEZE, KILL, LOSS, "reject", "abort", "clock_jump"} <= happened <= planned
     assert all(game["outcome"] in ("complete", "lost", "reset") for game in games)
-    assert all(game["messages"] > 1000 < 20 * game["simulated_s"] for game in games)
+    assert all(game["messages"] > 100 * game["simulated_s"] > 0.0 for game in games)
     assert len({game["transcript"] for game in games}) == len(GAMES)
     table = {line[:34].strip(): line[34:].split() for line in rows}
     assert table["all games"][0] == str(len(GAMES))
