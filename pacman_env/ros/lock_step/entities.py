@@ -55,6 +55,14 @@ class Index:
         ]
         self.topics_of_actions = [(m, sub) for m, sub in self.subscriptions if ACTION in self.name_of(sub)]
 
+        groups = (*self.services.values(), *self.clients.values(), self.subscriptions, self.waitables)
+        self._entities = {entity for pairs in groups for _, entity in pairs}
+
+    def destroyed(self, entity: Any) -> bool:
+        """Whether it is an entity that its node has destroyed since something came for it."""
+        kinds = Subscription | Service | Client | ActionServer | ActionClient
+        return isinstance(entity, kinds) and entity not in self._entities
+
     def name_of(self, entity: Any) -> str:
         """The full name of its topic or service."""
         if entity not in self._names:

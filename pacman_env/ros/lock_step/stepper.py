@@ -396,6 +396,9 @@ class LockStep:
             if member.frozen_s is not None:
                 member.keep(delivery)
                 continue
+            self._refresh()
+            if self._index.destroyed(delivery.entity):
+                continue
             for witness in self.witnesses:
                 witness(delivery)
             if delivery.name == CLOCK.name and entities.sets_time(delivery.entity):  # and sends nothing

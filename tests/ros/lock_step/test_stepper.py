@@ -114,6 +114,26 @@ def test_a_node_that_is_gone_handles_nothing_any_more(nodes: Session) -> None:
     assert nodes.game.member("echo") is None
 
 
+def test_what_comes_for_an_entity_that_was_destroyed_meanwhile_is_lost(nodes: Session) -> None:
+    class Leaver(BaseNode):
+        def __init__(self) -> None:
+            super().__init__("leaver")
+            self.handled: list[str] = []
+            self.events = topics.GAME_EVENT.subscription(self, lambda message: self.handled.append(message.data))
+            self.listen(topics.GAME_LIGHT, lambda message: self.destroy_subscription(self.events), "bad light")
+
+    leaver = nodes.start("leaver", Leaver).node
+    light, event = topics.GAME_LIGHT.publisher(nodes.observer), RELIABLE.publisher(nodes.observer)
+
+    def publish() -> None:
+        event.publish(RELIABLE.type(data="before"))
+        light.publish(topics.GAME_LIGHT.type(data="off"))
+        event.publish(RELIABLE.type(data="after"))
+
+    nodes.game.within(nodes.observer, publish)
+    assert leaver.handled == ["before"]  # type: ignore[attr-defined]
+
+
 def lossy(nodes: Session, percent: float, count: int) -> Member:
     """An echo that loses so many per cent of so many events and odometry messages, one of each in a step."""
     member = nodes.start("echo", Echo)
