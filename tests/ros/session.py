@@ -5,6 +5,7 @@ What happens in such a session is decided by its seed and by the test alone. Not
 
 from __future__ import annotations
 
+import gc
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -262,6 +263,7 @@ def game(
         alone: no node of another process or context can meet those of the game.
         fields: of ``GameSetup``.
     """
+    gc.collect()  # a node of an earlier session that Python has not collected yet takes its name's log with it when it is
     extra = fields.pop("extra", {})
     referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
     setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
