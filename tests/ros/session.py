@@ -263,7 +263,7 @@ def game(
         alone: no node of another process or context can meet those of the game.
         fields: of ``GameSetup``.
     """
-    gc.collect()  # a node of an earlier session that Python has not collected yet takes its name's log with it when it is
+    gc.collect()  # a node of an earlier session that is collected later takes the log of its name with it
     extra = fields.pop("extra", {})
     referee = {"state_file": str(folder / "game_controller.json"), **extra.get(REFEREE, {})}
     setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra={**extra, REFEREE: referee}, **fields)
