@@ -116,7 +116,7 @@ class LockStep:
 
     def subscribe(self, node: BaseNode, subscribe: Callable[[], Any]) -> Any:
         """Have a member make subscriptions between two steps; what is latched reaches them before this returns."""
-        member = next(one for one in self.members if one.node is node)
+        member = self._member_of(node)
         before = set(node.subscriptions)
         made = subscribe()
         self._join(member, before)
@@ -131,7 +131,7 @@ class LockStep:
             service: its absolute name.
             callback: called with the request, among the member's messages.
         """
-        self._observed[service].append((next(one for one in self.members if one.node is node), callback))
+        self._observed[service].append((self._member_of(node), callback))
 
     def _join(self, member: Member, known: set[Subscription]) -> None:
         """Take what was published while the member was made, and what is latched for it, by the times of publication.
@@ -174,6 +174,9 @@ class LockStep:
     def member(self, name: str) -> Member | None:
         """The node of that name that is there; None: none is."""
         return next((one for one in self.members if one.name == name and one.present), None)
+
+    def _member_of(self, node: BaseNode) -> Member:
+        return next(one for one in self.members if one.node is node)
 
     def remove(self, member: Member, last_messages: bool = True) -> None:
         """End a node, as a signal does; or as a kill does, without its last messages. What waits for it is lost."""
@@ -268,7 +271,7 @@ class LockStep:
 
     def within(self, node: BaseNode, do: Callable[[], Any]) -> Any:
         """Have a member do something between two steps; what ``do`` returns."""
-        member = next(one for one in self.members if one.node is node)
+        member = self._member_of(node)
         results: list[Any] = []
         self._run(member, lambda: results.append(do()))
         self.drain()

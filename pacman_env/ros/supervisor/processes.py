@@ -124,9 +124,11 @@ class ProcessGroup:
                 member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
                 words = self.last_words(member.name)
                 if status == BAD_START or len(member.deaths) >= MANY or member.name in self._final:
-                    often = f"died {MANY} times within {SOON_S:.0f} s"
-                    how = often if member.name not in self._final else f"ended with status {status}"
-                    how = "does not start" if status == BAD_START else how
+                    how = f"died {MANY} times within {SOON_S:.0f} s"
+                    if status == BAD_START:
+                        how = "does not start"
+                    elif member.name in self._final:
+                        how = f"ended with status {status}"
                     if member.name not in self._spare:
                         raise Lost(f"{member.name} {how}: {words}")
                     self._say(f"{member.name} {how}: {words}; it is given up, the rest goes on")
