@@ -23,6 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -62,8 +63,15 @@ class BaseNode(Node):
         """As rclpy's; the node's surroundings may watch what is published."""
         return self._made(super().create_publisher(*arguments, **options))
 
+    def create_subscription(self, kind: Any, topic: str, callback: Any, qos_profile: Any, **options: Any) -> Any:
+        """As rclpy's; the node's surroundings may have the middleware keep more messages than the profile says."""
+        sub = super().create_subscription(kind, topic, callback, self.surroundings.kept(qos_profile), **options)
+        if isinstance(qos_profile, QoSProfile):
+            sub.qos_profile = qos_profile
+        return sub
+
     def create_client(self, *arguments: Any, **options: Any) -> Any:
-        """As rclpy's, likewise."""
+        """As rclpy's; the node's surroundings may watch what is sent."""
         return self._made(super().create_client(*arguments, **options))
 
     def create_service(self, *arguments: Any, **options: Any) -> Any:

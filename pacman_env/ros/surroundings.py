@@ -18,6 +18,7 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.qos import QoSProfile
 
 _LOOK_S = 0.02  # between two looks at a condition
 
@@ -34,6 +35,10 @@ class Surroundings:
 
     def watch(self, entity: Any) -> None:
         """Called with each publisher, client and service of the node, once it is made."""
+
+    def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
+        """The profile with which the middleware keeps messages for a subscription that asks for this one."""
+        return qos_profile
 
     def monotonic(self) -> float:
         """As ``time.monotonic``, s."""

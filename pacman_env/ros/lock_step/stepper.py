@@ -151,7 +151,7 @@ class LockStep:
                     at_ns = message[1]["source_timestamp"]
                     taken.append((at_ns, other, sub, message))
                     came[sub].append(at_ns)
-            missing = [sub for sub, latched in owed.items() if not _complete(sub, latched, came[sub])]
+            missing = [sub for sub, latched in owed.items() if not _complete(latched, came[sub])]
             if not missing:
                 break
             if time.monotonic() > end:
@@ -443,9 +443,7 @@ class LockStep:
             self._with_statuses &= {waitable for _, waitable in self._index.waitables}
 
 
-def _complete(sub: Subscription, latched: list[deque[_Span]], came_ns: list[int]) -> bool:
+def _complete(latched: list[deque[_Span]], came_ns: list[int]) -> bool:
     """Whether all that is latched for a subscription has come, by the times of publication of what has."""
-    spans = [span for one in latched for span in one]
-    if len(spans) > sub.qos_profile.depth:  # which of them the middleware drops is its choice
-        return len(came_ns) >= sub.qos_profile.depth
+    spans = (span for one in latched for span in one)
     return all(any(begin_ns <= at_ns <= end_ns for at_ns in came_ns) for begin_ns, end_ns in spans)

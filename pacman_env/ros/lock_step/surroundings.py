@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from collections.abc import Callable
 from typing import Any
@@ -9,12 +10,14 @@ from typing import Any
 from rclpy.clock import Clock, ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 
 from ..surroundings import Surroundings
 
 #: The wall's clock at the beginning of a game: an instant in 2017, so that it is no machine's now.
 EPOCH_NS = 1_500_000_000_000_000_000
+_LATCHED = 1000  # messages of one topic, of all publishers: more than there can be
 
 
 class SimulatedWall:
@@ -83,6 +86,14 @@ class LockStepSurroundings(Surroundings):
     def watch(self, entity: Any) -> None:
         """The game watches what the entity sends."""
         self._watch(entity)
+
+    def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
+        """Of latched topics, everything: which messages the middleware drops of several depends on its threads."""
+        if not isinstance(qos_profile, QoSProfile) or qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
+            return qos_profile
+        everything = copy.copy(qos_profile)
+        everything.depth = _LATCHED
+        return everything
 
     def monotonic(self) -> float:
         """Of the game's wall clock, s."""

@@ -93,6 +93,11 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._shadow = parameter(self, "shadow", False, "decide and log beside another planner, send nothing")
         return not self._shadow
 
+    def destroy_node(self) -> None:
+        """As rclpy's, which forgets the state machine: that keeps the node, and its name's place in the log."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     # Lifecycle
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ pytest.importorskip("nav2_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
+from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros import session
 
 WORDS = [f"word {k}" for k in range(5)]
@@ -78,10 +80,36 @@ def test_a_node_that_publishes_while_it_is_made_gets_what_the_others_have_latche
 def test_a_subscription_gets_as_much_of_what_is_latched_as_it_keeps(domain: int, tmp_path: Path, depth: int) -> None:
     with session.nodes(tmp_path) as nodes:
         nodes.start("speaker", Speaker)
-        for _ in range(5):
+        for _ in range(20):
             nodes.start("listener", lambda: Listener(depth))
             assert nodes.node(f"listener_{depth}").words == WORDS[-depth:]
             nodes.kill(f"listener_{depth}")
+
+
+@pytest.mark.parametrize("depth", [1, 32])
+def test_what_is_latched_by_several_nodes_comes_by_the_time_of_publication(
+    domain: int, tmp_path: Path, depth: int
+) -> None:
+    with session.nodes(tmp_path) as nodes:
+        publishers = [
+            topics.GAME_COMMAND.publisher(nodes.start(name, lambda name=name: Talker(name)).node) for name in "ab"
+        ]
+        words = [f"word {k}" for k in range(50)]
+        for k, word in enumerate(words):
+            nodes.within(lambda k=k, word=word: publishers[k % 2].publish(topics.GAME_COMMAND.type(data=word)))
+        nodes.start("listener", lambda: Listener(depth))
+        assert nodes.node(f"listener_{depth}").words == words[-depth:]
+
+
+def test_a_node_that_was_killed_leaves_its_name_in_the_log_to_its_successor(domain: int, tmp_path: Path) -> None:
+    with session.game(tmp_path) as game:
+        killed = game.member(SELECTOR)
+        game.kill(SELECTOR)
+        game.game.add(killed.make, killed.arguments)
+        del killed
+        gc.collect()
+        game.node(SELECTOR).get_logger().error("an error")
+        assert game.errors() == ["robot_15.goal_selector: an error"]
 
 
 def test_an_action_of_a_node_that_is_gone_is_gone(domain: int, tmp_path: Path) -> None:
