@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.logging import get_logger_effective_level, set_logger_level
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
@@ -138,11 +139,13 @@ def page() -> str:
     context_arguments = ["--ros-args", "-r", "__ns:=/robot", "-p", "map_yaml:=house", "--disable-external-lib-logs"]
     context_arguments += ["-p", f'settings:=["clyde.ghosts={",".join(4 * ["wander"])}"]', "--log-level", "fatal"]
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    level = get_logger_effective_level("")
     rclpy.init(args=context_arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
         nodes = {name: describe(name) for name in NODES}
     finally:
         rclpy.shutdown()
+        set_logger_level("", level)  # the level is the process's: it outlives the context that set it
     return INTRO + _topics(nodes) + "".join(_node(name, node) for name, node in nodes.items())
 
 

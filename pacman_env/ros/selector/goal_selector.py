@@ -296,10 +296,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
     def _on_finished(self, number: int, status: int, seen: Position | None) -> None:
         assert self._selection is not None
         self._transforms.catch_up()
-        actions = self._selection.on_finished(number, status, self.now_s(), seen)
-        self._do(actions)
-        if any(action.kind == "remove" for action in actions):  # no reason to wait for the next tick
-            self._decide()
+        self._do(self._selection.on_finished(number, status, self.now_s(), seen))
 
     def _repeat(self) -> None:
         """Say again what nobody has answered; go on where an answer was lost."""
