@@ -120,8 +120,8 @@ class _Reader:
     def _code(self, code: types.CodeType) -> Content:
         if _IMPORT_NAME in code.co_code[::2]:
             raise UnknownContent(f"{code.co_name} imports while it runs")
-        return (
-            *(code.co_code, code.co_exceptiontable, code.co_flags, code.co_names, code.co_varnames),
+        return (  # not co_flags, which Numba changes in place where a kernel is called under a profiler
+            *(code.co_code, code.co_exceptiontable, code.co_names, code.co_varnames),
             *(code.co_freevars, code.co_cellvars, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount),
             *(self.content(constant) for constant in code.co_consts),
         )

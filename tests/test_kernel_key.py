@@ -20,6 +20,7 @@ from numba.core.dispatcher import Dispatcher
 import pacman_env
 from pacman_env import kernel_key
 from pacman_env.sim.core.ticks import play
+from tests.calls import calls_of
 from tests.sample_kernels import KERNELS, loaded, write
 
 PACKAGE = Path(pacman_env.__file__).parent
@@ -121,6 +122,15 @@ def test_code_that_imports_while_it_generates_gives_no_key(tmp_path: Path) -> No
     module = loaded(write(tmp_path, {late[0]: late[1:]}))
     with pytest.raises(kernel_key.UnknownContent, match="imports"):
         kernel_key.kernel_key(module.operates)
+
+
+def test_a_profiler_changes_no_key(tmp_path: Path) -> None:
+    module = loaded(write(tmp_path))
+    before = kernel_key.kernel_key(module.calls)
+    module.calls(1.0)
+    assert calls_of(lambda: module.calls(1.0)) > 0
+    kernel_key.forget()
+    assert kernel_key.kernel_key(module.calls) == before
 
 
 # The package's own kernels

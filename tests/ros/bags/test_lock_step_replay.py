@@ -20,7 +20,7 @@ from tests.ros import session
 @pytest.mark.parametrize("policy", ["nearest", "clyde_aware"])
 def test_every_choice_of_a_recorded_round_is_found_again(domain: int, tmp_path: Path, policy: str) -> None:
     ground = part_of_map("loop", 3.0).save(tmp_path / "ground.yaml")
-    settings = ("show.start_s=1.0", "clyde.speed_mps=0.1")
+    settings = ("show.start_s=1.0", "clyde.speed_mps=0.02")
     with session.game(tmp_path, ground, policy, seed=1, settings=settings) as game:
         recorder = game.start(NAME, lambda: Recorder(tmp_path / "game", sim_time=True))
         game.record(topics.GAME_STATE, topics.GAME_RESULT)

@@ -234,10 +234,17 @@ def test_others_start_and_reset_the_game_and_get_its_state(game: Game) -> None:
     again = ask("start")
     assert again.status == 1
     assert "start: the game is in state" in again.out
-    facts = json.loads(ask("status", "--json").out)
+    named = {"game_controller", "goal_selector", "sim_robot"}
+    facts: dict[str, Any] = {}
+
+    def all_are_named() -> bool:
+        """The status is what has reached it by then."""
+        facts.update(json.loads(ask("status", "--json").out))
+        return named <= set(facts["nodes"]) and facts["goal_selector"] is not None
+
+    game.wait_for(all_are_named, "a status with the nodes and the planner")
     assert facts["namespace"] == "/robot_15"
     assert facts["goal_selector"]["home"] == [0.5, 0.0, 1.5]
-    assert {"game_controller", "goal_selector", "sim_robot"} <= set(facts["nodes"])
     assert ask("reset").status == 0
 
 
