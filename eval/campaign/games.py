@@ -153,12 +153,14 @@ class Played:
         recorder = self._recorder
         mark = self._mark()
         mark_s = waited_s = recorder.time_s  # since when there is no progress, and until when the planner waited
+        clyde, moved_m = recorder.clyde(), 0.0  # its place then, and how far from it it has been since
 
         def over() -> bool:
-            nonlocal mark, mark_s, waited_s
+            nonlocal mark, mark_s, waited_s, clyde, moved_m
             if not self._same(mark, self._mark()) or self._ends or self._outages:
-                mark, mark_s = self._mark(), recorder.time_s
-            if waits(recorder.state, recorder.condition, self._plan.clyde_speed_mps):
+                mark, mark_s, clyde, moved_m = self._mark(), recorder.time_s, recorder.clyde(), 0.0
+            moved_m = max(moved_m, math.dist(clyde, recorder.clyde()))
+            if waits(recorder.state, recorder.condition, moved_m):
                 waited_s = recorder.time_s
             still = recorder.time_s - mark_s >= STILL_S
             late = not (self._ends or self._outages) and recorder.time_s - self._quiet_s >= LIMIT_S

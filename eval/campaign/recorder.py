@@ -147,6 +147,11 @@ class Recorder(BaseNode):
 
     # What it asks for
 
+    def clyde(self) -> tuple[float, float]:
+        """Where the goal selector has it, m; the origin until it is known."""
+        x, y = self.condition.get("clyde") or (0.0, 0.0)
+        return x, y
+
     def ready(self) -> bool:
         """Whether a game can be started."""
         clients = (self._start, self._reset, self._set)

@@ -41,7 +41,7 @@ TICK_S = 0.15 + 1e-6
 #: services are called again (after 2 s), and reports that were not answered are made again (every 2 s).
 RECOVERY_S = 5.0
 STILL_S = 120.0  # of the robot's time without any progress while nothing is wrong: the game hangs
-AROUND_M = 2.0  # a Clyde that moves less in STILL_S may stay where he is in the way, in these small grounds
+AROUND_M = 2.0  # a Clyde that is never farther from its place is in the way there, in these small grounds
 HOLD = -1  # pursued, in the goal selector's diagnostics
 REPORT_S = 1.0  # of the robot's time: between two reports of the pellets
 PELLET_MANAGER, EVENT_MAPPER = "pellet_manager", "game_event_mapper"
@@ -198,9 +198,15 @@ def _overlaps(spans: Sequence[tuple[int, int]], begin: int, end: int) -> bool:
     return any(since <= end and begin <= until for since, until in spans)
 
 
-def waits(state: str | None, condition: Mapping[str, Any], clyde_speed_mps: float) -> bool:
-    """Whether the planner holds on purpose: a Clyde who stays at the last pellets lets nobody collect them."""
-    return state == "running" and condition.get("pursued") == HOLD and clyde_speed_mps * STILL_S < AROUND_M
+def waits(state: str | None, condition: Mapping[str, Any], clyde_moved_m: float) -> bool:
+    """Whether the planner holds on purpose: a Clyde that stays at the last pellets lets nobody collect them.
+
+    Args:
+        state: of the game.
+        condition: the goal selector's.
+        clyde_moved_m: the farthest that Clyde has been from its place when the last progress was made.
+    """
+    return state == "running" and condition.get("pursued") == HOLD and clyde_moved_m < AROUND_M
 
 
 def violations(evidence: Evidence) -> list[str]:

@@ -24,20 +24,20 @@ def test_the_table_counts_each_game_under_everything_that_happened_in_it() -> No
 
 
 @pytest.mark.parametrize(
-    ("state", "pursued", "clyde_speed_mps", "waiting"),
+    ("state", "pursued", "clyde_moved_m", "waiting"),
     [
-        ("running", -1, 0.002, True),
-        ("running", -1, 0.005, True),  # he walks 0.6 m in two minutes
-        ("running", -1, 0.02, False),  # and here 2.4 m
-        ("running", 3, 0.002, False),
-        ("returning_home", -1, 0.002, False),
+        ("running", -1, 0.0, True),
+        ("running", -1, 1.9, True),
+        ("running", -1, 2.0, False),
+        ("running", 3, 0.0, False),
+        ("returning_home", -1, 0.0, False),
     ],
 )
-def test_a_planner_that_holds_waits_for_a_clyde_who_stands_and_for_no_other(
-    state: str, pursued: int, clyde_speed_mps: float, waiting: bool
+def test_a_planner_that_holds_waits_for_a_clyde_that_stays_and_for_no_other(
+    state: str, pursued: int, clyde_moved_m: float, waiting: bool
 ) -> None:
-    assert waits(state, {"pursued": pursued}, clyde_speed_mps) == waiting
-    assert not waits(state, {}, clyde_speed_mps)
+    assert waits(state, {"pursued": pursued}, clyde_moved_m) == waiting
+    assert not waits(state, {}, clyde_moved_m)
 
 
 def test_a_row_names_seed_outcome_and_faults() -> None:
