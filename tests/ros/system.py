@@ -20,6 +20,7 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.ros.topics import RosAction, Service, Topic
@@ -203,12 +204,31 @@ class Probe:
             heard.clear()
 
     def publish(self, topic: Topic, message: Any, listeners: int = 1) -> None:
-        """Publish, once ``listeners`` are there; a plain value becomes the ``data`` of a message."""
+        """Publish, once ``listeners`` are there and get it; a plain value becomes the ``data`` of a message."""
+        is_new = topic.name not in self._publishers
         publisher = self.publisher(topic)
         self.wait_for(
             lambda: publisher.get_subscription_count() >= listeners, what=f"{listeners} listeners on {topic.name}"
         )
+        if is_new and topic.qos.durability != DurabilityPolicy.TRANSIENT_LOCAL:
+            self._be_known_to_listeners(publisher)
         publisher.publish(message if hasattr(message, "get_fields_and_field_types") else topic.type(data=message))
+
+    def _be_known_to_listeners(self, publisher: Any) -> None:
+        """Wait until all who listen know a publisher that was just made.
+
+        A subscription that the publisher knows may not know the publisher yet, and drops what is not latched.
+        Publishers become known in the order in which they are made: an answer to a client made now says that this
+        one is known.
+        """
+
+        def listeners() -> set[str]:
+            of_all = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
+            return {f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in of_all}
+
+        self.wait_for(lambda: not any("UNKNOWN" in name for name in listeners()), what="the names of listeners")
+        for name in listeners() - {self.node.get_fully_qualified_name()}:
+            self.answered_by(name, anew=True)
 
     def taken_in(self, topic: Topic, node: str) -> None:
         """Wait until a node has taken in all that was published on a topic so far."""
