@@ -88,8 +88,9 @@ class Terminal:
 
     @property
     def too_long(self) -> list[str]:
-        """Lines that do not fit, but for those with the path of a log."""
-        return [line for line in self.lines if len(line) >= COLUMNS and "/logs" not in line]
+        """Lines that do not fit, but for those with the path of a log, and the middleware's own."""
+        others = ("/logs", "RTPS_")
+        return [line for line in self.lines if len(line) >= COLUMNS and not any(word in line for word in others)]
 
     def press(self, key: str) -> None:
         os.write(self._master, key.encode())
