@@ -179,7 +179,7 @@ class Desk:
     def _stop(self, viewer: Viewer, message: Message) -> None:
         """At once; while his last one is being done, the next waits, one for all that he says until then."""
         self._stops += 1
-        if len(viewer.stops) < MOST_TEXTS:
+        if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # without an id none is answered
             viewer.stops.append(message)
         if not viewer.is_stopping:
             self._stop_now(viewer)
