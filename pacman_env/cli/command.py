@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import locale  # noqa: F401, argparse imports it and shutil when it is used: a Ctrl-C in an import may be lost
 import math
 import os
-import shutil  # noqa: F401
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence

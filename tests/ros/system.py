@@ -210,7 +210,9 @@ class Probe:
         self.wait_for(
             lambda: publisher.get_subscription_count() >= listeners, what=f"{listeners} listeners on {topic.name}"
         )
-        if is_new and topic.qos.durability != DurabilityPolicy.TRANSIENT_LOCAL:
+        if topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:  # a listener gets the last one when it is ready,
+            self._arrived(topic)  # and one that is replaced before never
+        elif is_new:
             self._be_known_to_listeners(publisher)
         publisher.publish(message if hasattr(message, "get_fields_and_field_types") else topic.type(data=message))
 
@@ -228,13 +230,17 @@ class Probe:
 
         self.wait_for(lambda: not any("UNKNOWN" in name for name in listeners()), what="the names of listeners")
         for name in listeners() - {self.node.get_fully_qualified_name()}:
-            self.answered_by(name, anew=True)
+            self._be_known_to(name, PATIENCE_S)
 
     def taken_in(self, topic: Topic, node: str) -> None:
         """Wait until a node has taken in all that was published on a topic so far."""
+        self._arrived(topic)
+        self.answered_by(f"{self.system.namespace}/{node}")
+
+    def _arrived(self, topic: Topic) -> None:
+        """Wait until every listener has got all that was published on a topic so far."""
         publisher = self.publisher(topic)
         self.wait_for(lambda: publisher.wait_for_all_acked(Duration(seconds=0.1)), what=f"{topic.name} to arrive")
-        self.answered_by(f"{self.system.namespace}/{node}")
 
     def answered_by(self, node: str, anew: bool = False) -> None:
         """Wait for a node, full name, to answer: after all messages that it had got by then; ``anew``: a new client."""
@@ -293,7 +299,10 @@ class Probe:
                         return f"{namespace.rstrip('/')}/{name}"
             return None
 
-        name = self.wait_for(owner, timeout_s, f"the node of {service}")
+        self._be_known_to(self.wait_for(owner, timeout_s, f"the node of {service}"), timeout_s)
+
+    def _be_known_to(self, name: str, timeout_s: float) -> None:
+        """Wait until a node, full name, has answered a client that is made now."""
         client = self.node.create_client(ListParameters, f"{name}/list_parameters")
         self._ask(client, timeout_s, name)
         self.node.destroy_client(client)

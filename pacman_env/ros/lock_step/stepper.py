@@ -158,8 +158,9 @@ class LockStep:
                 names = ", ".join(sub.topic_name for sub in missing)
                 raise NodeFailed(f"{member.name}: what is latched on {names} has not arrived within {_JOIN_S:g} s")
             time.sleep(0.001)
+        newest = {sub: sorted(came[sub])[-sub.qos_profile.depth :] for sub in owed}
         for at_ns, other, sub, message in sorted(taken, key=lambda one: one[0]):
-            if sub not in owed or at_ns in sorted(came[sub])[-sub.qos_profile.depth :]:
+            if sub not in owed or at_ns in newest[sub]:
                 self._put(self._delivery(other, sub, message))
 
     def _latched_for(self, member: Member, sub: Subscription) -> list[deque[_Span]]:
