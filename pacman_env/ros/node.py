@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.action import ActionClient, ActionServer
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -77,6 +78,12 @@ class BaseNode(Node):
     def create_service(self, *arguments: Any, **options: Any) -> Any:
         """As rclpy's, likewise."""
         return self._made(super().create_service(*arguments, **options))
+
+    def destroy_node(self) -> None:
+        """As rclpy's, which forgets the ends of actions: while anything refers to them, the node is not gone."""
+        for waitable in [one for one in self.waitables if isinstance(one, ActionServer | ActionClient)]:
+            waitable.destroy()
+        super().destroy_node()
 
     def _made(self, entity: Any) -> Any:
         self.surroundings.watch(entity)

@@ -223,6 +223,18 @@ def test_a_bad_configuration_is_one_line_and_status_2(
     assert said.count("\n") == 1
 
 
+def test_a_destroyed_node_is_gone_from_the_graph_while_something_refers_to_it(probe: Probe) -> None:
+    node = BaseNode("navigator", context=probe.context, namespace=probe.system.namespace)
+    server = topics.NAVIGATE_TO_POSE.server(node, lambda handle: None)
+    client = topics.NAVIGATE_TO_POSE.goal_client(probe.node)
+    probe.wait_for(client.service_is_ready, what="the server")
+    node.destroy_node()
+    probe.wait_for(lambda: not client.service_is_ready(), what="the end of the server")
+    probe.wait_for(lambda: "navigator" not in probe.node.get_node_names(), what="the end of the node")
+    assert server is not None
+    probe.node.destroy_client(client)
+
+
 def test_a_nodes_time_goes_on_where_its_clock_is_set_back(probe: Probe) -> None:
     node = BaseNode("clockwork", context=probe.context)
     clock = node.get_clock()

@@ -199,8 +199,6 @@ class LockStep:
         for publisher in member.node.publishers:
             self._latched.pop(publisher, None)
         member.executor.shutdown()
-        for waitable in [one for one in member.node.waitables if isinstance(one, ActionServer | ActionClient)]:
-            waitable.destroy()  # else the middleware keeps the node, and at its end forgets its successor's name
         member.node.destroy_node()
         self._changed = True
 
