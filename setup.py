@@ -1,4 +1,4 @@
-"""What colcon needs beyond pyproject.toml to make this checkout an ament_python package.
+"""What pyproject.toml cannot say: folders of data beside the package, and an ament_python package for colcon.
 
 Ubuntu 24.04's setuptools (68) does not know a licence that is a plain string in pyproject.toml, and colcon cannot read
 ``requires-python`` there: so both are here.
@@ -6,32 +6,24 @@ Ubuntu 24.04's setuptools (68) does not know a licence that is a plain string in
 
 import runpy
 import sys
-import tomllib
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 NAME = "pacman_env"
+#: Folders of the checkout, by the name that they have in the installed package (``pacman_env.files.shipped``).
+DATA = {f"{NAME}.maps": "maps", f"{NAME}.training.hyperparameters": "train/hyperparameters"}
 SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
 
 
 def complete(build: Path, source: Path) -> None:
     """Link into colcon's build folder what ``colcon build --symlink-install`` leaves out.
 
-    Colcon links the folder ``pacman_env`` alone, not pyproject.toml and not the folders beside it that hold packages
-    of ours, such as ``eval`` for ``pacman_env.eval``. So the package becomes a folder of links, in which they are too.
+    Colcon links the folder ``pacman_env`` alone, not pyproject.toml and not the folders of data beside it.
     """
-    elsewhere = tomllib.loads((source / "pyproject.toml").read_text())["tool"]["setuptools"]["package-dir"]
-    for name in ("pyproject.toml", "README.md", "LICENSE", *elsewhere.values()):
+    for name in ("pyproject.toml", "README.md", "LICENSE", *(folder.partition("/")[0] for folder in DATA.values())):
         if not (build / name).exists():
             (build / name).symlink_to(source / name)
-    package = build / NAME
-    if package.is_symlink():
-        package.unlink()
-        package.mkdir()
-        parts = [path for path in sorted((source / NAME).iterdir()) if path.name != "__pycache__"]
-        for path in [*parts, *(source / folder for folder in elsewhere.values())]:
-            (package / path.name).symlink_to(path)
 
 
 if "develop" in sys.argv and Path(__file__).is_symlink():
@@ -53,4 +45,11 @@ if not {"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv):  # pip's 
         *((f"share/{NAME}/{path.parent}", [str(path)]) for pattern in SHARED for path in sorted(Path().glob(pattern))),
     ]
 
-setup(license="MIT", python_requires=">=3.11", entry_points={"console_scripts": commands}, data_files=data_files)
+setup(
+    packages=[*find_packages(include=[NAME, f"{NAME}.*"]), *DATA],
+    package_dir=DATA,
+    license="MIT",
+    python_requires=">=3.11",
+    entry_points={"console_scripts": commands},
+    data_files=data_files,
+)

@@ -5,7 +5,6 @@ else; each part is imported by its own name, and the multi-agent environments ``
 ``parallel_vec_env`` when they are first asked for.
 """
 
-import os
 from typing import Any
 
 from pacman_env._version import __version__
@@ -14,9 +13,6 @@ from pacman_env.envs.registration import register_envs, register_when_imported
 __all__ = ["__version__", "env", "parallel_env", "parallel_vec_env", "register_envs"]
 
 register_when_imported()
-
-if not os.path.isdir(os.path.join(__path__[0], "eval")):  # a checkout: eval, train and maps lie beside this folder
-    __path__.append(os.path.dirname(__path__[0]))
 
 
 def __getattr__(name: str) -> Any:

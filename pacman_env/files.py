@@ -1,4 +1,4 @@
-"""Result files that are whole or absent. What is written into them is decided elsewhere."""
+"""Folders of data that are shipped, and result files that are whole or absent."""
 
 from __future__ import annotations
 
@@ -8,6 +8,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+
+def shipped(in_package: str, in_checkout: str) -> Path:
+    """A folder of data that comes with the project: in the installed package, or at the top of a checkout."""
+    package = Path(__file__).parent
+    installed = package / in_package
+    return installed if installed.is_dir() else package.parent / in_checkout
 
 
 def prepare(path: Path) -> Path:

@@ -32,7 +32,7 @@ class Pair(NamedTuple):
     right: float
 ''',
     "helpers.py": '''
-from pacman_env.jit import kernel
+from pacman_env.engine.jit import kernel
 from . import values
 
 @kernel
@@ -69,7 +69,7 @@ doubled = _made(10)
 """,
     "kernels.py": """
 import numpy as np
-from pacman_env.jit import kernel
+from pacman_env.engine.jit import kernel
 from . import helpers, values
 from .helpers import grown
 from .operations import doubled

@@ -21,9 +21,20 @@ EXAMPLES = [
 ]
 #: Libraries of docs/use_with that are in no extra of this project: `scripts/clients` has environments with them.
 CLIENTS = ("minari", "ray", "supersuit", "tianshou", "torchrl")
+TODAYS_PAGES = [page for page in PAGES if page.name != "CHANGELOG.md"]  # which names former commands too
 #: Commands of the package, in blocks and in lines.
 COMMANDS = sorted(
-    {m for page in PAGES for m in re.findall(r"^pacman-env .*|(?<=`)pacman-env [^`]*", page.read_text(), re.M)}
+    {m for page in TODAYS_PAGES for m in re.findall(r"^pacman-env .*|(?<=`)pacman-env [^`]*", page.read_text(), re.M)}
+)
+#: Commands of the checkout: a module or a file, and its options.
+IN_A_CHECKOUT = sorted(
+    {
+        command
+        for page in TODAYS_PAGES
+        for command in re.findall(
+            r"python (?:-m (?:benchmarks|tests\.system)\.[a-z]|(?:train|eval)/)[^`\n#]*", page.read_text()
+        )
+    }
 )
 
 
@@ -78,25 +89,25 @@ def test_the_pages_show_every_command() -> None:
     assert {shlex.split(command)[1] for command in COMMANDS} >= {"map", "play", "ros", *MODULES}
 
 
-def test_modules_of_the_checkout_are_commands_too() -> None:
-    modules = sorted(name.removesuffix(".__main__") for name, _ in MODULES.values())
-    pages = [page for page in PAGES if page.name != "CHANGELOG.md"]  # which tells of former names too
-    named = {module for page in pages for module in re.findall(r"python -m ((?:eval|train)\.[\w.]+)", page.read_text())}
-    assert named <= {*modules}
-    code = f"""
-import runpy, sys
-sys.argv = ["module", "--help"]
-for module in {modules}:
-    try:
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
-    except SystemExit as stop:
-        assert not stop.code, module
-"""
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+@pytest.mark.parametrize("command", IN_A_CHECKOUT)
+def test_commands_of_the_checkout_have_the_options_that_the_pages_name(command: str) -> None:
+    _, *words = shlex.split(command)
+    program = words[: 2 if words[0] == "-m" else 1]
+    done = subprocess.run([sys.executable, *program, "--help"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert re.findall(r"^usage: pacman-env ([\w-]+)", done.stdout, re.M) == sorted(
-        MODULES, key=lambda command: modules.index(MODULES[command][0].removesuffix(".__main__"))
-    )
+    for option in (word for word in words if word.startswith("--")):
+        assert option in done.stdout, command
+
+
+@pytest.mark.parametrize("folder", ["train", "eval"])
+def test_every_entry_point_of_the_checkout_is_a_command_of_the_package(folder: str) -> None:
+    imported = {
+        module
+        for path in (ROOT / folder).glob("*.py")
+        for module in re.findall(r"^from pacman_env\.(\S+) import main$", path.read_text(), re.M)
+    }
+    room = {"train": "training", "eval": "evaluation"}[folder]
+    assert imported == {module for module, _ in MODULES.values() if module.startswith(room)}
 
 
 @pytest.mark.parametrize("command", COMMANDS)

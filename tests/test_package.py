@@ -17,7 +17,7 @@ import pacman_env
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ("pacman_env", "eval", "train", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
+SOURCES = ("pacman_env", "train", "maps", "pyproject.toml", "setup.py", "setup.cfg", "README.md", "LICENSE")
 
 #: Run with the installed wheel first on the path: where things come from, a game on each map, and what was compiled.
 PLAY = """
@@ -100,15 +100,12 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
     wheel, _ = built
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
-    package |= {
-        f"pacman_env/{path.relative_to(ROOT)}" for room in ("eval", "train") for path in (ROOT / room).rglob("*.py")
-    }
-    package |= {f"pacman_env/eval/templates/{page}.html.j2" for page in ("report", "replay")}
-    package |= {"pacman_env/train/hyperparameters/PacManBot-v0.yaml"}
+    package |= {f"pacman_env/evaluation/templates/{page}.html.j2" for page in ("report", "replay")}
+    package |= {"pacman_env/training/hyperparameters/PacManBot-v0.yaml"}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env/web/static").iterdir()}
-    assert packed == package | maps | planner | page | {"pacman_env/maps/__init__.py", "pacman_env/py.typed"}
+    assert packed == package | maps | planner | page | {"pacman_env/py.typed"}
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
 
 
@@ -156,12 +153,11 @@ def test_the_installed_command_trains(site: Path, tmp_path: Path, command: list[
 
 
 def test_a_checkpoint_of_the_checkout_is_compared_by_the_installed_command(site: Path, tmp_path: Path) -> None:
-    """What it was pickled with is called otherwise there."""
     pytest.importorskip("torch")
     pytest.importorskip("optuna")
     tiny = ["--decisions", "64", "--segment", "64", "--games", "2", "--n-steps", "32", "--batch-size", "32"]
     tiny += ["--imitation", "0", "--levels", "2", "--evaluation", "0", "--threads", "1", "--no-progress"]
-    run(sys.executable, "-m", "train.ppo", *tiny, "--out", str(tmp_path / "run"), cwd=ROOT, PYTHONPATH=str(ROOT))
+    run(sys.executable, "train/ppo.py", *tiny, "--out", str(tmp_path / "run"), cwd=ROOT, PYTHONPATH=str(ROOT))
     command = ["compare", "--episodes", "2", "--time-limit", "5", "--policies", "run/last.zip"]
     out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, site=site)
     assert "last " in out

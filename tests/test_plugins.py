@@ -181,7 +181,7 @@ def test_what_is_no_ghost_is_refused(example: None) -> None:
 
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_the_example_is_compared(example: None, tmp_path: Path, workers: str) -> None:
-    from eval.compare.__main__ import main
+    from pacman_env.evaluation.compare.__main__ import main
 
     out = tmp_path / "out.json"
     policies = ["nearest", "shy", "pacman_plugin.policy:Shy"]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env import rng
-from pacman_env.jit import kernel
+from pacman_env.engine.jit import kernel
 from pacman_env.rng import CLYDE, LOCALIZATION, NAVIGATION, POLICY
 
 below, mix, normal, stream, uniform = map(kernel, (rng.below, rng.mix, rng.normal, rng.stream, rng.uniform))

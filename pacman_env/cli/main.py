@@ -23,36 +23,18 @@ from pacman_env.cli.web import add_web
 
 #: By command: its module in this package, and what it does.
 MODULES = {
-    "compare": ("eval.compare.__main__", "policies on the same rounds: a table, a plot, a film"),
-    "report": ("eval.report.__main__", "policies on the same rounds: a page that explains itself"),
-    "replay": ("eval.replay.__main__", "one round again, filmed, with the policies' reasons"),
-    "benchmark": ("eval.benchmarks.throughput", "how fast the environments are"),
-    "versions": ("eval.benchmarks.versions", "how fast they are beside those of another checkout"),
-    "decision": ("eval.benchmarks.decision", "what one decision of a policy costs"),
-    "feature-cost": ("eval.benchmarks.feature_cost", "what a learned planner's features cost"),
-    "node-load": ("eval.benchmarks.node_load", "what the game's nodes cost a computer (ROS)"),
-    "cold-start": ("eval.benchmarks.cold_start", "how long workers take that start together on a cold cache"),
-    "lock-step": (
-        "eval.benchmarks.lock_step",
-        "games of the nodes in lock-step: how fast, and decided by their seed (ROS)",
-    ),
-    "start-stop": ("eval.benchmarks.start_stop", "how long a game takes to start and to stop (ROS)"),
-    "web-load": ("eval.benchmarks.web_load", "what the operator's page costs with many viewers"),
-    "validation": ("eval.checks.validation", "the simulator beside the ten real trials"),
-    "navigation": ("eval.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
-    "houses": ("eval.checks.generated_levels", "whether generated houses can be played, judged independently"),
-    "fuzz": ("eval.checks.fuzz", "random actions under random configurations"),
-    "memory": ("eval.checks.memory", "whether long runs keep their memory, and threads change nothing"),
-    "campaign": ("eval.campaign.__main__", "random games of the nodes in lock-step, with faults (ROS)"),
-    "robot-rounds": (
-        "eval.campaign.robot_rounds",
-        "rounds of the nodes in lock-step beside the simulator's (ROS)",
-    ),
-    "train": ("train.ppo", "train a planner"),
-    "tune": ("train.tune", "search for hyperparameters"),
-    "adversary": ("train.adversary", "train a planner and a Clyde against each other"),
-    "learning-curves": ("train.learning_curves", "how fast stock learners learn"),
-    "export": ("train.export", "a trained planner as an ONNX file"),
+    "compare": ("evaluation.compare.__main__", "policies on the same rounds: a table, a plot, a film"),
+    "report": ("evaluation.report.__main__", "policies on the same rounds: a page that explains itself"),
+    "replay": ("evaluation.replay.__main__", "one round again, filmed, with the policies' reasons"),
+    "benchmark": ("evaluation.benchmark", "how fast the environments are"),
+    "validation": ("evaluation.checks.validation", "the simulator beside the ten real trials"),
+    "navigation": ("evaluation.checks.navigator_accuracy", "how well the Nav2 stand-in drives"),
+    "houses": ("evaluation.checks.generated_levels", "whether generated houses can be played, judged independently"),
+    "train": ("training.ppo", "train a planner"),
+    "tune": ("training.tune", "search for hyperparameters"),
+    "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
+    "learning-curves": ("training.learning_curves", "how fast stock learners learn"),
+    "export": ("training.export", "a trained planner as an ONNX file"),
 }
 
 
@@ -68,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str]) -> int:
     if argv and argv[0] in MODULES:
         module, _ = MODULES[argv[0]]
-        extra = "train" if module.startswith("train") else "eval"
+        extra = "train" if module.startswith("training") else "eval"
         return guarded(f"pacman-env {argv[0]}", lambda: import_module(f"pacman_env.{module}").main(argv[1:]), extra)
     with uninterrupted():  # argparse imports modules meanwhile
         parser = _parser()

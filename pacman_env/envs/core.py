@@ -47,7 +47,7 @@ class EnvCore:
         Args:
             n: games.
             arguments: of the environment.
-            num_threads: see :class:`~pacman_env.threads.Threads`.
+            num_threads: see :class:`~pacman_env.engine.threads.Threads`.
             copy: situations and features are new arrays at each step; False: two sets of arrays take turns.
             ghost_agents: whoever steps the games chooses for ghosts whose behaviour is ``policy``.
             settings: fields of the configuration that are other than the arguments say.

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.engine.jit import kernel
 from pacman_env.game.goal_cost import (
     SAFE,
     SKIPPED,
@@ -20,7 +21,6 @@ from pacman_env.game.goal_cost import (
     is_threatening,
     score_situation,
 )
-from pacman_env.jit import kernel
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.jit import kernel
+from pacman_env.engine.jit import kernel
 from pacman_env.policies.base import BasePolicy
 from pacman_env.rng import POLICY, stream, uniform
 from pacman_env.sim.observation.situation import PELLET, Situation

@@ -40,7 +40,7 @@ class LearnedPlanner(BasePolicy):
     A copy, by ``copy`` or ``pickle``, reads the file again.
 
     Args:
-        path: an ONNX file with its metadata beside it, as ``train.export`` writes them; None: the package's own.
+        path: an ONNX file with its metadata beside it, as ``training.export`` writes them; None: the package's own.
         threads: of onnxruntime.
 
     Raises:

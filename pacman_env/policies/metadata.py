@@ -1,7 +1,7 @@
 """What a learned planner's ONNX file says about itself: the JSON file beside it, read strictly, and its checks.
 
 The file is data: nothing in it is evaluated. How the network is run is decided in :mod:`pacman_env.policies.learned`,
-how the pair of files is written in ``train.export``.
+how the pair of files is written in ``pacman_env.training.export``.
 """
 
 from __future__ import annotations

@@ -161,11 +161,9 @@ def test_the_command_runs_as_a_module_and_loads_nothing_heavy_for_its_help(optio
 @pytest.mark.parametrize("command", MODULES)
 def test_every_command_has_a_help_of_its_own(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("psutil")
-    if MODULES[command][0].startswith("train"):
+    if MODULES[command][0].startswith("training"):
         pytest.importorskip("torch")
         pytest.importorskip("optuna")
-    if command == "robot-rounds":
-        pytest.importorskip("action_msgs")  # of ROS
     with pytest.raises(SystemExit, match="0"):
         main([command, "--help"])
     assert capsys.readouterr().out.startswith(f"usage: pacman-env {command} ")
@@ -175,7 +173,7 @@ def test_what_a_command_needs_is_one_line_and_status_2(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    for name in [name for name in sys.modules if name.startswith("pacman_env.train")]:
+    for name in [name for name in sys.modules if name.startswith("pacman_env.training")]:
         monkeypatch.delitem(sys.modules, name)
     assert main(["train", "--quick"]) == 2
     assert capsys.readouterr().err == "pacman-env train: needs torch: pip install 'pacman_env[train]'\n"

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env import jit
 from pacman_env.cli import warm_up
 from pacman_env.cli.main import main
+from pacman_env.engine import jit
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Prints the kernels that games need which are none of those that the command plays.

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pacman_env.engine.native import Table
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.game.ghosts import Behaviour
-from pacman_env.native import Table
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import planner_features

@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eval.compare.scenarios import Levels, open_scenario
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play, play_in
+from pacman_env.evaluation.compare.scenarios import Levels, open_scenario
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies import registry
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
-from tests.eval.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
+from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 
 
 def test_round_seeds_do_not_depend_on_how_many_there_are() -> None:

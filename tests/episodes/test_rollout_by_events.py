@@ -9,20 +9,20 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from eval.compare.scenarios import open_scenario
-from eval.replay.recording import RecordedGame
 from pacman_env.config import Config, make_config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.episodes.rollout import EPISODE, episode_seeds, play
+from pacman_env.evaluation.compare.scenarios import open_scenario
+from pacman_env.evaluation.replay.recording import RecordedGame
 from pacman_env.game.execution import RUNNING
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
-from tests.eval.helpers import ENDLESS
+from tests.evaluation.helpers import ENDLESS
 
 SETTINGS = {"pellets.spacing_m": 3.0, "time_limit_s": 120.0, "clyde.speed_mps": 0.3}
 CONFIG = make_config("robot", **SETTINGS, **{"decisions.when": "event"})

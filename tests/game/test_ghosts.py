@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.engine.jit import kernel
 from pacman_env.game import ghosts as rule
 from pacman_env.game.ghosts import BEHAVIOURS, GhostView, find_behaviour
-from pacman_env.jit import kernel
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghost_kernels import head_for, wander_on
 from pacman_env.sim.core.records import GHOST

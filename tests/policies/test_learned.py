@@ -28,7 +28,7 @@ from pacman_env.policies.metadata import metadata_path
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.sim.observation.situation import HOLD
 from tests.policies.contract import PolicyContract, random_situation
-from tests.train.planners import FACTS, random_planner
+from tests.training.planners import FACTS, random_planner
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ def planner(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A learned planner's file, ``ppo.onnx``."""
     pytest.importorskip("torch")
     pytest.importorskip("onnx")
-    from tests.train.planners import random_planner
+    from tests.training.planners import random_planner
 
     return random_planner(tmp_path_factory.mktemp("planner"), "ppo")
 

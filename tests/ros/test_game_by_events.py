@@ -10,11 +10,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.campaign.schedule import part_of_map
 from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from tests.ros import session
+from tests.system.campaign.schedule import part_of_map
 
 SETTINGS = ("decisions.when=event", "clyde.speed_mps=0.1", "show.start_s=1.0")
 

@@ -21,7 +21,7 @@ from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.topics import CLYDE_OBSTACLE, CLYDE_TRAIL, SCAN
 from tests.ros import nav2_chain
 from tests.ros.costmap_model import FREE, LETHAL, UNKNOWN, Costmap, Grid, Points, Pose
-from tools.nav2_parameters import DATA, by_node
+from tests.ros.nav2_parameters import DATA, by_node
 
 ROOT = Path(__file__).resolve().parents[2]
 NAV2 = ROOT / "config" / "nav2.yaml"

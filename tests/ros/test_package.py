@@ -188,7 +188,7 @@ def test_colcon_builds_a_package_that_ros2_run_and_launch_find(workspaces: dict[
         assert (share / path).read_text() == (ROOT / path).read_text(), path
         assert (share / path).is_symlink() == (kind == "links")
     assert (installed / "share" / "ament_index" / "resource_index" / "packages" / "pacman_env").is_file()
-    wanted = "import pacman_env.eval, pacman_env.train, pacman_env.maps, pacman_env.ros as r; print(r.__file__)"
+    wanted = "import pacman_env.evaluation, pacman_env.training, pacman_env.ros as r; print(r.__file__)"
     done = workspace.run(sys.executable, "-c", wanted)
     assert done.returncode == 0, done.stderr
     imported = Path(done.stdout.strip())

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pacman_env import jit
 from pacman_env.config import Config, make_config, parse_settings
+from pacman_env.engine import jit
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup

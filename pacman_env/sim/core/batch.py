@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
+from ...engine.native import Table
+from ...engine.threads import Threads
 from ...game.execution import COMPLETE, TIMEOUT
 from ...game.last_decision import Moment
 from ...game.round import clyde_speed_mps
-from ...native import Table
-from ...threads import Threads
 from ...world.navigation.clear_cells import overlap_m
 from ...world.navigation.physics import Spaces
 from ...world.navigation.planner import PATH_POINTS, detour_memory

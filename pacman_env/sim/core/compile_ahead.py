@@ -16,10 +16,10 @@ from pathlib import Path
 
 from numba.core import config as numba_config
 
-from ...compile_turns import expect_help
-from ...jit import kernel_folder
-from ...native import RANGE, address_of_kernel
-from ...threads import cores
+from ...engine.compile_turns import expect_help
+from ...engine.jit import kernel_folder
+from ...engine.native import RANGE, address_of_kernel
+from ...engine.threads import cores
 from .ticks import play
 
 _ROOT = Path(__file__).resolve().parents[3]

@@ -15,9 +15,9 @@ from collections.abc import Callable
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from ...engine.jit import kernel
+from ...engine.native import array_by_address, arrays_by_address, call_range
 from ...game.ghosts import BEHAVIOURS, Behaviour, GhostView, at_target, choose_target, walk
-from ...jit import kernel
-from ...native import array_by_address, arrays_by_address, call_range
 from ...world.navigation.grid import cell_of
 from ..maps.ghost_cells import find_path
 from . import records

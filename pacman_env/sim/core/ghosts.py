@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
+from ...engine.native import Table, address, address_of_kernel
 from ...game.ghosts import BEHAVIOURS, POLICY, WANDER, Behaviour, find_behaviour
-from ...native import Table, address, address_of_kernel
 from ..maps.ghost_cells import search_memory
 from ..maps.level_stack import LevelStack
 from . import records

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from ...engine.jit import kernel
 from ...game.decisions import decision_due
 from ...game.execution import (
     CANCEL,
@@ -25,7 +26,6 @@ from ...game.execution import (
     transition,
 )
 from ...game.ghosts import ghost_stream, spawn
-from ...jit import kernel
 from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading

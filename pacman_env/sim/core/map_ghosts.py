@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...engine.jit import kernel
 from ...game import ghosts as rule
-from ...jit import kernel
 from ...rng import below
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack

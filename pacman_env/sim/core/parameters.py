@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, RewardConfig
+from ...engine.jit import kernel
 from ...game.decisions import decision_rules
 from ...game.execution import COMPLETE, DEAD, TIMEOUT, rules
-from ...jit import kernel
 from ...rng import RANDOMIZE, ROUND, stream, uniform
 from ...world.navigation.controller import HORIZON_S
 from . import records

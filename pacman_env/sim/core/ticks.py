@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...engine.jit import kernel
+from ...engine.native import address_of, arrays_by_address
 from ...game.execution import RUNNING, TIMEOUT
-from ...jit import kernel
-from ...native import address_of, arrays_by_address
 from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...engine.jit import kernel, source_hash
 from ...game.pellets import generate_pellets
-from ...jit import kernel, source_hash
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...rng import LEVEL
 from ...world.maps.houses import MAX_EXTENT_M, draw_house
 from ...world.maps.occupancy import MapError, OccupancyMap

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import ClydeConfig
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...world.navigation.distances import nearest_numbers
 from ...world.navigation.grid import DriveGrid
 from .ghost_cells import ClydeCells

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...jit import kernel
-from ...native import Kinds, Table
+from ...engine.jit import kernel
+from ...engine.native import Kinds, Table
 from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
 from ...world.navigation.paths import UNREACHABLE_CM

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import RefugeConfig
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...world.navigation.distances import clearance_m, connected_parts
 from ...world.navigation.grid import DriveGrid
 from ...world.navigation.paths import UNREACHABLE_CM, PathFields

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
 from .nearest import NOBODY, Nearest, nearest_candidates

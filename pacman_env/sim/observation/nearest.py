@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from .situation import HOLD, PELLET, Situation
 
 NOBODY = -1  # in place of a candidate's number: there are not so many

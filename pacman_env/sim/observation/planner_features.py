@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.jit import kernel
+from ...engine.native import Table, address_of, arrays_by_address
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
-from ...jit import kernel
-from ...native import Table, address_of, arrays_by_address
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation

@@ -13,9 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel, prefetch
-from ...lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
-from ...native import Kinds, Table, address_of, arrays_by_address
+from ...engine.jit import kernel, prefetch
+from ...engine.lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
+from ...engine.native import Kinds, Table, address_of, arrays_by_address
 from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
 from .situation import LAYOUT, Situation

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ...jit import kernel
+from ...engine.jit import kernel
 
 WALLS, PELLETS, GHOSTS, ROBOT = 0, 1, 2, 3  # channels
 CHANNELS = 4

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...blocks import CANDIDATES, GHOSTS, Layout, N
-from ...jit import kernel
-from ...native import Table, address, arrays_by_address
+from ...engine.blocks import CANDIDATES, GHOSTS, Layout, N
+from ...engine.jit import kernel
+from ...engine.native import Table, address, arrays_by_address
 from .situation import HOLD, PELLET, REFUGE, Situation
 from .situation import LAYOUT as situation_layout
 

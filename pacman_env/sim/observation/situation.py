@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...blocks import CANDIDATES, GHOSTS, Layout, N
-from ...threads import ALONE, Threads
+from ...engine.blocks import CANDIDATES, GHOSTS, Layout, N
+from ...engine.threads import ALONE, Threads
 
 if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack

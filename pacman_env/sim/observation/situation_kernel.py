@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
-from ...native import Table, address_of, arrays_by_address
+from ...engine.jit import kernel
+from ...engine.native import Table, address_of, arrays_by_address
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...rng import mix
 from .occupancy import OccupancyMap
 

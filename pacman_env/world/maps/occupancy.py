@@ -22,6 +22,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from pacman_env.files import shipped
 from pacman_env.world.maps.map_image import ImageError, read_image
 
 MODES = ("trinary", "scale", "raw")
@@ -249,10 +250,7 @@ def shipped_maps() -> list[str]:
 
 def _shipped() -> dict[str, Path]:
     """YAML files by name: inside the installed package, or in the top folder of a checkout."""
-    package = Path(__file__).resolve().parents[2]
-    folders = (package / "maps", package.parent / "maps")
-    folder = next((f for f in folders if f.is_dir()), folders[0])
-    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+    return {p.stem: p for p in sorted(shipped("maps", "maps").glob("*.yaml"))}
 
 
 def _load(path: Path, name: str) -> OccupancyMap:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import cache_dir
+from ...engine.jit import cache_dir
 
 Arrays = dict[str, NDArray]
 KEEP_BYTES = 2 << 30  # of arrays on disk; a house takes 2 to 5 MB, the largest real maps 300 MB

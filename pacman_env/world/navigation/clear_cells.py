@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
+from ...engine.jit import kernel
 
 _SPARE_M = 0.001  # more than rounding
 

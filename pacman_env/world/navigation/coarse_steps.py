@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from .paths import NO_STEP
 
 TILE = 8  # cells along a side

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from .grid import cell_of
 
 _LOOKAHEAD = 0.35  # m along the path to the point that control steers to

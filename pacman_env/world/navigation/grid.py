@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import ExecutionConfig, Nav2Config, PelletConfig, RobotConfig
-from ...jit import kernel
+from ...engine.jit import kernel
 from ..maps.occupancy import MapError, OccupancyMap
 from .distances import clearance_m, connected_parts, nearest_numbers
 from .paths import PathFields, navfn_weights, neighbour_table

@@ -10,7 +10,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...rng import LIDAR, mix, stream
 
 _GAMMA, _S54 = np.uint64(0x9E3779B97F4A7C15), np.uint64(54)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...rng import normal
 
 LOCALIZATION_FIELDS = [

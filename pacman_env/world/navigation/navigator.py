@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...jit import kernel
+from ...engine.jit import kernel
 from ...rng import uniform
 from .controller import command, drive_wheels
 from .planner import write_plan

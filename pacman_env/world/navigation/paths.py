@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel, lowest_bit
+from ...engine.jit import kernel, lowest_bit
 
 UNREACHABLE_CM = 65535  # in a length field: no way
 AT_GOAL = 0  # in a next-step field: this is the goal's cell

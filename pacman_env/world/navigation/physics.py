@@ -19,8 +19,8 @@ import pymunk.batch
 from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
-from ...jit import kernel
-from ...native import call_each, call_step, load, replace, store, store_int
+from ...engine.jit import kernel
+from ...engine.native import call_each, call_step, load, replace, store, store_int
 from .grid import cell_of
 
 #: State of a robot's body, in m and m/s after the last step and N for the next one.

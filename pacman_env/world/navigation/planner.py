@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bucket_queue import Queue, clear, new_queue, pop, push
-from ...jit import kernel
+from ...engine.bucket_queue import Queue, clear, new_queue, pop, push
+from ...engine.jit import kernel
 from .grid import cell_of
 from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 

@@ -10,11 +10,11 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 pytest.importorskip("rosbags")
 
-from eval.campaign.schedule import part_of_map
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.bags.record import NAME, Recorder
 from tests.ros import session
+from tests.system.campaign.schedule import part_of_map
 
 
 @pytest.mark.parametrize("policy", ["nearest", "clyde_aware"])

@@ -1,4 +1,4 @@
-"""``pacman-env lock-step``: the games of a seed, twice."""
+"""``python -m benchmarks.lock_step``: the games of a seed, twice."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.benchmarks import lock_step
+from benchmarks import lock_step
 
 
 def test_the_command_plays_a_seed_twice_and_finds_both_equal(

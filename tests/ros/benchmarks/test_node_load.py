@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.benchmarks import node_load
+from benchmarks import node_load
 
 
 def test_every_node_is_measured_and_keeps_to_the_memory_that_is_promised(

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.benchmarks import start_stop
-from pacman_env.jit import cache_dir
+from benchmarks import start_stop
+from pacman_env.engine.jit import cache_dir
 
 
 def test_the_moments_of_a_start_follow_one_another(domain: int) -> None:

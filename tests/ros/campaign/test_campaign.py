@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.campaign.__main__ import main
-from eval.campaign.schedule import FREEZE, GAMES_PER_SYSTEM, KILL, LOSS, schedule
+from tests.system.campaign.__main__ import main
+from tests.system.campaign.schedule import FREEZE, GAMES_PER_SYSTEM, KILL, LOSS, schedule
 
 GAMES = [20, 21, 22]  # the referee is killed, reports of the pellets are lost, the event mapper is frozen
 

@@ -12,10 +12,10 @@ pytest.importorskip("rclpy")
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from unique_identifier_msgs.msg import UUID
 
-from eval.campaign.recorder import Recorder
 from pacman_env.ros import topics
 from pacman_env.ros.simulated_robot.sim_robot import FAULTS_NOW
 from tests.ros import session
+from tests.system.campaign.recorder import Recorder
 
 
 def test_the_goals_of_a_server_that_goes_are_over(domain: int, tmp_path: Path) -> None:

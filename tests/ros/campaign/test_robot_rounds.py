@@ -14,14 +14,14 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.campaign import robot_rounds
-from eval.campaign.recorded_game import RecordedGame
-from eval.campaign.robot_rounds import ONE_ROUND, main, play_round
-from eval.campaign.schedule import part_of_map
-from eval.campaign.workers import errors, logged
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of
 from tests.plugin_example import install
+from tests.system.campaign import robot_rounds
+from tests.system.campaign.recorded_game import RecordedGame
+from tests.system.campaign.robot_rounds import ONE_ROUND, main, play_round
+from tests.system.campaign.schedule import part_of_map
+from tests.system.campaign.workers import errors, logged
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_a_round_against_a_learned_ghost_and_one_of_a_plug_in_by_its_preset_and_
 ) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("onnxruntime")
-    from tests.train.planners import random_planner
+    from tests.training.planners import random_planner
 
     site = str(install(tmp_path))
     monkeypatch.syspath_prepend(site)

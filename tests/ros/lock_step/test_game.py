@@ -11,10 +11,10 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.campaign.schedule import part_of_map
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.transcript import Transcript
 from tests.ros import session
+from tests.system.campaign.schedule import part_of_map
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.benchmarks.node_load import LIGHT_NODES
+from benchmarks.node_load import LIGHT_NODES
 from pacman_env.ros.supervisor.game_nodes import WAIT, module_of
 
 HEAVY = ("numba", "llvmlite", "cv2", "pymunk", "gymnasium", "onnxruntime", "scipy")

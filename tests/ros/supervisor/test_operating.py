@@ -34,7 +34,6 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from eval.campaign.schedule import part_of_map
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag_replay import replay_bag
@@ -46,6 +45,7 @@ from pacman_env.ros.supervisor.status_line import fitted
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.supervisor.test_doctor import examine, is_bad
 from tests.ros.system import Probe, Process, System
+from tests.system.campaign.schedule import part_of_map
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
 COLUMNS = 80

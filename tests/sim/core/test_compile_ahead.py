@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.native import RANGE
+from pacman_env.engine.native import RANGE
 from pacman_env.sim.core import compile_ahead
 from pacman_env.sim.core.ticks import play
 

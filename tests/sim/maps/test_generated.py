@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eval.checks.generated_levels import judge
 from pacman_env.config import ConfigError, make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.evaluation.checks.generated_levels import judge
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.generated import (
     TEST_LEVEL,

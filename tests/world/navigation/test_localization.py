@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eval.checks.navigator_accuracy import NOBODY, drive_leg, with_goals
 from pacman_env.config import make_config
+from pacman_env.evaluation.checks.navigator_accuracy import NOBODY, drive_leg, with_goals
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, scan, update, wrap

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eval.checks.navigator_accuracy import NOBODY, watch_contacts, with_goals
 from pacman_env.config import Config, make_config
+from pacman_env.evaluation.checks.navigator_accuracy import NOBODY, watch_contacts, with_goals
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.world.navigation.navigator import ABORTED, ACTIVE, CANCELED, IDLE, NO_RESULT, SUCCEEDED

@@ -1,0 +1,115 @@
+"""The cost of one decision: ``python -m benchmarks.decision``.
+
+One game is played with the policy's own choices, and each ``select`` is timed: features and network, without the
+simulator, one situation at a time, in one thread, as on a robot. The most memory that the process ever held counts the
+simulator as well. torch is not imported, and the figures say so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.config import Config, make_config, parse_settings
+from pacman_env.files import prepare, write_json
+from pacman_env.game.execution import RUNNING
+from pacman_env.policies.base import Policy
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.assets import MapAssets, map_assets
+
+WARM_UP = 50  # decisions not counted: compilation, caches
+
+
+def peak_memory_mb() -> float:
+    """The most resident memory that this process has had, MB (10^6 bytes)."""
+    status = Path("/proc/self/status")
+    if status.exists():  # getrusage would count the parent's memory before the start of the program too
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) * 1024 / 1e6
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # bytes, on macOS
+
+
+def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisions: int, seed: int) -> list[float]:
+    """Milliseconds of each of ``decisions`` selections, after some that are not counted."""
+    seeds = np.random.default_rng(seed)
+    batch = GameBatch(assets, config, 1)
+    times: list[float] = []
+    ended = True
+    for _ in range(WARM_UP + decisions):
+        if ended:
+            batch.reset(np.zeros(1, np.int64), seeds.integers(2**63, size=1, dtype=np.uint64))
+            policy.reset(np.ones(1, np.bool_))
+        situation = batch.situation()
+        began = time.perf_counter_ns()
+        goal = policy.select(situation)
+        times.append((time.perf_counter_ns() - began) / 1e6)
+        batch.step(goal)
+        ended = bool(batch.games["end"][0] != RUNNING)
+    return times[WARM_UP:]
+
+
+def run(spec: str, map_source: str, settings: Sequence[str], decisions: int, seed: int) -> dict[str, Any]:
+    """All figures.
+
+    Raises:
+        ValueError: no such policy, or a map or setting that cannot be played with.
+    """
+    config = make_config("robot", **parse_settings(settings))
+    policy = make_policy(spec)
+    assets = map_assets(map_source, config)
+    times = decision_times_ms(policy, assets, config, decisions, seed)
+    p50, p99 = np.percentile(times, [50, 99]).tolist()
+    return {
+        "policy": policy.name,
+        "map": assets.occupancy.name,
+        "map_hash": assets.occupancy.hash,
+        "pellets": assets.pellets,
+        "candidates": len(assets.goal_xy) + 1,
+        "decisions": decisions,
+        "p50_ms": p50,
+        "p99_ms": p99,
+        "longest_ms": max(times),
+        "peak_memory_mb": peak_memory_mb(),
+        "torch_imported": "torch" in sys.modules,
+        "version": __version__,
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure; returns the exit status."""
+    parser = Parser(prog="python -m benchmarks.decision", description=__doc__)
+    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
+    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration")
+    parser.add_argument("--decisions", type=whole_number(1), default=2000, metavar="N")
+    parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    if arguments.json:
+        prepare(arguments.json)
+    figures = run(arguments.policy, arguments.map, arguments.set, arguments.decisions, arguments.seed)
+    print(f"{figures['policy']} on {figures['map']}: {figures['pellets']} pellets, {figures['candidates']} candidates")
+    print(f"  one decision: median {figures['p50_ms']:.3f} ms, 99 % within {figures['p99_ms']:.3f} ms,", end=" ")
+    print(f"longest of {figures['decisions']}: {figures['longest_ms']:.3f} ms")
+    torch = "imported" if figures["torch_imported"] else "not imported"
+    print(f"  memory, simulator included: {figures['peak_memory_mb']:.0f} MB at most; torch {torch}")
+    if arguments.json:
+        write_json(arguments.json, figures)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

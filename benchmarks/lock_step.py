@@ -1,0 +1,155 @@
+"""Games of the robot's nodes in lock-step, one after another: how fast, and whether a seed decides them.
+
+The same seed is played twice, the second time beside processes that keep the cores busy, and another seed once. Each
+message that a node handles goes into a hash, with its simulated time, its topic and its contents.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.files import prepare, write_json
+
+DIFFERENT = 1  # exit status
+LIMIT_S = 3600.0  # of simulated time, for a game
+
+
+@dataclass(frozen=True)
+class Game:
+    """One game, from its start to the menu.
+
+    Attributes:
+        result: of the referee.
+        simulated_s: its length.
+        real_s: how long it took.
+        core_s: time on the processor.
+        messages: that nodes have handled, from the first game on.
+        hash: over these.
+    """
+
+    result: str
+    simulated_s: float
+    real_s: float
+    core_s: float
+    messages: int
+    hash: str
+
+
+def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
+    """Games in a row, by the same nodes.
+
+    Raises:
+        ValueError: a map or policy that cannot be played.
+        RuntimeError: a node failed, or a game has no end.
+        ModuleNotFoundError: rclpy is absent.
+    """
+    from pacman_env.ros import topics
+    from pacman_env.ros.discovery import stay_on_this_machine
+    from pacman_env.ros.lock_step.game import LockStepGame
+    from pacman_env.ros.lock_step.transcript import Transcript
+    from pacman_env.ros.node import BaseNode
+    from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
+
+    class Spectator(BaseNode):
+        def __init__(self) -> None:
+            super().__init__("spectator")
+            self.result, self.states = "", [""]
+            self.listen(topics.GAME_RESULT, lambda message: setattr(self, "result", message.data), "bad result")
+            self.listen(topics.GAME_STATE, lambda message: self.states.append(message.data), "bad state")
+
+    stay_on_this_machine()
+    played: list[Game] = []
+    with tempfile.TemporaryDirectory() as folder:
+        extra: dict[str, Any] = {REFEREE: {"state_file": str(Path(folder) / "game.json")}}
+        game = LockStepGame(GameSetup(map_source, policy, sim=True, extra=extra), seed)
+        try:
+            transcript = Transcript(game)
+            spectator = game.join(Spectator)
+            for _ in range(games):
+                began_s, real_s, core_s = game.wall.now_s, time.perf_counter(), time.process_time()
+                answer = game.call(spectator, topics.START_GAME)
+                if not answer.success:
+                    raise RuntimeError(f"{topics.START_GAME.name}: {answer.message}")
+                spectator.states.clear()
+                if not game.until(lambda: "menu" in spectator.states, LIMIT_S):
+                    raise RuntimeError(f"no end of the game after {LIMIT_S:g} s of simulated time")
+                lasted = game.wall.now_s - began_s, time.perf_counter() - real_s, time.process_time() - core_s
+                played.append(Game(spectator.result, *lasted, transcript.messages, transcript.hexdigest()))
+        finally:
+            game.close()
+    return played
+
+
+@contextlib.contextmanager
+def busy(cores: int) -> Iterator[None]:
+    """So many processes that do nothing but compute."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(cores)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def table(games: Sequence[Game]) -> list[str]:
+    """One line a game."""
+    lines = ["| game | result | simulated s | real s | times real time | times time on a core | messages | hash |"]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    for number, g in enumerate(games, 1):
+        speeds = f"{g.simulated_s / g.real_s:.1f} | {g.simulated_s / g.core_s:.1f}"
+        times = f"{g.simulated_s:.1f} | {g.real_s:.1f}"
+        lines.append(f"| {number} | {g.result} | {times} | {speeds} | {g.messages} | {g.hash[:12]} |")
+    return lines
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Play, print, and write; the exit status."""
+    if arguments.json:
+        prepare(arguments.json)
+    given = arguments.map, arguments.policy
+    first = play(*given, arguments.seed, arguments.games)
+    print(*table(first), sep="\n")
+    with busy(arguments.busy):
+        again = play(*given, arguments.seed, arguments.games)
+    print(f"\nthe same seed with {arguments.busy} cores kept busy:", *table(again), sep="\n")
+    other = play(*given, arguments.seed + 1, 1)
+    same = [g.hash for g in first] == [g.hash for g in again]
+    differs = other[0].hash != first[0].hash
+    print(f"\nthe same seed: {'equal' if same else 'DIFFERENT'}; seed {arguments.seed + 1}: ", end="")
+    print("another game" if differs else "THE SAME GAME")
+    if arguments.json:
+        facts = {"version": __version__, "map": arguments.map, "policy": arguments.policy, "seed": arguments.seed}
+        series = {"idle": first, "busy": again, "other": other}
+        write_json(arguments.json, {**facts, **{name: [asdict(g) for g in games] for name, games in series.items()}})
+    return 0 if same and differs else DIFFERENT
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Play; the exit status: 1 where a seed does not decide the games."""
+    parser = Parser(prog="python -m benchmarks.lock_step", description=__doc__)
+    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
+    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
+    parser.add_argument("--games", type=whole_number(1), default=10, metavar="N")
+    parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S")
+    parser.add_argument(
+        "--busy", type=whole_number(0), default=os.cpu_count() or 1, metavar="N", help="cores, the 2nd time"
+    )
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every game")
+    return run_command(parser, argv, run, "ros")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

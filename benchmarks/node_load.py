@@ -1,0 +1,146 @@
+"""The load of the game's nodes on a computer: ``python -m benchmarks.node_load``.
+
+The whole game is started as ``pacman-env ros up --sim`` starts it, in real time, and watched while a round runs: time
+on the processor and memory of every process, and the goal selector's own decision times, from the look at the pose to
+the goal handed to the middleware. The simulated robot stands for base, lidar, AMCL and Nav2, and is counted apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.files import prepare, write_json
+from pacman_env.world.maps.occupancy import load_map
+
+PATIENCE_S = 300.0  # the first start compiles
+#: Promised of the goal selector, of a decision, of all nodes together, and of those that only pass words on.
+SELECTOR_CPU_PERCENT, SELECTOR_MB, DECISION_MS, SYSTEM_CPU_PERCENT, LIGHT_MB = 5.0, 250.0, 20.0, 25.0, 75.0
+LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", "game_controller")
+
+
+def measure(map_source: str, policy: str, seconds: float, domain: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """All figures of ``seconds`` of running rounds.
+
+    Args:
+        map_source: a YAML file or the name of a shipped map.
+        policy: a name of the registry, or an .onnx file.
+        seconds: how long the processes are watched.
+        domain: ROS_DOMAIN_ID.
+        say: told what is going on.
+
+    Raises:
+        ValueError: a map or policy that cannot be played.
+        RuntimeError: a game that does not come to run.
+        ModuleNotFoundError: rclpy is absent.
+    """
+    from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup
+    from pacman_env.ros.supervisor.processes import ProcessGroup
+    from pacman_env.ros.supervisor.status_line import StatusLine
+    from pacman_env.ros.supervisor.up import check, environment
+    from pacman_env.ros.topics import START_GAME
+
+    setup = GameSetup(map_source, policy, sim=True, settings=("show.start_s=0",), extra={REFEREE: {"state_file": ""}})
+    check(setup)
+    os.environ.update(environment(setup, domain))
+    status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
+    names = (SIMULATOR, *GAME, SELECTOR)
+    with tempfile.TemporaryDirectory() as logs:
+        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), say)
+
+        def wait(condition: Callable[[], Any], what: str) -> None:
+            end = time.monotonic() + PATIENCE_S
+            while not condition():
+                processes.tend()
+                status_line.spin(0.1)
+                if time.monotonic() > end:
+                    raise RuntimeError(f"waited {PATIENCE_S:g} s for {what}")
+
+        try:
+            for name in names:
+                processes.start(name)
+            wait(lambda: status_line.pose_age_s is not None, "a pose")
+            wait(lambda: status_line.ready and status_line.call(START_GAME), "the referee")
+            wait(lambda: status_line.state == "running", "the round")
+            wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
+            say(f"running, watched for {seconds:g} s")
+            found = {name: psutil.Process(number) for name, number in processes.ids().items()}
+            before = {name: found[name].cpu_times() for name in names}
+            began = time.monotonic()
+            wait(lambda: time.monotonic() - began >= seconds, "the end")
+            lasted = time.monotonic() - began
+            nodes = {}
+            for name in names:
+                after = found[name].cpu_times()
+                spent = after.user + after.system - before[name].user - before[name].system
+                memory = found[name].memory_info().rss / 1e6
+                nodes[name] = {"cpu_percent": 100.0 * spent / lasted, "memory_mb": memory}
+            decisions = status_line.condition.get("decisions", {})
+        finally:
+            processes.stop(STOP_ORDER)
+            status_line.close()
+    return {
+        "map": setup.map,
+        "map_hash": load_map(map_source).hash,
+        "policy": policy,
+        "seconds": lasted,
+        "nodes": nodes,
+        "system_cpu_percent": sum(node["cpu_percent"] for name, node in nodes.items() if name != SIMULATOR),
+        "decisions": decisions,
+        "version": __version__,
+    }
+
+
+def report(figures: dict[str, Any]) -> str:
+    """The figures as a table, with what is promised."""
+    lines = [f"{'node':<20}  cpu % of a core  memory MB"]
+    for name, node in figures["nodes"].items():
+        lines.append(f"{name:<20}  {node['cpu_percent']:15.1f}  {node['memory_mb']:9.0f}")
+    decisions = figures["decisions"]
+    lines += [
+        f"{'all but sim_robot':<20}  {figures['system_cpu_percent']:15.1f}  (promised: below {SYSTEM_CPU_PERCENT:g})",
+        f"{', '.join(LIGHT_NODES)}: promised are at most {LIGHT_MB:g} MB each",
+        f"goal_selector: promised are less than {SELECTOR_CPU_PERCENT:g} % and {SELECTOR_MB:g} MB",
+    ]
+    if decisions.get("count"):
+        lines.append(
+            f"from pose to goal sent: median {decisions['median_ms']:.1f} ms, 99 % within {decisions['p99_ms']:.1f} ms"
+            f" (promised: {DECISION_MS:g}), longest of {decisions['count']}: {decisions['longest_ms']:.1f} ms"
+        )
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure; returns the exit status."""
+    parser = Parser(prog="python -m benchmarks.node_load", description=__doc__)
+    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
+    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
+    parser.add_argument("--seconds", type=whole_number(1), default=60, metavar="S")
+    parser.add_argument("--domain-id", type=whole_number(1), default=77, metavar="N", help="ROS_DOMAIN_ID of the game")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
+    return run_command(parser, argv, _report, "ros")
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    if arguments.json:
+        prepare(arguments.json)
+    say = partial(print, file=sys.stderr)
+    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, say)
+    print(report(figures))
+    if arguments.json:
+        write_json(arguments.json, figures)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+"""How long a game takes to start and to stop: ``python -m benchmarks.start_stop``, also beside another checkout.
+
+``pacman-env ros up --sim --start`` runs as a process of its own, without a start show: first with an empty cache, as on
+a new machine, then with the cache that it has left. Watched from outside: the first word that it prints, the menu, the
+robot's first motion, and the time from Ctrl-C to its end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pacman_env
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.files import prepare, write_json
+
+ROOT = Path(pacman_env.__file__).resolve().parents[1]
+PATIENCE_S = 600.0
+DRIVES_MPS = 0.05
+COLUMNS = ("first word", "menu", "drives", "stop")
+
+
+def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) -> dict[str, float]:
+    """Seconds from the command to each of the moments, and from Ctrl-C to the end.
+
+    Args:
+        root: the checkout whose game is started.
+        cache: its folder for compiled kernels and prepared maps.
+        map_source: a YAML file or the name of a shipped map.
+        policy: a name of the registry, or an .onnx file.
+        domain: ROS_DOMAIN_ID.
+
+    Raises:
+        ValueError: the game has ended, or does not come to drive.
+    """
+    from pacman_env.ros.discovery import join
+    from pacman_env.ros.supervisor.status_line import StatusLine
+    from pacman_env.ros.topics import ODOMETRY
+
+    join(domain, this_machine=True)
+    status_line = StatusLine("robot_15", sim=False)
+    moments: dict[str, float] = {}
+    began = time.monotonic()
+
+    def note(name: str) -> None:
+        moments.setdefault(name, time.monotonic() - began)
+
+    def on_odometry(message: Any) -> None:
+        if abs(message.twist.twist.linear.x) > DRIVES_MPS:
+            note("drives")
+
+    ODOMETRY.subscription(status_line, on_odometry)
+    with tempfile.TemporaryDirectory() as logs:
+        words = ["--map", map_source, "--policy", policy, "--sim", "--start", "--set", "show.start_s=0", "--logs", logs]
+        command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words, "--domain-id", str(domain)]
+        environment = {**os.environ, "PYTHONPATH": str(root), "PACMAN_ENV_CACHE": str(cache)}
+        pipe = subprocess.PIPE
+        with subprocess.Popen(
+            command, cwd=root, env=environment, stdout=pipe, stderr=subprocess.STDOUT, text=True
+        ) as process:
+            said: list[str] = []
+            reader = threading.Thread(target=_read, args=(process, said, lambda: note("first word")), daemon=True)
+            reader.start()
+            try:
+                while "drives" not in moments:
+                    status_line.spin(0.05)
+                    if status_line.state is not None:
+                        note("menu")
+                    if process.poll() is not None or time.monotonic() - began > PATIENCE_S:
+                        raise ValueError(f"the game of {root} does not drive: {' '.join(said[-3:])}")
+                asked = time.monotonic()
+                process.send_signal(signal.SIGINT)
+                process.wait(PATIENCE_S)
+                moments["stop"] = time.monotonic() - asked
+            finally:
+                if process.poll() is None:
+                    process.kill()
+                reader.join()
+                status_line.close()
+    return moments
+
+
+def _read(process: subprocess.Popen[str], said: list[str], word: Callable[[], None]) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        word()
+        said.append(line.strip())
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Measure every checkout in turns, tell, and write."""
+    if arguments.json:
+        prepare(arguments.json)
+    roots = {"this": ROOT} | ({"before": arguments.before} if arguments.before else {})
+    rows: list[dict[str, Any]] = []
+    print(f"{'checkout':<9} {'cache':<6}" + "".join(f" {name:>11}" for name in COLUMNS) + "   s")
+    with tempfile.TemporaryDirectory() as folder:
+        for cache in ("cold", "warm"):
+            for name, root in roots.items():
+                place = Path(folder) / name
+                moments = measure(root, place, arguments.map, arguments.policy, arguments.domain_id)
+                rows.append({"checkout": name, "cache": cache, **moments})
+                print(f"{name:<9} {cache:<6}" + "".join(f" {moments[column]:11.1f}" for column in COLUMNS), flush=True)
+    if arguments.json:
+        write_json(arguments.json, {"version": pacman_env.__version__, "map": arguments.map, "rows": rows})
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure; returns the exit status."""
+    parser = Parser(prog="python -m benchmarks.start_stop", description=__doc__)
+    parser.add_argument("before", nargs="?", type=Path, metavar="CHECKOUT", help="another version to measure beside")
+    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
+    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
+    parser.add_argument("--domain-id", type=whole_number(1), default=78, metavar="N", help="ROS_DOMAIN_ID of the game")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
+    return run_command(parser, argv, run, "ros")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

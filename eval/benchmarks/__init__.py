@@ -1,1 +1,0 @@
-"""Measurements of speed, time and memory; each module is a command."""

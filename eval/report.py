@@ -1,0 +1,6 @@
+"""Compare policies on the same rounds, as a page: ``python eval/report.py --help``."""
+
+from pacman_env.evaluation.report.__main__ import main
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,1 @@
+"""What compiles kernels, calls them and shares them between threads and processes."""

@@ -1,0 +1,137 @@
+"""The simulator beside the ten real trials, and how much each cause takes: ``pacman-env validation``.
+
+The reference is the original as it was: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
+spawning anywhere. Every other row changes one cause and nothing else, in the same rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.config import make_config
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.episodes.statistics import wilson
+from pacman_env.evaluation.compare.rows import Row, make_row
+from pacman_env.evaluation.compare.workers import Block, play_all
+from pacman_env.files import prepare, replaced
+from pacman_env.sim.maps.assets import map_assets
+
+#: The ten trials of the milestone: rounds complete, rounds with at most one pellet missing.
+TRIALS, TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE = 10, 3, 6
+
+_ORIGINAL_SPAWN = {"clyde.spawn": "anywhere", "clyde.spawn_distance_m": 0.0}
+_PREEMPT = {"execution.on_abort": "back_off", "execution.switch": "preempt"}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row: what differs from the original."""
+
+    cause: str
+    name: str
+    policy: str = "clyde_aware"
+    changes: Mapping[str, Any] | None = None
+
+
+VARIANTS = (
+    Variant("reference", "the original as it was"),
+    Variant("selector", "milestone's form of the scorer", "clyde_aware:documented"),
+    Variant("selector", "nearest pellet", "nearest"),
+    Variant("selector", "random pellet", "random"),
+    Variant("belief", "fresh pose from TF, with AMCL's error", changes={"execution.pose_source": "tf"}),
+    Variant("belief", "perfect localization", changes={"localization.perfect": True}),
+    Variant("belief", "rules tested 20 times a second", changes={"execution.check_period_s": 0.05}),
+    Variant("executor", "pre-empt instead of cancel-then-send, back-off", changes=_PREEMPT),
+    Variant("executor", "Nav2 plans at 2 Hz, takes goals at once", changes={
+        "nav2.planner_period_s": 0.5, "nav2.accept_delay_s": 0.0}),
+    Variant("speed", "robot at 0.306 m/s", changes={"robot.speed_mps": 0.306}),
+    Variant("speed", "robot at 0.20 m/s", changes={"robot.speed_mps": 0.20}),
+    Variant("speed", "Clyde at 0.35 m/s", changes={"clyde.speed_mps": 0.35}),
+    Variant("spawn", "Clyde connected to the robot's area", changes={"clyde.spawn": "connected"}),
+    Variant("spawn", "connected and at least 1.5 m away (our default)", changes={
+        "clyde.spawn": "connected", "clyde.spawn_distance_m": 1.5}),
+    Variant("all of ours", "robust executor, default spawn", changes={
+        **_PREEMPT, "execution.pose_source": "tf", "clyde.spawn": "connected", "clyde.spawn_distance_m": 1.5}),
+)  # fmt: skip
+
+
+def run(source: str, episodes: int, seed: int, workers: int) -> list[tuple[Variant, Row]]:
+    """Play every variant; the paired difference is to the first one."""
+    seeds = episode_seeds(seed, episodes)
+    blocks = [
+        Block(source, make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}), v.policy, seeds)
+        for v in VARIANTS
+    ]
+    name = map_assets(source, blocks[0].config).occupancy.name
+    played = play_all(blocks, workers)
+    reference = played[0][0]
+    return [
+        (
+            variant,
+            make_row(
+                map_name=name,
+                policy=variant.policy,
+                clyde_speed=block.config.clyde.speed_mps,
+                records=records,
+                decision_ms=decision_ms,
+                first=None if variant is VARIANTS[0] else reference,
+            ),
+        )
+        for variant, block, (records, decision_ms) in zip(VARIANTS, blocks, played, strict=True)
+    ]
+
+
+def table(results: list[tuple[Variant, Row]]) -> str:
+    """A Markdown table."""
+
+    def percent(rate: float, interval: list[float]) -> str:
+        return f"{100 * rate:.1f} [{100 * interval[0]:.1f}, {100 * interval[1]:.1f}]"
+
+    lines = [
+        "| cause | what differs | complete, % | all but one, % | pellets | difference, points |",
+        "|---|---|---|---|---|---|",
+    ]
+    real = [wilson(count, TRIALS) for count in (TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE)]
+    lines.append(
+        f"| real robot | ten trials | {percent(TRIALS_COMPLETE / TRIALS, list(real[0]))}"
+        f" | {percent(TRIALS_ALL_BUT_ONE / TRIALS, list(real[1]))} | | |"
+    )
+    for variant, row in results:
+        low, high = row["paired_ci"]
+        difference = f"{100 * row['paired_difference']:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
+        lines.append(
+            f"| {variant.cause} | {variant.name} | {percent(row['completion_rate'], row['completion_ci'])}"
+            f" | {percent(row['all_but_one_rate'], row['all_but_one_ci'])} | {row['pellets_mean']:.2f}"
+            f" | {'' if variant is VARIANTS[0] else difference} |"
+        )
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Play every variant; returns the exit status."""
+    parser = Parser(prog="pacman-env validation", description=__doc__)
+    parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
+    parser.add_argument("--episodes", type=whole_number(1), default=1000)
+    parser.add_argument("--seed", type=whole_number(0), default=0)
+    parser.add_argument("--workers", type=whole_number(1), default=1)
+    parser.add_argument("--markdown", type=Path, help="write the table here too")
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    target = prepare(arguments.markdown) if arguments.markdown else None
+    text = table(run(arguments.map, arguments.episodes, arguments.seed, arguments.workers))
+    print(text)
+    if target is not None:
+        with replaced(target) as temporary:
+            temporary.write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

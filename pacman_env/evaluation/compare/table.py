@@ -1,0 +1,115 @@
+"""The comparison as aligned plain text for a terminal."""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections.abc import Callable, Sequence
+
+from pacman_env.evaluation.compare.rows import Row
+
+_WIDTH = 136
+_NAME_WIDTH = 22
+
+_Cell = Callable[[Row], str]
+
+
+def short_name(policy: str, width: int = _NAME_WIDTH) -> str:
+    """A policy's name; of a long path, its end."""
+    return policy if len(policy) <= width else "…" + policy[1 - width :]
+
+
+def groups(rows: Sequence[Row]) -> list[list[Row]]:
+    """The rows of one map and one speed together, as they come."""
+    return [list(g) for _, g in itertools.groupby(rows, key=lambda row: (row["map"], row["clyde_speed"]))]
+
+
+def group_title(row: Row) -> str:
+    """Map, pellets, Clyde's speed and rounds of a row's group."""
+    least, most = row["pellets_least"], row["pellets"]
+    pellets = f"{most}" if least == most else f"{least} to {most}"
+    levels = f" on {row['levels']} levels" if row["levels"] > 1 else ""
+    what = "endless games" if row["kind"] == "endless" else "episodes"
+    return f"{row['map']}: {pellets} pellets{levels}, Clyde at {row['clyde_speed']:g} m/s, {row['episodes']} {what}"
+
+
+def render(rows: Sequence[Row]) -> str:
+    """The table, one block per map and speed, and what the columns mean; all rows are of one kind."""
+    endless = rows[0]["kind"] == "endless"
+    columns = _ENDLESS if endless else _ROUND
+    header = (*columns, "difference")
+    cells = [
+        [[*(cell(row) for cell in columns.values()), _difference(row, k == 0)] for k, row in enumerate(group)]
+        for group in groups(rows)
+    ]
+    widths = [max(map(len, column)) for column in zip(header, *itertools.chain.from_iterable(cells), strict=True)]
+
+    def line(texts: Sequence[str]) -> str:
+        parts = (t.ljust(w) if k == 0 else t.rjust(w) for k, (t, w) in enumerate(zip(texts, widths, strict=True)))
+        return "  ".join(parts).rstrip()
+
+    lines: list[str] = []
+    for group, block in zip(groups(rows), cells, strict=True):
+        lines += [group_title(group[0]), line(header), *map(line, block), ""]
+    meaning = f"{_ENDLESS_MEANING if endless else _ROUND_MEANING} {short_name(rows[0]['policy'])}, paired by seed."
+    return "\n".join([*lines, *textwrap.wrap(meaning, _WIDTH)])
+
+
+def _percent(rate: float, sign: str = "") -> str:
+    return f"{100 * rate + 0.0:{sign}.1f}"
+
+
+def _number(value: float, sign: str = "") -> str:
+    return f"{value + 0.0:{sign}.1f}"
+
+
+def _with_interval(
+    value: float, interval: Sequence[float], sign: str = "", text: Callable[[float, str], str] = _percent
+) -> str:
+    low, high = (text(limit, sign) for limit in interval)
+    return f"{text(value, sign)} [{low}, {high}]"
+
+
+def _difference(row: Row, first: bool) -> str:
+    text = _number if row["kind"] == "endless" else _percent
+    return "-" if first else _with_interval(row["paired_difference"], row["paired_ci"], "+", text)
+
+
+_DECISION: dict[str, _Cell] = {
+    "p50 ms": lambda row: f"{row['decision_ms_p50']:.3f}",
+    "p99 ms": lambda row: f"{row['decision_ms_p99']:.3f}",
+}
+_ROUND: dict[str, _Cell] = {
+    "policy": lambda row: short_name(row["policy"]),
+    "complete": lambda row: _with_interval(row["completion_rate"], row["completion_ci"]),
+    "all but one": lambda row: _with_interval(row["all_but_one_rate"], row["all_but_one_ci"]),
+    "pellets": lambda row: f"{row['pellets_mean']:.2f}",
+    "death": lambda row: _percent(row["death_rate"]),
+    "lossy": lambda row: _percent(row["cleared_rate"]),
+    "time-out": lambda row: _percent(row["timeout_rate"]),
+    "time s": lambda row: f"{row['time_mean_s']:.1f}",
+    **_DECISION,
+}
+_ENDLESS: dict[str, _Cell] = {
+    "policy": lambda row: short_name(row["policy"]),
+    "pellets per game": lambda row: _with_interval(row["pellets_mean"], row["pellets_ci"], text=_number),
+    "median": lambda row: f"{row['pellets_median']:g}",
+    "rounds": lambda row: f"{row['rounds_mean']:.2f}",
+    "most": lambda row: f"{row['rounds_most']}",
+    "death": lambda row: _percent(row["death_rate"]),
+    "lossy": lambda row: _percent(row["cleared_rate"]),
+    "time-out": lambda row: _percent(row["timeout_rate"]),
+    "time s": lambda row: f"{row['time_mean_s']:.1f}",
+    **_DECISION,
+}
+_ROUND_MEANING = (
+    "Rates in %, with 95 % intervals. complete: every pellet collected; all but one: at most one not collected;"
+    " pellets: mean collected; lossy: no pellet left, but some lost to aborted goals; time: mean of all"
+    " episodes; p50, p99: one decision, policy only; difference: completion minus that of"
+)
+_ENDLESS_MEANING = (
+    "Endless games: round after round, Clyde faster each time, until the robot is caught. Means with 95 % bootstrap"
+    " intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game; death, lossy (no pellet"
+    " left, but some lost to aborted goals), time-out (of a round): how games ended, in %; time: mean of a whole game;"
+    " p50, p99: one decision, policy only; difference: pellets per game minus those of"
+)

@@ -1,0 +1,189 @@
+"""One game played by one policy, tick by tick: its film, and when and why the policy changed its goal.
+
+The game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the same seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
+from pacman_env.evaluation.compare.policies import load_policy
+from pacman_env.files import replaced
+from pacman_env.game.decisions import HOLD as NO_GOAL
+from pacman_env.game.execution import RUNNING
+from pacman_env.game.last_decision import LastDecision, Moment
+from pacman_env.policies.base import KIND_NAMES
+from pacman_env.render.frames import render_frame
+from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.maps.level_source import LevelSource
+from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
+
+SPEED_UP = 4.0
+_LAST_FRAME_S = 1.5  # of film, so that the end can be seen
+
+Frame = NDArray[np.uint8]
+_Terms = list[dict[str, float | bool | str]]
+
+
+class Change(NamedTuple):
+    """A policy's choice of another goal."""
+
+    when: str  # since the round began; in an endless game with its number
+    goal: str
+    why: str
+
+
+class RecordedGame:
+    """A game of its own for one policy.
+
+    Attributes:
+        name: of the policy.
+        changes: of its goal, so far.
+    """
+
+    def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
+        """Begin the game; ``spec`` is that of :func:`~pacman_env.evaluation.compare.policies.load_policy`."""
+        self.name = name
+        self.changes: list[Change] = []
+        self._batch = GameBatch(source, config, 1)
+        self._policy = load_policy(spec)
+        self._last = LastDecision(config)
+        self._chosen = -1  # none yet
+        self._before_s = 0.0
+        self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
+        self._policy.reset(np.ones(1, dtype=np.bool_))
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        game = self._batch.games[0]
+        return bool(game["end"] != RUNNING or game["round"] > MOST_ROUNDS)
+
+    @property
+    def level(self) -> int:
+        """Number of the level, 0 where there is one map."""
+        return int(self._batch.level_numbers()[0])
+
+    def step(self) -> None:
+        """One tick, with a decision where one is due; a game that is over stands still."""
+        if self.over:
+            return
+        batch = self._batch
+        moment = batch.moment(0)
+        if self._last.due(moment):
+            self._decide(moment)
+        batch.step(np.array([self._chosen]))
+        if batch.games["tick_rounds"][0] > 0:
+            self._before_s += moment.time_s + batch.config.execution.tick_s
+            self._policy.reset(np.ones(1, dtype=np.bool_))
+            self._last.forget()
+            self._chosen = -1
+
+    def _decide(self, moment: Moment) -> None:
+        batch = self._batch
+        situation = batch.situation()
+        terms = self._policy.explain(situation)[0]  # before the policy's state goes on
+        selected = self._policy.select(situation)
+        choice = int(allowed(situation, selected, batch.hold)[0])
+        if choice != self._chosen:
+            why = _reason(situation, terms, choice, self._chosen, batch.alive[0])
+            goal = _goal(situation, choice, batch.pellet_slots)
+            number = f"round {batch.games['round'][0]}, " if batch.config.endless else ""
+            self.changes.append(Change(f"{number}{situation.time_s[0]:.1f} s", goal, why))
+        self._chosen = choice
+        self._last.decide(NO_GOAL if choice == batch.hold else choice, moment, allowed=choice == selected[0])
+
+    def picture(self, height: int) -> Frame:
+        """The game as it is now, (height, W, 3) RGB."""
+        return render_frame(self._batch, 0, height=height, title=self.name)
+
+    def outcome(self) -> str:
+        """The result of the game, in words."""
+        batch, game = self._batch, self._batch.games[0]
+        seconds = self._before_s + game["step"] * batch.config.physics_step_s
+        if batch.config.endless:
+            return f"{OUTCOMES[game['end']]} in round {game['round']} after {seconds:.1f} s, {game['score']} pellets"
+        lost = f", {game['lost']} lost" if game["lost"] else ""
+        return f"{OUTCOMES[game['end']]} after {seconds:.1f} s, {game['collected']} of {game['spawned']} pellets{lost}"
+
+
+def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
+    """Frames (height, W, 3), RGB, one per tick, the games side by side, until the last has ended."""
+    panels = [game.picture(height) for game in games]
+    yield np.hstack(panels)
+    while not all(game.over for game in games):
+        for k, game in enumerate(games):
+            if not game.over:
+                game.step()
+                panels[k] = game.picture(height)
+        yield np.hstack(panels)
+
+
+def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
+    """Write frames, ``tick_s`` apart and of even sides, as .mp4 or .gif, ``SPEED_UP`` times as fast.
+
+    Raises:
+        ModuleNotFoundError: imageio is missing.
+    """
+    import imageio.v2 as imageio
+
+    fps = SPEED_UP / tick_s
+    with replaced(path) as temporary:
+        if path.suffix == ".gif":
+            writer = imageio.get_writer(temporary, mode="I", duration=1000 / fps, loop=0)
+        else:
+            writer = imageio.get_writer(temporary, fps=fps, codec="libx264", macro_block_size=2)
+        with writer:
+            for frame in frames:
+                writer.append_data(frame)
+            for _ in range(round(_LAST_FRAME_S * fps)):
+                writer.append_data(frame)
+
+
+def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:
+    """A candidate in words: pellets and refuges are counted from 0."""
+    kind = int(situation.kind[0, candidate])
+    if kind == HOLD:
+        return KIND_NAMES[HOLD]
+    number = candidate if kind == PELLET else candidate - pellet_slots
+    x, y = situation.position[0, candidate].tolist()
+    return f"{KIND_NAMES[kind]} {number} at ({x:.2f}, {y:.2f})"
+
+
+def _reason(situation: Situation, terms: _Terms, choice: int, before: int, alive: NDArray[np.bool_]) -> str:
+    """Why it is the choice and no longer the one before (-1: none), from the policy's own explanation."""
+    mask = situation.mask[0]
+    parts = []
+    other, called = -1, ""
+    if before >= 0 and mask[before]:
+        other, called = before, "the one before"
+    elif before >= 0:
+        pellet = situation.kind[0, before] == PELLET
+        parts.append("the one before is gone" if pellet and not alive[before] else "the one before may not be chosen")
+    if other < 0:
+        scores = [float(t.get("score", -np.inf)) if mask[c] and c != choice else -np.inf for c, t in enumerate(terms)]
+        best = int(np.argmax(scores))
+        if scores[best] > -np.inf:
+            other, called = best, "the next best"
+    score = f"score {_value(terms[choice].get('score', '-'))}"
+    if other >= 0:
+        score += f" against {_value(terms[other].get('score', '-'))} of {called}"
+    parts.append(score)
+    parts += [
+        name if value is True else f"{name} {_value(value)}"
+        for name, value in terms[choice].items()
+        if name not in ("kind", "allowed", "score") and value is not False
+    ]
+    return ", ".join(parts)
+
+
+def _value(value: Any) -> str:
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

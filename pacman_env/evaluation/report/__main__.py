@@ -1,0 +1,236 @@
+"""Policies against one another on one page: ``pacman-env report``. Arguments, order of work, result files.
+
+Rounds are chosen in ``plan``, played by ``compare.workers``, counted in ``numbers`` and shown by ``page``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from itertools import chain, zip_longest
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import msgspec
+import numpy as np
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
+from pacman_env.config import PRESETS, ConfigError, make_config
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare.arguments import add_rule_arguments, add_scenario_arguments, rule_changes
+from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
+from pacman_env.evaluation.compare.scenarios import Levels, describe_scenario, named_scenarios, open_scenario, scenarios
+from pacman_env.evaluation.compare.workers import play_all
+from pacman_env.evaluation.report.numbers import Numbers, numbers
+from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
+from pacman_env.files import prepare, replaced
+from pacman_env.policies.learned import PRETRAINED
+from pacman_env.policies.metadata import read_planner
+
+SCHEMA = 1
+_SPEEDS = tuple(round(0.15 + 0.05 * k, 2) for k in range(10))
+#: What ``--quick`` and its absence stand for where an argument is not given.
+_NUMBERS = {
+    False: {"episodes": 200, "endless": 100, "speeds": _SPEEDS},
+    True: {"episodes": 24, "endless": 12, "speeds": (0.15, 0.35, 0.6)},
+}
+_NO_REFUGES = "without refuges=refuges.spread=0,refuges.nooks=0"
+_FILM_HEIGHT = 480
+_LONGEST_FACT = 80  # characters
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(
+        prog="pacman-env report",
+        description="Let policies play the same rounds and write one HTML page about them: completion per map and over"
+        " Clyde's speeds, endless games, rounds that only one of two completes, variants of the settings, and decision"
+        " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
+        " workers.",
+    )
+    add_policy_arguments(parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
+    add = parser.add_argument
+    add("--baseline", default="clyde_aware", metavar="POLICY", help="whom the others are compared with (%(default)s)")
+    add_scenario_arguments(parser, several=True)
+    add_rule_arguments(parser)
+    add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="of all but the curve, m/s (0.25)")
+    add("--speeds", nargs="+", type=finite_number(), metavar="V", help="of the curve, m/s (0.15 0.2 ... 0.6)")
+    add(
+        "--variant",
+        action="append",
+        nargs="*",
+        metavar="NAME=SETTINGS",
+        help="the same rounds with other settings, such as 'slow=robot.speed_mps=0.2,preset=ideal'; may be given again;"
+        " alone: none (the other preset; without refuges)",
+    )
+    add("--episodes", type=whole_number(2), metavar="N", help="rounds per map, speed, variant and policy (200)")
+    add("--endless", type=whole_number(0), metavar="N", help="endless games per map and policy (100)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--workers", type=whole_number(1), default=1, metavar="N", help="processes (%(default)s)")
+    add("--replays", type=whole_number(0), default=0, metavar="K", help="films of rounds that one of two lost (0)")
+    add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
+    add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
+    add("--json", type=Path, metavar="OUT", help="write the numbers")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Make the report; returns the exit status."""
+    argv = sys.argv[1:] if argv is None else argv
+    command = shlex.join(["pacman-env", "report", *argv])
+    return run_command(_parser(), argv, lambda arguments: _report(arguments, command))
+
+
+def _report(arguments: argparse.Namespace, command: str) -> None:
+    from tqdm import tqdm
+
+    from pacman_env.evaluation.report.page import render_page
+
+    plan = _plan(arguments)
+    report = _header(plan, arguments, command)
+    page, json_path = _outputs(arguments)
+    work = blocks(plan)
+    total = sum(len(block.seeds) for block in work.values())
+    with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
+        played = play_all(list(work.values()), arguments.workers, bar.update)
+    report |= numbers(plan, dict(zip(work, played, strict=True)))
+    films = _films(plan, report["pair"], arguments.replays, page)
+    html = render_page(report)
+    if json_path is not None:
+        with replaced(json_path) as temporary:
+            temporary.write_text(json.dumps(report, allow_nan=False) + "\n", encoding="utf-8")
+    with replaced(page) as temporary:
+        temporary.write_text(html, encoding="utf-8")
+    written = [path for path in (page, json_path, *films) if path is not None]
+    print(f"written: {', '.join(map(str, written))}")
+
+
+def _plan(arguments: argparse.Namespace) -> Plan:
+    """The arguments as what is to be played, everything in them checked."""
+    for name, value in _NUMBERS[arguments.quick].items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
+    words = arguments.preset, arguments.execution
+    config = make_config(*words, **rule_changes(arguments) | {"clyde.speed_mps": arguments.clyde_speed})
+    settings = (*arguments.set, f"clyde.speed_mps={arguments.clyde_speed!r}")
+    check_single_rounds(config)
+    speeds = tuple(sorted(set(arguments.speeds)))
+    for speed in speeds:
+        config.with_fields(**{"clyde.speed_mps": speed})
+    other = next(preset for preset in sorted(PRESETS) if preset != arguments.preset)
+    given = [f"preset {other}=preset={other}", _NO_REFUGES]
+    if arguments.variant is not None:
+        given = [text for texts in arguments.variant for text in texts]
+    variants = tuple(parse_variant(text, *words, settings) for text in given)
+    names = [variant.name for variant in variants]
+    for variant in variants:
+        check_single_rounds(variant.config, f"--variant {variant.name}: ")
+        if names.count(variant.name) > 1:
+            raise ConfigError(f"--variant {variant.name}: given twice")
+    policies = named_policies([*arguments.policies, arguments.baseline])
+    return Plan(
+        maps=named_scenarios(scenarios(arguments), [config, *(variant.config for variant in variants)]),
+        policies={name: spec for spec, name in policies.items()},
+        baseline=policies[arguments.baseline],
+        preset=arguments.preset,
+        execution=arguments.execution,
+        settings=tuple(arguments.set),
+        config=config,
+        speeds=speeds,
+        variants=variants,
+        seed=arguments.seed,
+        seeds=episode_seeds(arguments.seed, arguments.episodes),
+        endless_seeds=episode_seeds(arguments.seed, arguments.endless),
+    )
+
+
+def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
+    """Paths of page and JSON, known to be writable before the work begins."""
+    page: Path = arguments.out
+    if page.suffix != ".html":
+        raise ValueError(f"--out {page}: must end in .html")
+    if arguments.json == page:
+        raise ValueError(f"--json {page}: is the page's file too")
+    return prepare(page), arguments.json and prepare(arguments.json)
+
+
+def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
+    """All that is needed to play the rounds again."""
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d %H:%M} UTC",
+        "command": command,
+        "seed": plan.seed,
+        "seeds": [str(seed) for seed in plan.seeds.tolist()],
+        "episodes": len(plan.seeds),
+        "endless_games": len(plan.endless_seeds),
+        "preset": plan.preset,
+        "execution": plan.execution,
+        "settings": list(plan.settings),
+        "clyde_speed": plan.speed,
+        "quick": arguments.quick,
+        "maps": [
+            describe_scenario(name, scenario, plan.config)
+            | {"pellets": None if isinstance(scenario, Levels) else open_scenario(scenario, plan.config).first.pellets}
+            for name, scenario in plan.maps.items()
+        ],
+        "policies": [
+            {"name": name, "spec": spec, "baseline": name == plan.baseline, "facts": model_facts(spec)}
+            for name, spec in plan.policies.items()
+        ],
+        "config": plan.config.as_dict(),
+    }
+
+
+def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Path]:
+    """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
+    if pair is None or wanted == 0:
+        return []
+    from pacman_env.evaluation.replay.recording import RecordedGame, film, save_video
+
+    paths = []
+    for row in _in_turn(pair["wins"], pair["losses"])[:wanted]:
+        path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
+        source, seed = open_scenario(plan.maps[row["map"]], plan.config), np.uint64(int(row["seed"]))
+        games = [
+            RecordedGame(source, plan.config, plan.policies[name], seed, name)
+            for name in (pair["policy"], pair["baseline"])
+        ]
+        save_video(film(games, _FILM_HEIGHT), path, plan.config.execution.tick_s)
+        row["film"] = quote(f"{path.parent.name}/{path.name}")
+        paths.append(path)
+    return paths
+
+
+def _in_turn(*rows: Sequence[Any]) -> list[Any]:
+    """One of each in turn, then what is left of the longer."""
+    return [row for row in chain.from_iterable(zip_longest(*rows)) if row is not None]
+
+
+def model_facts(spec: str) -> dict[str, str]:
+    """The metadata of ``FILE.onnx``, or of the planner that the package ships, by dotted name; {} for other policies.
+
+    Raises:
+        ValueError: the file is no planner for this version.
+    """
+    path = PRETRAINED if spec == "ppo" else Path(spec)
+    return dict(_flat(msgspec.to_builtins(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
+
+
+def _flat(facts: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in facts.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            words = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            yield prefix + name, words if len(words) <= _LONGEST_FACT else words[: _LONGEST_FACT - 1] + "…"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

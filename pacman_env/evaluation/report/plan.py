@@ -1,0 +1,150 @@
+"""The plan of a report: policies, scenarios, speeds and variants, and the blocks of rounds that follow from them.
+
+Nothing is played here; the command line's words become configurations, and configurations become blocks.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.config import Config, ConfigError, make_config, parse_settings
+from pacman_env.evaluation.compare.arguments import check_goals
+from pacman_env.evaluation.compare.scenarios import Levels, Scenario
+from pacman_env.evaluation.compare.workers import Block
+
+_NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is no separator
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The same rounds under changed settings."""
+
+    name: str
+    settings: str  # as given
+    config: Config
+
+
+class Cell(NamedTuple):
+    """One policy's rounds on one map, by names."""
+
+    part: str  # ROUNDS, ENDLESS_GAMES or a variant's name
+    map: str
+    policy: str
+    speed: float  # Clyde's in round 1, m/s
+
+
+ROUNDS, ENDLESS_GAMES = "rounds", "endless games"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that decides the numbers of a report."""
+
+    maps: dict[str, Scenario]  # by name
+    policies: dict[str, str]  # by name, what each is made from
+    baseline: str  # its name
+    preset: str
+    execution: str
+    settings: tuple[str, ...]
+    config: Config
+    speeds: tuple[float, ...]
+    variants: tuple[Variant, ...]
+    seed: int
+    seeds: NDArray[np.uint64]
+    endless_seeds: NDArray[np.uint64]
+
+    @property
+    def speed(self) -> float:
+        """Clyde's, of everything but the curve, m/s."""
+        return self.config.clyde.speed_mps
+
+    @property
+    def challenger(self) -> str | None:
+        """The name of the first policy that is not the baseline; the two are looked at round by round."""
+        return next((name for name in self.policies if name != self.baseline), None)
+
+
+def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str]) -> Variant:
+    """A variant from ``NAME=SETTINGS``.
+
+    Settings are fields of the configuration, or ``preset`` and ``execution``; they are parted by commas, semicolons or
+    blanks.
+
+    Raises:
+        ConfigError: no name, no settings, or one that is wrong.
+    """
+    name, equals, given = text.partition("=")
+    name = name.strip()
+    if not name or not equals or "=" not in given:
+        raise ConfigError(f"--variant {text!r}: must be NAME=SETTINGS, such as calm=clyde.speed_mps=0.1")
+    if name in (ROUNDS, ENDLESS_GAMES):
+        raise ConfigError(f"--variant {name}: the report calls other rounds so")
+    words, changes = {"preset": preset, "execution": execution}, []
+    for setting in _NEXT_SETTING.split(given.strip()):
+        field, _, value = setting.partition("=")
+        if field in words:
+            words[field] = value
+        else:
+            changes.append(setting)
+    try:
+        merged = parse_settings(settings) | parse_settings(changes)
+        config = make_config(words["preset"], words["execution"], **merged)
+    except ConfigError as error:
+        raise ConfigError(f"--variant {name}: {error}") from None
+    return Variant(name, given.strip(), config)
+
+
+def check_single_rounds(config: Config, where: str = "") -> None:
+    """Refuse what the report adds by itself, or cannot measure.
+
+    Raises:
+        ConfigError: endless games, velocities, or ghosts that wait to be told.
+    """
+    try:
+        check_goals(config)
+        if config.endless:
+            raise ConfigError("endless = True: is what --endless N plays, beside single rounds")
+    except ConfigError as error:
+        raise ConfigError(f"{where}{error}") from None
+
+
+def blocks(plan: Plan) -> dict[Cell, Block]:
+    """Everything to be played, each thing once; what is on one map follows one another, while that is at hand."""
+    result = {}
+    for name, scenario in plan.maps.items():
+        speeds = dict.fromkeys((plan.speed, *plan.speeds))
+        parts = [(ROUNDS, plan.config.with_fields(**{"clyde.speed_mps": v}), plan.seeds) for v in speeds]
+        if len(plan.endless_seeds):
+            parts.append((ENDLESS_GAMES, plan.config.with_fields(endless=True), plan.endless_seeds))
+        parts += [(variant.name, variant.config, plan.seeds) for variant in plan.variants]
+        for (part, config, seeds), (policy, spec) in itertools.product(parts, plan.policies.items()):
+            cell = Cell(part, name, policy, config.clyde.speed_mps)
+            result[cell] = Block(scenario, config, spec, seeds)
+    return result
+
+
+def replay_command(plan: Plan, map_name: str, seed: int) -> str:
+    """The command that shows a round of the first policy and the baseline side by side."""
+    pair = [plan.policies[name] for name in (plan.challenger, plan.baseline) if name is not None]
+    scenario = plan.maps[map_name]
+    words = ["pacman-env", "replay", str(seed)]
+    if isinstance(scenario, Levels):
+        words += ["--levels", scenario.split, "--num-levels", str(scenario.count)]
+        words += [] if scenario.start is None else ["--start-level", str(scenario.start)]
+    else:
+        words += ["--map", scenario]
+    words += ["--policies", *pair]
+    words += ["--clyde-speed", repr(plan.speed)]
+    words += [] if plan.preset == "robot" else ["--preset", plan.preset]
+    words += [] if plan.execution == "robust" else ["--execution", plan.execution]
+    for setting in plan.settings:
+        words += ["--set", setting]
+    return shlex.join(words)

@@ -1,0 +1,1 @@
+"""Training of planners: networks, learners, opponents, and the commands that ``train/`` starts."""

@@ -1,0 +1,340 @@
+"""Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
+
+Arguments, the rounds in order, the table of who completes against whom, and what is written down. Clyde's games are in
+``ghost_games``, those who play against the planner in ``opponents``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from onnx import numpy_helper
+from stable_baselines3.common.utils import set_random_seed
+from tqdm import tqdm
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.options import parse_options
+from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
+from pacman_env.files import write_json
+from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.policies.metadata import read_planner
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.training.arguments import FOLDER, load_hyperparameters
+from pacman_env.training.arguments import Arguments as GameArguments
+from pacman_env.training.checkpoint import facts_path, load_network, read_facts
+from pacman_env.training.export import export_planner, model_bytes
+from pacman_env.training.games import TrainingGames, make_games
+from pacman_env.training.ghost_games import make_ghost_games
+from pacman_env.training.imitation import imitate
+from pacman_env.training.learner import Learner, new_model, use_device
+from pacman_env.training.network import EntityNetwork
+from pacman_env.training.opponents import BUILT_IN, RULES, Table, make_pool, robustness
+from pacman_env.training.run import LearningRate, TrainingCallback, facts_of, restore
+
+_PROG = "pacman-env adversary"
+_PLANNER, _CLYDE = 0, 1  # streams of random numbers
+#: Layers in the order in which ``export`` writes them; what the first and third read comes in two halves.
+_LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")
+
+
+@dataclass(frozen=True)
+class Arguments(Checked):
+    """Train a planner and a Clyde against each other, in turns, or measure what has been trained."""
+
+    start: Path | None = None
+    """The planner to begin with: an ONNX file, or a checkpoint such as best.zip; without: imitation of lookahead."""
+    out: Path = Path("results/adversary")
+    """Folder of the run: record.json, planner-K.onnx, clyde-K.onnx."""
+    seed: Count = 0
+    """All that is random comes from it."""
+    rounds: AtLeastOne = 3
+    """In each a Clyde learns against the planner, then the planner against all Clydes."""
+    clyde_decisions: AtLeastOne = 196608
+    """Of Clyde, per round."""
+    planner_decisions: AtLeastOne = 524288
+    """Of the planner, per round."""
+    imitation: Count = 131072
+    """Decisions of lookahead that are imitated where there is no planner to begin with."""
+    wander: Share = 0.4
+    """Share of the planner's training rounds that the original Clyde plays."""
+    games: AtLeastOne = 128
+    """Of the planner at once."""
+    clyde_games: AtLeastOne = 32
+    """Of Clyde at once."""
+    levels: AtLeastOne = 96
+    """Generated houses per round."""
+    clyde_speed: tuple[NotNegative, NotNegative] | None = None
+    """m/s, drawn for each game, in training and in the table; without: as in pacman_env.training.ppo."""
+    learning_rate: tuple[NotNegative, NotNegative] = (3e-4, 5e-5)
+    """Of the planner, at the beginning and at the end of each round."""
+    clyde_learning_rate: tuple[NotNegative, NotNegative] = (1e-3, 1e-4)
+    """Of Clyde, likewise."""
+    evaluation: AtLeastOne = 256
+    """Games on validation levels for every pair in the table."""
+    measure: Path | None = None
+    """Do not train: print the table of this planner."""
+    clyde: Path | None = None
+    """With --measure: a learned Clyde to play against, beside the built-in ones."""
+    threads: Count = 2
+    """That compute an update, step games and play rounds; 0: one for each core."""
+    progress: bool = True
+    """Show a progress bar."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.clyde is None or self.measure is not None, "clyde", self.clyde, "is for --measure")
+
+
+QUICK = Arguments(
+    out=Path("results/adversary-quick"),
+    rounds=1,
+    clyde_decisions=32768,
+    planner_decisions=65536,
+    imitation=32768,
+    games=64,
+    levels=32,
+    evaluation=64,
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Train or measure; returns the exit status."""
+    return guarded(_PROG, lambda: _run(parse(sys.argv[1:] if argv is None else argv)), "train")
+
+
+def _run(arguments: Arguments) -> None:
+    use_device("cpu")
+    if arguments.measure is None:
+        Alternation(arguments).run()
+    else:
+        played = robustness(arguments.measure, arguments.clyde, _games(arguments, _PLANNER), arguments.evaluation)
+        print(played.render())
+
+
+def parse(argv: Sequence[str]) -> Arguments:
+    """Arguments of the command line over those of ``--quick`` or the defaults.
+
+    Raises:
+        ValueError: a value is out of range.
+        SystemExit: after ``--help`` and bad arguments.
+    """
+    parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
+    parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
+    return parse_options(parser, argv, QUICK if "--quick" in argv else Arguments())
+
+
+class Alternation:
+    """A run: both networks, the pool of Clydes so far, the table and the record."""
+
+    def __init__(self, arguments: Arguments) -> None:
+        """Make the folder.
+
+        Raises:
+            ValueError: there is a run in it already.
+        """
+        self.arguments, self.folder = arguments, arguments.out
+        self.record = self.folder / "record.json"
+        if self.record.exists():
+            raise ValueError(f"{self.folder}: there is a run already; give another --out")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.table = Table(_games(arguments, _PLANNER), arguments.evaluation)
+        self.rounds: list[dict[str, Any]] = []
+        self._decisions = [0, 0]
+        self._models: list[Learner | None] = [None, None]
+
+    def run(self) -> None:
+        """All rounds, then the newest planner against every Clyde.
+
+        Raises:
+            ValueError: the file to begin with holds no planner for this version.
+        """
+        arguments, began = self.arguments, time.perf_counter()
+        with tqdm(
+            total=arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions),
+            unit="decision",
+            unit_scale=True,
+            mininterval=1.0,
+            disable=not arguments.progress,
+            file=sys.stderr,
+        ) as bar:
+            games = make_games(_games(arguments, _PLANNER), 0)
+            self._models[_PLANNER], self._decisions[_PLANNER] = starting_model(arguments, games)
+            games.close()
+            self._export(_PLANNER, "planner-0")
+            self.table.play("planner-0", BUILT_IN)
+            for number in range(1, arguments.rounds + 1):
+                self._round(number, bar)
+                bar.write(f"round {number}\n\n{self.table.render()}\n", file=sys.stderr)
+        newest = f"planner-{arguments.rounds}"
+        self.table.play(newest, [f"clyde-{number}" for number in range(1, arguments.rounds + 1)])
+        self._write()
+        print(f"seed {arguments.seed}, {time.perf_counter() - began:.0f} s\n\n{self.table.render()}\n")
+        print(f"written: {self.record}, {self._path(newest)}, {self._path(f'clyde-{arguments.rounds}')}")
+
+    def _round(self, number: int, bar: Any) -> None:
+        """A Clyde against the planner, the planner against the pool, and how both fare."""
+        before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
+        robot = partial(LearnedPlanner, self._path(before))
+        games = make_ghost_games(_games(self.arguments, _CLYDE), number - 1, robot)
+        clyde_seconds = self._learn(_CLYDE, number, games, bar)
+        self._export(_CLYDE, clyde)
+        clydes = [LearnedPlanner(self._path(f"clyde-{k}")) for k in range(1, number + 1)]
+        pool = make_pool(clydes, self.arguments.wander)
+        planner_seconds = self._learn(_PLANNER, number, make_games(_games(self.arguments, _PLANNER), number, pool), bar)
+        self._export(_PLANNER, after)
+        self.table.play(before, [clyde])
+        for policy in (after, *RULES):
+            self.table.play(policy, [*BUILT_IN, clyde])
+        self.rounds.append(
+            {
+                "round": number,
+                "clyde_decisions": self._decisions[_CLYDE],
+                "clyde_seconds": round(clyde_seconds, 1),
+                "planner_decisions": self._decisions[_PLANNER],
+                "planner_seconds": round(planner_seconds, 1),
+            }
+        )
+        # Again, now that it is known how they fare.
+        shares = self.table.shares()
+        self._export(_PLANNER, after, {f"completed_{rival}": share for rival, share in shares[after].items()})
+        self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (before, after, *RULES)})
+        self._write()
+
+    def _learn(self, side: int, number: int, games: TrainingGames, bar: Any) -> float:
+        """PPO of one side in its games; returns how long it took, s."""
+        hyper = _games(self.arguments, side).hyper
+        seeds = _seeds(self.arguments, side, number)
+        model = self._models[side] or new_model(hyper, games, seeds[0])
+        self._models[side], model.threads = model, self.arguments.threads
+        model.lr_schedule = rate = LearningRate(hyper.learning_rate)
+        model.set_env(games)
+        set_random_seed(seeds[0])
+        games.seed(seeds[1])
+        began = time.perf_counter()
+        model.learn(hyper.decisions, TrainingCallback(hyper, rate, bar))
+        games.close()
+        self._decisions[side] += int(model.num_timesteps)
+        return time.perf_counter() - began
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.onnx"
+
+    def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
+        model, arguments = self._models[side], _games(self.arguments, side)
+        assert model is not None
+        facts = facts_of(arguments, self._decisions[side], metrics or {})
+        export_planner(model.policy.network, self._path(name), facts)
+        self.table.add(name, self._path(name))
+
+    def _write(self) -> None:
+        content = {
+            "version": __version__,
+            "arguments": dataclasses.asdict(self.arguments),
+            "rounds": self.rounds,
+            "completed": self.table.shares(),
+        }
+        write_json(self.record, content)
+
+
+def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner, int]:
+    """The planner to begin with, ready to be trained in ``games``, and how many decisions it has been trained for.
+
+    Raises:
+        ValueError: the file holds no planner for this version; said with its name.
+    """
+    hyper, path = _games(arguments, _PLANNER).hyper, arguments.start
+    seeds = _seeds(arguments, _PLANNER, 0)
+    if path is None:
+        model = new_model(hyper, games, seeds[0])
+        if arguments.imitation > 0:
+            games.seed(seeds[1])
+            model.threads = arguments.threads
+            imitate(model, games, "lookahead", arguments.imitation, seeds[0])
+        return model, 0
+    if path.suffix == ".onnx":
+        network = network_of(path)
+        shown = np.flatnonzero(network.shown.numpy() == 0).tolist()
+        sizes: dict[str, Any] = {
+            "width": network.width,
+            "dropped_features": tuple(shown),
+            "dropped_kinds": network.dropped_kinds,
+        }
+        model = new_model(hyper, games, seeds[0], **sizes)
+        model.policy.network.load_state_dict(network.state_dict())
+        return model, read_planner(path)[0].training.decisions
+    model = new_model(hyper, games, seeds[0], width=load_network(path).width)
+    restore(model, path)
+    facts = facts_path(path)
+    return model, read_facts(facts).training.decisions if facts.exists() else 0
+
+
+def network_of(path: Path) -> EntityNetwork:
+    """The network that ``pacman_env.training.export`` wrote to an ONNX file.
+
+    Raises:
+        ValueError: no planner for this version, or a graph that ``pacman_env.training.export`` does not write.
+    """
+    LearnedPlanner(path)  # refuses weights in other files, and what does not run
+    metadata, content = read_planner(path)
+    network = EntityNetwork(
+        len(CANDIDATE_FEATURES),
+        len(GLOBAL_FEATURES),
+        metadata.width,
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_features],
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_kinds],
+    )
+    graph = onnx.load_model_from_string(content).graph
+    arrays = (numpy_helper.to_array(tensor) for tensor in graph.initializer)
+    left = [torch.tensor(array) for array in arrays if array.dtype == np.float32 and array.ndim > 0]
+    state = {"shown": network.shown}
+    try:
+        for k, name in enumerate(_LAYERS):
+            weight, bias = left.pop(0).T, left.pop(0)
+            state |= {f"{name}.weight": torch.cat([left.pop(0).T, weight], dim=1) if k in (0, 2) else weight}
+            state |= {f"{name}.bias": bias}
+        network.load_state_dict(state)
+    except (IndexError, RuntimeError) as error:
+        raise ValueError(f"{path}: no graph that pacman_env.training.export writes: {error}") from None
+    if onnx.load_model_from_string(model_bytes(network)).graph != graph:
+        raise ValueError(f"{path}: no graph that pacman_env.training.export writes")
+    return network
+
+
+def _games(arguments: Arguments, side: int) -> GameArguments:
+    """The arguments of the games and the learning of a side."""
+    hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
+    own = side == _CLYDE
+    count = arguments.clyde_games if own else arguments.games
+    rollout = count * hyper.n_steps
+    hyper = dataclasses.replace(
+        hyper,
+        games=count,
+        decisions=arguments.clyde_decisions if own else arguments.planner_decisions,
+        segment=rollout,
+        batch_size=rollout // 2,
+        learning_rate=arguments.clyde_learning_rate if own else arguments.learning_rate,
+        levels=arguments.levels,
+    )
+    if arguments.clyde_speed is not None:
+        hyper = dataclasses.replace(hyper, clyde_speed=arguments.clyde_speed)
+    return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
+
+
+def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:
+    """Of a side in a round: for torch and for the games."""
+    return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

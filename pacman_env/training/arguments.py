@@ -1,0 +1,141 @@
+"""Arguments of a training run: hyperparameters come from YAML per environment, the command line may replace each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from msgspec import Meta
+
+from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, convert, kinds, require
+from pacman_env.files import shipped
+
+Part = Literal["refuges", "hold", "paths", "prediction"]
+FOLDER = shipped("training/hyperparameters", "train/hyperparameters")
+
+
+@dataclass(frozen=True)
+class Hyperparameters(Checked):
+    """What is tuned. Pairs are the values at the beginning and at the end of a cycle, linear in between."""
+
+    decisions: AtLeastOne
+    """Decisions of PPO in all games together."""
+    cycles: AtLeastOne
+    """So often the learning rate and the weight of entropy go from their first to their last value."""
+    segment: AtLeastOne
+    """Decisions between two checkpoints; each segment is played on houses of its own."""
+    games: AtLeastOne
+    """Games at once."""
+    n_steps: AtLeastOne
+    """Decisions per game between two updates."""
+    batch_size: AtLeastOne
+    n_epochs: AtLeastOne
+    learning_rate: tuple[NotNegative, NotNegative]
+    ent_coef: tuple[NotNegative, NotNegative]
+    gamma: Share
+    gae_lambda: Share
+    clip_range: NotNegative
+    vf_coef: NotNegative
+    max_grad_norm: NotNegative
+    width: AtLeastOne
+    """Of every hidden layer."""
+    reward_scale: NotNegative
+    """Rewards are multiplied by it."""
+    levels: AtLeastOne
+    """Generated houses per segment."""
+    clyde_speed: tuple[NotNegative, NotNegative]
+    """m/s, drawn for each round."""
+    robot_speed: tuple[NotNegative, NotNegative]
+    """m/s, drawn for each round."""
+    imitation: Count
+    """Decisions of the rule ``lookahead`` that are imitated before PPO begins; 0: PPO from random weights."""
+    decide: Literal["tick", "event"]
+    """When the planner is asked in training: at every tick, or when there is something to decide."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rollout, batch = f"games * n_steps = {self.rollout}", self.batch_size
+        require(self.segment % self.rollout == 0, "segment", self.segment, f"must be a multiple of {rollout}")
+        # advantages are divided by their deviation within a minibatch
+        require(batch > 1 != self.rollout % batch, "batch_size", batch, f"leaves a minibatch of 1 of {rollout}")
+
+    @property
+    def rollout(self) -> int:
+        """Decisions between two updates."""
+        return self.games * self.n_steps
+
+    def progress(self, decisions: int) -> float:
+        """Within a cycle, above 0 and at most 1, when so many decisions are taken."""
+        cycle = self.decisions / self.cycles
+        decisions = min(decisions, self.decisions)
+        return (decisions - (math.ceil(decisions / cycle) - 1) * cycle) / cycle
+
+    @property
+    def segments(self) -> int:
+        """Number of segments: at least ``decisions`` are taken."""
+        return -(-self.decisions // self.segment)
+
+
+@dataclass(frozen=True)
+class Arguments(Checked):
+    """Train a planner with MaskablePPO on generated houses."""
+
+    hyper: Hyperparameters
+    out: Path = Path("results/ppo")
+    """Folder of the run: checkpoints, planner.onnx, run.json, TensorBoard's files."""
+    seed: Annotated[int, Meta(ge=0, lt=2**32)] = 0
+    """All that is random comes from it."""
+    resume: bool = False
+    """Go on with the run in ``out``."""
+    preset: str = "robot"
+    execution: str = "robust"
+    randomize: bool = False
+    """Draw localization errors, Nav2's delay and aborts for each round as well."""
+    curriculum: bool = False
+    """Begin with slow Clydes: his highest speed grows over the first half of the run."""
+    without: tuple[Part, ...] = ()
+    """Ablations: candidates or features that the network is not given."""
+    threads: Count = 2
+    """That compute an update, step games and play rounds; 0: one for each core."""
+    device: str = "cpu"
+    """Where the network learns and chooses: cpu, or a graphics processor such as cuda or cuda:1."""
+    evaluation: Count = 256
+    """Rounds on validation levels at the end of each segment, and on test levels at the end; 0: none."""
+    progress: bool = True
+    """Show a progress bar."""
+
+
+def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
+    """Read a section of a YAML file.
+
+    Raises:
+        ValueError: the file or the section does not fit, said with names.
+    """
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    values = content.get(section) if isinstance(content, dict) else None
+    if not isinstance(values, dict):
+        raise ValueError(f"{path}: no section {section!r}")
+    return from_values(values, f"{path}: {section}")
+
+
+def from_values(values: dict[str, Any], where: str) -> Hyperparameters:
+    """Hyperparameters from plain data.
+
+    Raises:
+        ValueError: a name is unknown or missing, or a value is of another kind or out of range.
+    """
+    known = kinds(Hyperparameters)
+    if set(values) != set(known):
+        unknown, missing = sorted(map(str, set(values) - set(known))), sorted(set(known) - set(values))
+        raise ValueError(f"{where}: unknown {unknown}, missing {missing}")
+    whole = (AtLeastOne, Count)
+    try:  # YAML 1.1 reads 1e-4 as a string
+        return Hyperparameters(**{n: convert(values[n], kind, n, strict=kind in whole) for n, kind in known.items()})
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None

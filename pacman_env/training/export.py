@@ -1,0 +1,204 @@
+"""A trained planner as a file that runs without torch: ``pacman-env export``.
+
+The graph is written out from the weights, operator by operator, so that it needs no exporter and the same weights give
+the same bytes. Beside the ONNX file goes its metadata (:mod:`pacman_env.policies.metadata`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+from torch import nn
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command
+from pacman_env.files import prepare, replaced
+from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
+from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
+from pacman_env.training.network import FORBIDDEN, EntityNetwork
+
+OPSET, IR_VERSION = 17, 8  # known to every onnxruntime since 1.13
+TOLERANCE = 1e-5  # between torch and the file
+
+
+class _Graph:
+    """Nodes and constants, each named by what makes it."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def constant(self, value: Any, dtype: type = np.float32) -> str:
+        name = f"constant_{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.array(value, dtype, order="C"), name))
+        return name
+
+    def add(self, operator: str, *inputs: str, output: str = "", **attributes: Any) -> str:
+        name = output or f"{operator.lower()}_{len(self.nodes)}"
+        self.nodes.append(helper.make_node(operator, inputs, [name], **attributes))
+        return name
+
+    def product(self, inputs: str, weight: NDArray[np.float32]) -> str:
+        return self.add("MatMul", inputs, self.constant(weight.T))
+
+    def linear(self, layer: nn.Linear, inputs: str) -> str:
+        return self.add("Add", self.product(inputs, _array(layer.weight)), self.constant(_array(layer.bias)))
+
+    def halves(self, layer: nn.Linear, own: str, context: str, shown: NDArray[np.float32]) -> str:
+        """ReLU of a layer over [own numbers (B, C, n), context (B, m)]; ``shown`` (n,) scales the own numbers."""
+        weight, count = _array(layer.weight), len(shown)
+        part = self.add("Add", self.product(context, weight[:, count:]), self.constant(_array(layer.bias)))
+        part = self.add("Unsqueeze", part, self.axes(1))
+        return self.add("Relu", self.add("Add", self.product(own, weight[:, :count] * shown), part))
+
+    def axes(self, *axes: int) -> str:
+        return self.constant(axes, np.int64)
+
+
+def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
+    found: NDArray[np.float32] = tensor.detach().numpy()
+    return found
+
+
+def model_bytes(network: EntityNetwork) -> bytes:
+    """The network's ``forward`` as an ONNX model: candidates, globals, mask to logits, values; any B, any C."""
+    g = _Graph()
+    mask = "mask"
+    for kind in network.dropped_kinds:
+        column = g.add("Gather", "candidates", g.constant(kind, np.int64), axis=2)
+        mask = g.add("And", mask, g.add("Less", column, g.constant(0.5)))
+    ones = g.add("Cast", mask, to=TensorProto.FLOAT)
+    encoded = g.halves(network.encode_candidate, "candidates", "globals", _array(network.shown))
+    encoded = g.add("Relu", g.linear(network.encode, encoded))
+    shown = g.add("Mul", encoded, g.add("Unsqueeze", ones, g.axes(2)))
+    count = g.add("Max", g.add("ReduceSum", ones, g.axes(1), keepdims=1), g.constant(1.0))
+    mean = g.add("Div", g.add("ReduceSum", shown, g.axes(1), keepdims=0), count)
+    pooled = g.add("Concat", mean, g.add("ReduceMax", shown, axes=[1], keepdims=0), axis=1)
+    judged = g.halves(network.judge_candidate, encoded, pooled, np.ones(network.width, np.float32))
+    logits = g.add("Squeeze", g.linear(network.judge, judged), g.axes(2))
+    g.add("Where", mask, logits, g.constant(FORBIDDEN), output="logits")
+    first, last = (layer for layer in network.critic if isinstance(layer, nn.Linear))
+    hidden = g.add("Relu", g.linear(first, g.add("Concat", pooled, "globals", axis=1)))
+    g.add("Squeeze", g.linear(last, hidden), g.axes(1), output="values")
+
+    whole = network.encode_candidate.in_features - network.candidate_features
+    real, value = TensorProto.FLOAT, helper.make_tensor_value_info
+    graph = helper.make_graph(
+        g.nodes,
+        "planner",
+        [
+            value("candidates", real, ["games", "count", network.candidate_features]),
+            value("globals", real, ["games", whole]),
+            value("mask", TensorProto.BOOL, ["games", "count"]),
+        ],
+        [value("logits", real, ["games", "count"]), value("values", real, ["games"])],
+        g.constants,
+    )
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="pacman_env"
+    )
+    onnx.checker.check_model(model, full_check=True)
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
+
+
+def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
+    """Write ``path`` (.onnx) and its metadata; both are compared with torch before either replaces an old one.
+
+    Raises:
+        ValueError: a network for other features, another suffix, facts of another type, a file that cannot be
+            written, or one that does not compute what the network computes.
+    """
+    if path.suffix != ".onnx":
+        raise ValueError(f"{path}: must end in .onnx")
+    check_sizes(network, path)
+    network = copy.deepcopy(network).cpu()
+    content = model_bytes(network)
+    metadata = PlannerMetadata(
+        format=FORMAT,
+        feature_version=VERSION,
+        candidate_features=CANDIDATE_FEATURES,
+        global_features=GLOBAL_FEATURES,
+        width=network.width,
+        dropped_features=tuple(np.array(CANDIDATE_FEATURES)[_array(network.shown) == 0].tolist()),
+        dropped_kinds=tuple(CANDIDATE_FEATURES[kind] for kind in network.dropped_kinds),
+        normalisation=NORMALISATION,
+        robot_speed_mps=facts.robot_speed_mps,
+        training=facts.training,
+        package_version=__version__,
+        commit=_commit(),
+        metrics=facts.metrics,
+        sha256=hashlib.sha256(content).hexdigest(),
+    )
+    beside = metadata_path(path)
+    text = dump(metadata, beside)
+    prepare(path)
+    prepare(beside)
+    with replaced(path) as new_model, replaced(beside) as new_metadata:
+        new_model.write_bytes(content)
+        new_metadata.write_text(text)
+        _compare(network, LearnedPlanner(new_model))
+
+
+def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
+    """Raise ValueError where the file and torch differ on random inputs."""
+    rng = np.random.default_rng(0)
+    for games, count in ((1, 1), (1, 24), (7, 5), (64, 40)):
+        candidates = rng.uniform(-2, 2, (games, count, network.candidate_features)).astype(np.float32)
+        whole = rng.uniform(-2, 2, (games, len(GLOBAL_FEATURES))).astype(np.float32)
+        mask = rng.random((games, count)) < 0.6
+        with torch.no_grad():
+            expected = network(*(torch.from_numpy(a) for a in (candidates, whole, mask)))
+        found = planner.run(candidates, whole, mask)
+        for name, one, other in zip(("logits", "values"), found, expected, strict=True):
+            if not np.allclose(one, _array(other), rtol=TOLERANCE, atol=TOLERANCE):
+                worst = np.abs(one - _array(other)).max()
+                raise ValueError(f"{planner.path}: {name} differ from torch's by {worst}, more than {TOLERANCE}")
+
+
+def _commit() -> str:
+    """The commit of these sources, with "+" after it where files have changed since."""
+    root = Path(__file__).resolve().parents[2]
+
+    def git(*command: str) -> str:
+        return subprocess.run(["git", *command], cwd=root, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Export; returns the exit status."""
+    parser = Parser(prog="pacman-env export", description=__doc__)
+    parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="as Stable-Baselines3 saved it")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its metadata goes beside it")
+    parser.add_argument("--facts", type=Path, metavar="FILE.json", help="default: CHECKPOINT.facts.json")
+    return run_command(parser, argv, _export, "train")
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    network = load_network(arguments.checkpoint)
+    facts = read_facts(arguments.facts or facts_path(arguments.checkpoint))
+    export_planner(network, arguments.out, facts)
+    print(f"written: {arguments.out}, {metadata_path(arguments.out)}, {os.path.getsize(arguments.out) / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

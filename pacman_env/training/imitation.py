@@ -1,0 +1,119 @@
+"""A first policy by imitation: the network learns what a rule chooses, and what the rule's rounds are worth.
+
+PPO from random weights hides from Clyde for its first half million decisions; from here it begins where the rule ends.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pacman_env.envs.sb3_vec_env import Observation
+from pacman_env.training.games import TrainingGames
+from pacman_env.training.learner import Learner
+from pacman_env.training.network import Packed, Row
+
+_ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
+_ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has something to compare
+
+
+class _Lesson(NamedTuple):
+    """What the teacher says of situations."""
+
+    slots: torch.Tensor  # (B,) his choices, as the situations have them
+    returns: torch.Tensor  # (B,) discounted
+    known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time
+
+    def loss(self, model: Learner, met: Packed, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Of some of a minibatch of ``count`` of the situations ``met``; nothing beside it."""
+        situations, slots = met.of(rows), self.slots[rows]
+        logits, values = model.policy.network.judge_packed(situations)
+        log_probs = logits.log_softmax(dim=1)
+        entropy = -(log_probs.exp() * log_probs).sum()
+        error = ((values - self.returns[rows]).square() * self.known[rows]).sum()
+        taught = slots < situations.counts  # what the network of an ablation may not choose teaches it nothing
+        told = log_probs.gather(1, torch.where(taught, slots, 0)[:, None])[:, 0]
+        return (0.5 * error - (told * taught).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
+
+
+def imitate(model: Learner, games: TrainingGames, teacher: str, decisions: int, seed: int) -> dict[str, float]:
+    """Fit the model's policy to what the teacher, a registered policy, would choose in ``decisions`` situations.
+
+    In the first of four rounds the teacher plays, in the others the model does and the teacher says what he would do,
+    so that the model also learns the way out of situations that the teacher does not get into (DAgger: Ross, Gordon,
+    Bagnell, 2011).
+
+    Returns:
+        Share of choices that agree in the last round.
+    """
+    steps = max(decisions // games.num_envs // _ROUNDS, 1)
+    optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
+    generator = torch.Generator().manual_seed(seed)
+    met, lessons = Row(_ROUNDS * steps * games.num_envs), list[_Lesson]()
+    agreement = 0.0
+    observation = games.reset()
+    for number in range(_ROUNDS):
+        observation, lesson, agreement = _play(model, games, teacher, steps, observation, number > 0, met)
+        lessons.append(lesson)
+        _fit(model, optimizer, met.situations(), lessons, generator)
+    return {"agreement": agreement}
+
+
+def _fit(
+    model: Learner,
+    optimizer: torch.optim.Optimizer,
+    met: Packed,
+    lessons: list[_Lesson],
+    generator: torch.Generator,
+) -> None:
+    model.policy.set_training_mode(True)
+    whole = _Lesson(*map(torch.cat, zip(*lessons, strict=True)))
+    with model.workers() as pool:
+        for _ in range(_EPOCHS):
+            for rows in torch.randperm(len(whole.slots), generator=generator).to(model.device).split(_BATCH):
+                model.descend(pool, optimizer, partial(whole.loss, model, met, len(rows)), rows, met.counts)
+
+
+def _play(
+    model: Learner, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool, met: Row
+) -> tuple[Observation, _Lesson, float]:
+    """Play on, the teacher or (``alone``) the model, and add the situations to those ``met``.
+
+    Returns the last observation, the lesson, and how often they agreed.
+    """
+    n = games.num_envs
+    slots: list[torch.Tensor] = []
+    rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
+    agreed = 0.0
+    for t in range(steps):
+        told = games.venv.choices(teacher)  # type: ignore[attr-defined]
+        choices, own = model.choose(observation, deterministic=True)
+        agreed += float((own == told).mean()) / steps
+        met.add(choices.situations)
+        slots.append((choices.order == torch.as_tensor(told, device=model.device)[:, None]).byte().argmax(dim=1))
+        observation, rewards[t], dones[t], _ = games.step(own if alone else told)  # type: ignore[assignment]
+    flat = (torch.from_numpy(array.ravel()).to(model.device) for array in discounted(rewards, dones, model.gamma))
+    return observation, _Lesson(torch.cat(slots), *flat), agreed
+
+
+def discounted(
+    rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Discounted sums of rewards to the end of the round, and 1 where that end is among the steps, 0 where not.
+
+    Args:
+        rewards: (T, N) of each step.
+        dones: (T, N) the round ended with the step.
+        gamma: per step.
+    """
+    returns, known = np.zeros_like(rewards), np.zeros_like(rewards)
+    running, ends = np.zeros(rewards.shape[1], dtype=np.float32), np.zeros(rewards.shape[1], dtype=np.bool_)
+    for t in reversed(range(len(rewards))):
+        ends |= dones[t]
+        running = rewards[t] + np.float32(gamma) * np.where(dones[t], np.float32(0.0), running)
+        returns[t], known[t] = running, ends
+    return returns, known

@@ -1,0 +1,193 @@
+"""How fast stock learners learn PacManBot-v1, one curve per combination: ``pacman-env learning-curves``.
+
+Stable-Baselines3's PPO or sb3-contrib's MaskablePPO with their own defaults, eight games at once. After every update
+the model plays the same rounds, which the policies ``nearest`` and ``random`` have played too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import sb3_contrib
+import stable_baselines3
+import torch
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked
+from stable_baselines3.common.evaluation import evaluate_policy
+
+from pacman_env import __version__
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.envs.arguments import EnvArguments
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.episodes.rollout import play
+from pacman_env.episodes.statistics import wilson
+from pacman_env.files import prepare, replaced, write_json
+from pacman_env.game.execution import COMPLETE
+
+#: By kind of observation: the arguments of the environment, and the policy of the learner.
+OBSERVATIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "planner": ({}, "MlpPolicy"),
+    "features": ({"observation": ("features", "flat")}, "MlpPolicy"),
+    "grid": ({"observation": ("features", "grid"), "normalize": False}, "MultiInputPolicy"),  # SB3 scales pictures
+}
+DECIDE = ("event", "tick")
+LEARNERS = {
+    "maskable_ppo": (sb3_contrib.MaskablePPO, evaluate_masked),
+    "ppo": (stable_baselines3.PPO, evaluate_policy),
+}
+GAMES = 8  # at once
+_TEST_SEED = 1_000_000  # of the games that are played to see how good a model is
+
+
+def environment(combination: str, map_name: str) -> PacManBotVecEnv:
+    """The games of ``planner/event`` and its like.
+
+    Raises:
+        ValueError: no such combination, or a map that cannot be played on.
+    """
+    kind, _, decide = combination.partition("/")
+    if kind not in OBSERVATIONS or decide not in DECIDE:
+        known = " ".join(f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE)
+        raise ValueError(f"combination {combination!r}: choose among {known}")
+    return PacManBotVecEnv(GAMES, version=1, map=map_name, decide=decide, **OBSERVATIONS[kind][0])
+
+
+def rounds_played(model: Any, learner: str, test: PacManBotVecEnv, rounds: int) -> dict[int, bool]:
+    """By the seed of a round, whether the model completed it with its likeliest actions; the same rounds always."""
+    played: dict[int, bool] = {}
+
+    def note(now: dict[str, Any], _: dict[str, Any]) -> None:
+        if now["done"]:
+            played[now["info"]["round_seed"]] = OUTCOMES[now["info"]["outcome"]] == "complete"
+
+    test.seed(_TEST_SEED)
+    LEARNERS[learner][1](model, test, n_eval_episodes=rounds, callback=note)
+    return played
+
+
+def curve(
+    combination: str, options: argparse.Namespace, seed: int
+) -> Iterator[tuple[int, float, dict[int, bool], float]]:
+    """After every update: decisions, the training rounds' mean return, rounds of the test, and s spent on learning."""
+    env, test = environment(combination, options.map), environment(combination, options.test)
+    kind = combination.partition("/")[0]
+    steps = {"n_steps": options.n_steps} if options.n_steps else {}
+    make = LEARNERS[options.learner][0]
+    model = make(OBSERVATIONS[kind][1], env, seed=seed, device="cpu", **steps)
+    spent = 0.0
+    while model.num_timesteps < options.decisions:
+        began = time.perf_counter()
+        model.learn(1, reset_num_timesteps=False)  # up to the next update
+        spent += time.perf_counter() - began
+        returns = [episode["r"] for episode in model.ep_info_buffer or ()]
+        mean = float(np.mean(returns)) if returns else float("nan")
+        yield model.num_timesteps, mean, rounds_played(model, options.learner, test, options.rounds), spent
+
+
+def baselines(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, float]:
+    """The share of the rounds that each policy completes."""
+    arguments = EnvArguments(map=map_name)
+    config, _ = arguments.make_config()
+    source = arguments.make_source(config)
+    return {
+        name: float((play(source, config, name, seeds)[0]["end"] == COMPLETE).mean()) for name in ("nearest", "random")
+    }
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """All curves; the file of figures is written anew after every point.
+
+    Raises:
+        ValueError: a combination or a map that is not there.
+    """
+    torch.set_num_threads(1)  # networks this small are fastest on one core
+    for combination in options.combinations:
+        environment(combination, options.map).close()  # said before the first has learned
+    libraries = (gymnasium, stable_baselines3, sb3_contrib, torch)
+    figures: dict[str, Any] = {
+        "version": __version__,
+        "libraries": {library.__name__: library.__version__ for library in libraries},
+        "settings": {key: value for key, value in vars(options).items() if key not in ("json", "plot", "quick")},
+        "curves": [],
+    }
+    for combination in options.combinations:
+        for seed in options.seeds:
+            entry: dict[str, Any] = {"combination": combination, "seed": seed, "points": []}
+            figures["curves"].append(entry)
+            for decisions, mean, played, spent in curve(combination, options, seed):
+                if "baselines" not in figures:
+                    figures["baselines"] = baselines(options.test, np.array([*played], dtype=np.uint64))
+                won = sum(played.values())
+                point = {"decisions": decisions, "return": mean, "completed": won / len(played)}
+                entry["points"].append(point | {"interval": wilson(won, len(played)), "learning_s": spent})
+                print(f"{combination} seed {seed}: {decisions} decisions, {100 * won / len(played):.1f} %", flush=True)
+                write_json(options.json, figures)
+    return figures
+
+
+def draw(figures: dict[str, Any], path: Path) -> None:
+    """The curves as a PNG: rounds completed over decisions, a colour per combination, a line per seed."""
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    colours = {
+        name: f"C{k}" for k, name in enumerate(dict.fromkeys(entry["combination"] for entry in figures["curves"]))
+    }
+    for entry in figures["curves"]:
+        name, points = entry["combination"], entry["points"]
+        label = name if entry["seed"] == figures["settings"]["seeds"][0] else None
+        x, y = [point["decisions"] for point in points], [100 * point["completed"] for point in points]
+        axes.plot(x, y, color=colours[name], marker=".", label=label)
+    for name, share in figures["baselines"].items():
+        axes.axhline(100 * share, color="grey", linestyle="--" if name == "nearest" else ":", label=name)
+    settings = figures["settings"]
+    axes.set(xlabel="decisions", ylabel="rounds completed, %", ylim=(0, 100), xlim=(0, None))
+    axes.set_title(f"{settings['learner']}, {settings['map']}, tested on {settings['test']}; {figures['version']}")
+    axes.legend(fontsize="small")
+    with replaced(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=120)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Learn and draw; returns the exit status."""
+    parser = Parser(prog="pacman-env learning-curves", description=__doc__)
+    known = [f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE]
+    parser.add_argument("--combinations", nargs="+", default=["planner/event"], metavar="NAME", help=" ".join(known))
+    parser.add_argument("--learner", choices=[*LEARNERS], default="maskable_ppo")
+    parser.add_argument("--map", default="generated", metavar="FILE_OR_NAME", help="to learn on (%(default)s)")
+    parser.add_argument("--test", default="generated:test", metavar="FILE_OR_NAME", help="to play on (%(default)s)")
+    parser.add_argument("--decisions", type=whole_number(1), default=200_000, metavar="N", help="(%(default)s)")
+    parser.add_argument("--seeds", type=whole_number(0), nargs="+", default=[0], metavar="S", help="of learners (0)")
+    parser.add_argument("--rounds", type=whole_number(1), default=100, metavar="N", help="after each update (100)")
+    parser.add_argument(
+        "--n-steps", type=whole_number(2), metavar="N", help="decisions per game and update (SB3's own)"
+    )
+    parser.add_argument("--json", type=Path, default=Path("results/learning_curves.json"), metavar="OUT")
+    parser.add_argument("--plot", type=Path, default=Path("results/learning_curves.png"), metavar="OUT")
+    parser.add_argument("--quick", action="store_true", help="a look at it all: 256 decisions, 8 rounds")
+    return run_command(parser, argv, _report, "train")
+
+
+def _report(options: argparse.Namespace) -> None:
+    if options.quick:
+        options.decisions, options.rounds, options.n_steps = 256, 8, 16
+    for path in (options.json, options.plot):
+        prepare(path)
+    figures = run(options)
+    draw(figures, options.plot)
+    print(*(f"{name}: {100 * share:.1f} %" for name, share in figures["baselines"].items()), sep="\n")
+    print(f"written: {options.json} and {options.plot}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,229 @@
+"""Search for hyperparameters: ``pacman-env tune``. Short trainings, judged by validation rounds completed.
+
+What is searched, the study in its folder and the file it ends in live here; a training is :func:`ppo.train`.
+Every trial trains from the same seed and its proposal depends on the trials before it alone, so a study that was
+interrupted goes on to the same trials.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+import yaml
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
+
+from pacman_env.cli.command import Parser, guarded
+from pacman_env.cli.options import parse_options
+from pacman_env.config.validation import AtLeastOne, Checked, Count
+from pacman_env.files import prepare, replaced
+from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
+from pacman_env.training.ppo import train
+from pacman_env.training.run import check_same
+
+#: Rates are those at the beginning of a run, and fall in the proportion of the section that is tuned.
+SPACE: dict[str, BaseDistribution] = {
+    "learning_rate": FloatDistribution(1e-4, 3e-3, log=True),
+    "ent_coef": FloatDistribution(5e-4, 2e-2, log=True),
+    "n_epochs": IntDistribution(1, 6),
+    "width": CategoricalDistribution((32, 48, 64, 96)),
+    "discount": FloatDistribution(5e-4, 2e-2, log=True),  # 1 - gamma
+    "gae_lambda": FloatDistribution(0.9, 0.99),
+    "clip_range": FloatDistribution(0.1, 0.3),
+    "batch_size": CategoricalDistribution((1024, 2048, 4096, 8192)),
+    "reward_scale": FloatDistribution(0.05, 0.5, log=True),
+    "imitation": CategoricalDistribution((0.0, 0.5, 1.0, 2.0)),  # times the section's
+}
+_STARTUP = 5  # trials before any is given up, and before proposals learn from those behind
+
+
+@dataclass(frozen=True)
+class Study(Checked):
+    """Search for hyperparameters of MaskablePPO with Optuna."""
+
+    out: Path = Path("results/tune")
+    """Folder of the study: trials.jsonl, best.yaml, a training run per trial."""
+    config: Path = FOLDER / "PacManBot-v0.yaml"
+    """Hyperparameters that the search begins from; what is not searched stays as it is."""
+    section: str = "headline"
+    trials: AtLeastOne = 30
+    """Of the whole study, those before ``--resume`` included."""
+    decisions: AtLeastOne = 819200
+    """Decisions of PPO per trial."""
+    segments: AtLeastOne = 4
+    """Parts of a trial: after each, rounds are played on validation levels, and a poor trial is given up."""
+    evaluation: AtLeastOne = 256
+    """Rounds on validation levels after each part."""
+    seed: Count = 0
+    """Of the proposals and of every training."""
+    resume: bool = False
+    """Go on with the study in ``out``."""
+    threads: Count = 2
+    """That compute an update, step games and play rounds; 0: one for each core."""
+    progress: bool = True
+    """Show a progress bar for each trial."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; returns the exit status."""
+    parser = Parser(prog="pacman-env tune", description=Study.__doc__)
+    return guarded(parser.prog, lambda: _search(parse_options(parser, argv, Study())), "train")
+
+
+def _search(study: Study) -> None:
+    best = search(study)
+    print(f"written: {best} (to train with it: pacman-env train --config {best})")
+
+
+def search(settings: Study) -> Path:
+    """Run the trials that are left; the file of the best one's hyperparameters, written after each trial.
+
+    Raises:
+        ValueError: the study's folder or its section does not fit, or no trial could be finished.
+    """
+    section = load_hyperparameters(settings.config, settings.section)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    pruner = optuna.pruners.MedianPruner(n_startup_trials=_STARTUP, n_warmup_steps=1)
+    study = optuna.create_study(direction="maximize", pruner=pruner)
+    record = prepare(settings.out / "trials.jsonl")
+    head = _plain(settings, section)
+    if settings.resume:
+        study.add_trials(_read(record, head))
+    elif record.exists():
+        raise ValueError(f"{settings.out}: there is a study already; give --resume or another --out")
+    best = settings.out / "best.yaml"
+    for number in range(len(study.trials), settings.trials):
+        _play(settings, section, study, number)
+        _write(record, head, study.trials)
+        _write_best(best, settings, section, study)
+    if not _write_best(best, settings, section, study):
+        raise ValueError(f"{record}: none of {len(study.trials)} trials could be finished")
+    return best
+
+
+def hyperparameters(section: Hyperparameters, params: dict[str, Any]) -> Hyperparameters:
+    """A section with a trial's proposal in it.
+
+    Args:
+        section: what is not searched.
+        params: a value for each name of ``SPACE``.
+    """
+    values = {name: params[name] for name in SPACE if name not in ("discount", "imitation")}
+    for name in ("learning_rate", "ent_coef"):
+        first, last = getattr(section, name)
+        values[name] = (params[name], params[name] * (last / first if first > 0 else 1.0))
+    gamma, imitation = 1.0 - params["discount"], round(section.imitation * params["imitation"])
+    return dataclasses.replace(section, **values, gamma=gamma, imitation=imitation)
+
+
+def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number: int) -> None:
+    """One trial, from its proposal to its result."""
+    seed = np.random.SeedSequence(settings.seed, spawn_key=(number,)).generate_state(1)[0]
+    study.sampler = optuna.samplers.TPESampler(n_startup_trials=_STARTUP, seed=int(seed))
+    trial = study.ask(SPACE)
+    chosen = _arguments(settings, hyperparameters(section, trial.params), number)
+    try:
+        folder, _ = train(chosen, lambda result: _judge(trial, result))
+    except optuna.TrialPruned as pruned:
+        study.tell(trial, state=TrialState.PRUNED)
+        result = f"given up: {pruned}"
+    except FloatingPointError as error:
+        study.tell(trial, state=TrialState.FAIL)
+        result = f"failed: {error}"
+    else:
+        share = folder.segments[-1]["completed"]
+        study.tell(trial, share)
+        result = f"{share:.1%} of validation rounds completed"
+    print(f"trial {number}: {result}")
+
+
+def _judge(trial: Trial, result: dict[str, Any]) -> None:
+    trial.report(result["completed"], result["segment"])
+    if trial.should_prune():
+        raise optuna.TrialPruned(
+            f"{result['completed']:.1%} of validation rounds after {result['decisions']} decisions"
+        )
+
+
+def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Arguments:
+    """Of a trial's training: short, in a folder of its own; one that was interrupted goes on."""
+    rollouts = max(settings.decisions // settings.segments // hyper.rollout, 1)
+    segment = rollouts * hyper.rollout
+    out = settings.out / f"trial-{number}"
+    return Arguments(
+        hyper=dataclasses.replace(hyper, decisions=segment * settings.segments, segment=segment),
+        out=out,
+        seed=settings.seed,
+        resume=(out / "run.json").exists(),
+        threads=settings.threads,
+        evaluation=settings.evaluation,
+        progress=settings.progress,
+    )
+
+
+def _plain(settings: Study, section: Hyperparameters) -> dict[str, Any]:
+    """The settings that decide the trials, as JSON has them."""
+    names = ("decisions", "segments", "evaluation", "seed")
+    kept = {name: getattr(settings, name) for name in names}
+    return dict(json.loads(json.dumps({**kept, "hyper": dataclasses.asdict(section)})))
+
+
+def _write(record: Path, head: dict[str, Any], trials: list[FrozenTrial]) -> None:
+    """The study's settings in the first line, then a line per trial."""
+    lines = [json.dumps(head)]
+    for trial in trials:
+        shares = {str(step): share for step, share in trial.intermediate_values.items()}
+        values = {"state": trial.state.name, "completed": trial.value, "params": trial.params, "segments": shares}
+        lines.append(json.dumps({"trial": trial.number, **values}))
+    with replaced(record) as temporary:
+        temporary.write_text("\n".join(lines) + "\n")
+
+
+def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
+    """The trials of a study with the same settings."""
+    try:
+        before, *lines = (json.loads(line) for line in record.read_text().splitlines())
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{record}: no study to go on with: {error}") from None
+    check_same(record, before, head)
+    trials = []
+    for number, line in enumerate(lines):
+        try:
+            if line["trial"] != number:
+                raise ValueError("the trials are not in order")
+            trial = create_trial(
+                state=TrialState[line["state"]],
+                value=line["completed"] if line["state"] == TrialState.COMPLETE.name else None,
+                params=line["params"],
+                distributions=SPACE,
+                intermediate_values={int(step): float(share) for step, share in line["segments"].items()},
+            )
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"{record}: line {number + 2}: no trial of this search: {error}") from None
+        trials.append(trial)
+    return trials
+
+
+def _write_best(path: Path, settings: Study, section: Hyperparameters, study: optuna.Study) -> bool:
+    """The section with the best trial's values, to be read by ``pacman_env.training.ppo``; False: there is none yet."""
+    if TrialState.COMPLETE not in {trial.state for trial in study.trials}:
+        return False
+    values = dataclasses.asdict(hyperparameters(section, study.best_params))
+    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+    head = f"# Trial {study.best_trial.number} of {len(study.trials)}: {study.best_value:.1%} of validation rounds"
+    head += f" completed after {settings.decisions} decisions, seed {settings.seed}.\n"
+    with replaced(path) as temporary:
+        temporary.write_text(head + yaml.safe_dump({"headline": plain}, sort_keys=False))
+    return True
+
+
+if __name__ == "__main__":
+    sys.exit(main())

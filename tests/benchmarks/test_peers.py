@@ -1,0 +1,242 @@
+"""Other libraries' environments beside ours: what is measured, what is named as missing, and what is printed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pacman_env
+from benchmarks import peer_worker, peers
+from benchmarks.peers import OURS, PEERS, PeerError, Worker, python_of, run, table
+from pacman_env.evaluation.benchmark import main
+from tests.evaluation.helpers import refused_in_one_line
+
+SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.1"]
+
+#: A library that is there: what its worker's script says and answers.
+FAKE = """
+import json, sys
+print(json.dumps({"version": "1.0", "tasks": [
+    {"name": "Easy-v0", "simulated_s": 0.25, "words": "a bit", "sizes": [1, 64], "threaded": True}]}), flush=True)
+for line in sys.stdin:
+    task, size, threads, seconds = json.loads(line)
+    print(json.dumps({"decisions_per_s": 1000.0 * size * threads, "cores": 1.0}), flush=True)
+"""
+
+
+def a_script(folder: Path, text: str) -> Path:
+    path = folder / "script.py"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def measured() -> dict[str, Any]:
+    """Ours alone, really played."""
+    return run([], None, "loop", 2, 0.1)
+
+
+def test_ours_steps_one_game_and_64(measured: dict[str, Any]) -> None:
+    assert [(row["library"], row["n"], row["threads"]) for row in measured["rows"]] == [(OURS, 1, 1), (OURS, 64, 1)]
+    for row in measured["rows"]:
+        assert row["decisions_per_s"] > 0
+        assert row["simulated_s_per_s"] == pytest.approx(0.5 * row["decisions_per_s"])
+        assert row["cores"] > 0
+        assert row["version"] == pacman_env.__version__
+    assert measured["failed"] == {}
+
+
+def test_the_script_says_what_a_decision_of_ours_is() -> None:
+    worker = Worker(OURS, "loop")
+    try:
+        (task,) = worker.tasks
+        assert task["words"].startswith("10 Chipmunk steps")
+        assert list(worker.cases()) == [(0, 1, 1), (0, 64, 1)]
+        assert worker.turn(0, 64, 1, 0.05)["decisions_per_s"] > 0
+        with pytest.raises(PeerError, match="list index out of range"):
+            worker.turn(1, 64, 1, 0.05)
+        assert worker.turn(0, 1, 1, 0.05)["decisions_per_s"] > 0  # it goes on
+    finally:
+        worker.end()
+
+
+def test_a_turn_counts_the_games_and_lasts_a_step_at_least() -> None:
+    steps: list[int] = []
+    rate = peer_worker.turn(lambda: steps.append(1), 64, 0.0)["decisions_per_s"]
+    assert len(steps) == 1
+    assert rate >= 64
+
+
+def test_ended_episodes_begin_anew() -> None:
+    class Env:
+        resets = 0
+
+        def __init__(self) -> None:
+            import gymnasium as gym
+
+            self.action_space = gym.spaces.Discrete(3)
+            self.actions: list[int] = []
+
+        def reset(self, seed: int | None = None) -> None:
+            self.resets += 1
+
+        def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
+            self.actions.append(int(action))
+            return 0, 0.0, len(self.actions) == 2, len(self.actions) == 4, {}
+
+    first, second = Env(), Env()
+    for env in (first, second):
+        step = peer_worker.alone(env)
+        for _ in range(5):
+            step()
+    assert first.resets == 3
+    assert first.actions == second.actions
+
+
+def test_what_is_not_installed_is_named_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("envpool", "vmas", "mpe2"):
+        monkeypatch.setitem(sys.modules, module, None)
+        with pytest.raises(ModuleNotFoundError) as caught:
+            peer_worker.LIBRARIES[module]("loop")
+        assert peer_worker.reason(caught.value) == f"{module} is not installed"
+    assert peer_worker.reason(OSError("no\nmemory")) == "OSError: no memory"
+    assert set(peer_worker.LIBRARIES) == {OURS, *PEERS}
+
+
+class Fake(Worker):
+    """Ours is fast; the first library cannot be imported, the second dies at 64 games, the third plays."""
+
+    def __init__(self, name: str, map_source: str, python: Path | None = None) -> None:
+        if name == "envpool":
+            raise PeerError("envpool is not installed")
+        self.name, self.version = name, "1.0"
+        self.tasks = [{"name": "Easy-v0", "simulated_s": 0.25, "words": "a bit", "sizes": [1, 64], "threaded": True}]
+        if name == OURS:
+            self.tasks = [{"name": "Ours-v1", "simulated_s": 0.5, "words": "more", "sizes": [1, 64], "threaded": False}]
+
+    def turn(self, task: int, size: int, threads: int, seconds: float) -> dict[str, float]:
+        if self.name == "vmas" and size == 64:
+            raise PeerError("ended with status -9: no memory")
+        return {"decisions_per_s": 2000.0 * size * (2 if self.name == OURS else threads), "cores": float(threads)}
+
+    def end(self) -> None:
+        pass
+
+
+def test_the_table_has_ratios_and_names_what_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(peers, "Worker", Fake)
+    monkeypatch.setattr(peers, "CORES", 2)
+    path = tmp_path / "out" / "peers.json"
+    asked = ["--peers", "envpool", "vmas", "mpe2", "mpe2"]
+    assert main([*asked, "--rounds", "3", "--json", str(path)]) == 0
+    said = capsys.readouterr().out
+    figures = json.loads(path.read_text())
+    assert said == table(figures) + "\n"
+    rows = {(row["library"], row["n"], row["threads"]): row for row in figures["rows"]}
+    assert [*rows] == [
+        (OURS, 1, 1),
+        (OURS, 64, 1),
+        ("vmas", 1, 1),
+        *(("mpe2", n, t) for n, t in ((1, 1), (64, 1), (64, 2))),
+    ]
+    assert rows["mpe2", 64, 1]["ratio"] == 0.5
+    assert rows["mpe2", 64, 1]["simulated_ratio"] == 0.25
+    assert rows["mpe2", 64, 2]["ratio_range"] == [1.0, 1.0]
+    assert "ratio" not in rows[OURS, 64, 1]
+    lines = said.splitlines()
+    assert lines[0] == "map house, 3 turns of each, 2 cores"
+    (line,) = (line for line in lines if line.split()[:3] == ["mpe2", "Easy-v0", "64"] and line.split()[3] == "1")
+    assert " ".join(line.split()[4:]) == "128,000 0.5 (0.5 to 0.5) 32,000 0.25 1.00"
+    assert "  mpe2 1.0 Easy-v0: 0.25 s, a bit" in lines
+    assert "not measured: envpool: envpool is not installed" in lines
+    assert "not measured: vmas: ended with status -9: no memory" in lines
+    assert "  (--venvs DIR installs them there)" in lines
+    assert "Speed says nothing about what an environment is worth." in said
+
+
+def test_a_process_that_dies_is_an_error_with_its_last_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, "import sys; sys.exit('out of luck')"))
+    with pytest.raises(PeerError, match="ended with status 1: out of luck"):
+        Worker("vmas", "loop")
+    monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, FAKE.replace("for line in sys.stdin:", "if False:")))
+    worker = Worker("vmas", "loop")
+    worker._process.wait()
+    with pytest.raises(PeerError, match="ended with status 0"):
+        worker.turn(0, 1, 1, 0.1)
+    worker.end()
+
+
+def test_a_library_that_cannot_be_imported_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the worker's process; what the library prints is no answer."""
+    (tmp_path / "mpe2.py").write_text("print('hello'); raise ImportError('mpe2 wants\\na display')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(PeerError, match=r"^ImportError: mpe2 wants a display$"):
+        Worker("mpe2", "loop")
+
+
+def test_a_process_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, "import time; time.sleep(600)"))
+    monkeypatch.setattr(peers, "LIMIT_S", 0.2)
+    with pytest.raises(PeerError, match="ended with status -9"):
+        Worker("vmas", "loop")
+
+
+def an_empty_wheel(folder: Path, name: str) -> None:
+    """What pip installs as a package that has a version, and nothing else."""
+    facts = {
+        "METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n",
+        "WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        "RECORD": "",
+    }
+    with zipfile.ZipFile(folder / f"{name}-1.0-py3-none-any.whl", "w") as wheel:
+        for file, text in facts.items():
+            wheel.writestr(f"{name}-1.0.dist-info/{file}", text)
+
+
+def test_a_venv_is_used_again_and_what_cannot_be_installed_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With no index to ask, but a folder with one wheel."""
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
+    monkeypatch.setitem(PEERS, "mpe2", ("mpe2==0.0.0",))
+    with pytest.raises(
+        PeerError, match=r"^cannot be installed: ERROR: No matching distribution found for mpe2==0.0.0$"
+    ):
+        python_of("mpe2", tmp_path)
+    an_empty_wheel(tmp_path, "mpe2")
+    monkeypatch.setitem(PEERS, "mpe2", ("mpe2==1.0",))
+    python = python_of("mpe2", tmp_path)
+    version = "import importlib.metadata; print(importlib.metadata.version('mpe2'))"
+    assert subprocess.check_output([python, "-c", version], text=True) == "1.0\n"
+    mark = python.with_name("mark")
+    mark.touch()
+    assert python_of("mpe2", tmp_path) == python
+    assert mark.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--peers", "atari"], "invalid choice: 'atari' (choose from"),
+        (["--venvs", "here"], "--venvs is for --peers"),
+        (["--peers", "mpe2", "--map", "nowhere"], "nowhere: neither a YAML file"),
+        (["--peers", "--json", "."], "is a folder"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_status_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refused_in_one_line(main, [*SHORT, *arguments], message, tmp_path, monkeypatch, capsys)

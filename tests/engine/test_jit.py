@@ -1,0 +1,51 @@
+"""What is added to Numba here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pacman_env.engine import jit
+from pacman_env.engine.jit import kernel, lowest_bit, prefetch
+
+
+@kernel
+def _ask_for_all(array, beyond):  # type: ignore[no-untyped-def]
+    total = 0
+    for k in range(-beyond, len(array) + beyond):
+        prefetch(array, k)
+    for k in range(len(array)):
+        total += array[k, 0]
+    return total
+
+
+@pytest.mark.parametrize("beyond", [0, 10**6])
+def test_asking_for_memory_changes_nothing_and_never_fails(beyond: int) -> None:
+    array = np.arange(12, dtype=np.uint8).reshape(4, 3)
+    assert _ask_for_all(array, beyond) == 0 + 3 + 6 + 9
+    np.testing.assert_array_equal(array.ravel(), np.arange(12))
+
+
+@pytest.mark.parametrize("file", ["rng.py", "config/sections.py", "game/execution.py", "sim/core/kernels.py"])
+def test_what_other_sources_have_prepared_is_kept_apart(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jit, "_PACKAGE", tmp_path)
+    path = tmp_path / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    hashes = set()
+    for text in ("A = 1", "A = 2"):
+        path.write_text(text)
+        hashes.add(jit.source_hash.__wrapped__())
+    assert len(hashes) == 2
+
+
+@kernel
+def lowest(value: int) -> int:
+    return lowest_bit(value)  # type: ignore[no-any-return]
+
+
+def test_the_lowest_bit_of_a_number_is_found() -> None:
+    assert [lowest(np.uint64(value)) for value in (1, 2, 12, 2**15, 2**63)] == [0, 1, 2, 15, 63]

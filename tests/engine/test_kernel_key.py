@@ -1,0 +1,218 @@
+"""A kernel's key changes with all that its machine code depends on, and with nothing else."""
+
+from __future__ import annotations
+
+import dis
+import importlib
+import os
+import pkgutil
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import pacman_env
+from pacman_env.engine import kernel_key
+from pacman_env.sim.core.ticks import play
+from tests.calls import calls_of
+from tests.sample_kernels import KERNELS, loaded, write
+
+PACKAGE = Path(pacman_env.__file__).parent
+ROOMS = ("game", "world", "sim", "heuristics")
+
+
+@pytest.fixture(autouse=True)
+def _seen_anew() -> Iterator[None]:
+    yield
+    kernel_key.forget()
+
+
+def keys(folder: Path, *edits: tuple[str, str, str]) -> dict[str, str]:
+    """By name, the keys of the sample's kernels after (file, before, after)."""
+    module = loaded(write(folder, {file: (before, after) for file, before, after in edits}))
+    return {name: kernel_key.kernel_key(getattr(module, name)) for name in KERNELS}
+
+
+def changed(folder: Path, *edits: tuple[str, str, str]) -> set[str]:
+    before, after = keys(folder / "before"), keys(folder / "after", *edits)
+    return {name for name in KERNELS if before[name] != after[name]}
+
+
+@pytest.mark.parametrize(
+    ("edit", "others"),
+    [
+        (("kernels.py", "x * values.RADIUS", "x / values.RADIUS"), {"constant"}),
+        (("values.py", "RADIUS = 0.25", "RADIUS = 0.3"), {"constant", "calls"}),
+        (("values.py", "RADIUS = 0.25", "RADIUS = np.float32(0.25)"), {"constant", "calls"}),
+        (("helpers.py", "return x + by", "return x - by"), {"calls"}),
+        (("helpers.py", "by=1.0", "by=1.5"), {"calls"}),
+        (("helpers.py", "by=1.0", "by=1"), {"calls"}),
+        (("values.py", "NAMES = (1, 2.0)", "NAMES = (2, 2.0)"), {"frozen"}),
+        (("values.py", "[1.0, 2.0]", "[1.0, 3.0]"), {"frozen"}),
+        (("values.py", "np.array([1.0, 2.0])", "np.array([1.0, 2.0], np.float32)"), {"frozen"}),
+        (("values.py", "GHOST = 2", "GHOST = 3"), {"frozen"}),
+        (("values.py", '("y", np.float64)', '("y", np.float32)'), {"made"}),
+        (("values.py", '("x", np.float64), ("y", np.float64)', '("y", np.float64), ("x", np.float64)'), {"made"}),
+        (("values.py", "left: float\n    right: float", "right: float\n    left: float"), {"pair"}),
+        (("operations.py", "SHIFT = 1", "SHIFT = 2"), {"operates"}),
+        (("operations.py", "builder.shl(", "builder.lshr("), {"operates"}),
+        (("operations.py", "_made(10)", "_made(11)"), {"operates"}),
+        (("kernels.py", "x * 2.0 for", "x * 3.0 for"), {"inner_loop"}),
+    ],
+)
+def test_what_a_kernel_reaches_changes_its_key_and_that_of_no_other(
+    edit: tuple[str, str, str], others: set[str], tmp_path: Path
+) -> None:
+    assert changed(tmp_path, edit) == others
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("values.py", "UNREACHED = 1", "UNREACHED = 2"),
+        ("values.py", '"""Constants."""', '"""Other words."""\n\n# a comment\n'),
+        ("helpers.py", "def not_called(x):\n    return x", "def not_called(x):\n    return x + 1"),
+        ("helpers.py", "return [not_called]", "return []"),
+        ("kernels.py", "import numpy as np\n", "import numpy as np\n\n\n# Each function is some lines further down.\n"),
+    ],
+)
+def test_what_no_kernel_reaches_changes_no_key(edit: tuple[str, str, str], tmp_path: Path) -> None:
+    assert changed(tmp_path, edit) == set()
+
+
+def test_where_a_package_lies_changes_no_key(tmp_path: Path) -> None:
+    assert keys(tmp_path / "here") == keys(tmp_path / "somewhere" / "else")
+
+
+@pytest.mark.parametrize("place", range(len(kernel_key._VERSIONS)))
+def test_another_compiler_or_python_has_other_keys(place: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = kernel_key.kernel_key(play)
+    versions = list(kernel_key._VERSIONS)
+    versions[place] = "another"
+    monkeypatch.setattr(kernel_key, "_VERSIONS", tuple(versions))
+    assert kernel_key.kernel_key(play) != before
+
+
+def test_another_way_of_compiling_has_another_key() -> None:
+    import numba
+
+    def half(x: float) -> float:
+        return x * 0.5
+
+    one, other = numba.njit(half), numba.njit(half, fastmath=True)
+    assert kernel_key.kernel_key(one) != kernel_key.kernel_key(other)
+
+
+@pytest.mark.parametrize("value", [[1, 2], {"a": 1}, object(), np.array([object()]), Path("here")])
+def test_a_value_of_an_unknown_kind_gives_no_key(value: Any, tmp_path: Path) -> None:
+    module = loaded(write(tmp_path))
+    vars(sys.modules["sample.operations"])["SHIFT"] = value
+    with pytest.raises(kernel_key.UnknownContent):
+        kernel_key.kernel_key(module.operates)
+
+
+def test_code_that_imports_while_it_generates_gives_no_key(tmp_path: Path) -> None:
+    late = ("operations.py", "    return builder.shl", "    from .values import RADIUS\n    return builder.shl")
+    module = loaded(write(tmp_path, {late[0]: late[1:]}))
+    with pytest.raises(kernel_key.UnknownContent, match="imports"):
+        kernel_key.kernel_key(module.operates)
+
+
+def test_a_profiler_changes_no_key(tmp_path: Path) -> None:
+    module = loaded(write(tmp_path))
+    before = kernel_key.kernel_key(module.calls)
+    module.calls(1.0)
+    assert calls_of(lambda: module.calls(1.0)) > 0
+    kernel_key.forget()
+    assert kernel_key.kernel_key(module.calls) == before
+
+
+# The package's own kernels
+
+
+def package_kernels() -> dict[str, Dispatcher]:
+    """All kernels, by module and name, rules that were compiled among them."""
+    found: dict[str, Dispatcher] = {}
+    waiting: list[Any] = []
+    for room in ROOMS:
+        for module in pkgutil.walk_packages([str(PACKAGE / room)], f"pacman_env.{room}."):
+            waiting += vars(importlib.import_module(module.name)).values()
+    for one in waiting:  # grows meanwhile
+        if isinstance(one, Dispatcher) and (name := f"{one.py_func.__module__}.{one.__qualname__}") not in found:
+            found[name] = one
+            waiting += one.py_func.__globals__.values()
+    return found
+
+
+def test_every_kernel_of_the_package_has_a_key_of_its_own() -> None:
+    named = {name: kernel_key.kernel_key(kernel) for name, kernel in package_kernels().items()}
+    assert len(named) > 150
+    assert len(set(named.values())) == len(named)
+
+
+def test_each_constant_that_the_bytecode_of_a_kernel_reads_is_in_its_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Found here by disassembling, which the keys do without."""
+    read = 0
+    for name, kernel in package_kernels().items():
+        known = kernel.py_func.__globals__
+        constants = {
+            instruction.argval
+            for instruction in dis.get_instructions(kernel.py_func)
+            if instruction.opname == "LOAD_GLOBAL" and isinstance(known.get(instruction.argval), int | float)
+        }
+        before = kernel_key.kernel_key(kernel)
+        for constant in sorted(constants):
+            with monkeypatch.context() as patched:
+                patched.setitem(known, constant, known[constant] + 1)
+                kernel_key.forget()
+                assert kernel_key.kernel_key(kernel) != before, f"{name}: {constant}"
+            read += 1
+        kernel_key.forget()
+    assert read > 200
+
+
+@pytest.mark.parametrize(
+    "name", ["game.execution._collect", "world.navigation.physics.move", "rng.uniform", "bucket_queue.pop"]
+)
+def test_the_ticks_have_another_key_where_a_function_deep_below_is_another(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = kernel_key.kernel_key(play)
+    function = package_kernels()[f"pacman_env.{name}"].py_func
+    code = function.__code__
+    monkeypatch.setattr(function, "__code__", code.replace(co_consts=(*code.co_consts, 1234)))
+    kernel_key.forget()
+    assert kernel_key.kernel_key(play) != before
+
+
+def test_keys_are_the_same_in_another_process() -> None:
+    program = """
+from pacman_env.engine.kernel_key import kernel_key
+from pacman_env.sim.core.ticks import play
+print(kernel_key(play))
+"""
+    for seed in "1", "2":  # of the hashes that sets are ordered by
+        environment = {**os.environ, "PYTHONPATH": str(PACKAGE.parent), "PYTHONHASHSEED": seed}
+        out = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        )
+        assert out.stdout.strip() == kernel_key.kernel_key(play)
+
+
+def test_the_package_teaches_numba_nothing_that_keys_do_not_see() -> None:
+    """Intrinsics and types are followed; an ``overload`` would be reached by no name."""
+    allowed = {"intrinsic", "models", "register_model"}
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text()
+        for names in re.findall(r"from numba\.(?:core\.)?extending import ([^\n(]+)", text):
+            used = {name.strip() for name in names.partition("#")[0].split(",")}
+            assert used <= allowed | ({"_Intrinsic"} if path.name == "kernel_key.py" else set()), path
+        assert not re.search(
+            r"numba\.extending import \(|import numba\.extending|numba\.extending\.|lower_builtin", text
+        ), path

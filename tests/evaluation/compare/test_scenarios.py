@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pacman_env.config import ConfigError
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare import scenarios as sources
+from pacman_env.evaluation.compare.arguments import LEVELS_PLAYED, add_game_arguments
+from pacman_env.evaluation.compare.scenarios import (
+    Levels,
+    describe_scenario,
+    named_scenarios,
+    open_scenario,
+    parts_of_play,
+    scenarios,
+)
+from pacman_env.sim.maps.generated import TEST_LEVEL, GeneratedMaps
+from pacman_env.world.maps.occupancy import MapError, load_map
+from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG
+
+
+def given(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_game_arguments(parser, several=True)
+    return parser.parse_args(words)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], ["house"]),
+        (["--map", "maze", "house", "maze"], ["maze", "house"]),
+        (["--levels", "test"], [Levels("test", None, LEVELS_PLAYED)]),
+        (["--levels", "train", "--start-level", "7", "--num-levels", "3"], [Levels("train", 7, 3)]),
+        (["--map", "maze", "--levels", "test"], ["maze", Levels("test")]),
+    ],
+)
+def test_places_are_what_was_asked_for(words: list[str], expected: list[object]) -> None:
+    assert scenarios(given(*words)) == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--map", "generated"], "generated houses are given as --levels"),
+        (["--map", "house", "generated:test"], "--map generated:test: generated houses are given as --levels"),
+        (["--num-levels", "3"], "--num-levels: is for --levels"),
+        (["--start-level", "0"], "--start-level: is for --levels"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(words: list[str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        scenarios(given(*words))
+
+
+def test_levels_that_the_split_does_not_have_are_refused() -> None:
+    with pytest.raises(ConfigError, match="num_levels = 1001"):
+        open_scenario(Levels("test", None, 1001), CONFIG)
+    with pytest.raises(ConfigError, match="start_level = 3"):
+        open_scenario(Levels("test", 3, 1), CONFIG)
+
+
+def test_levels_are_drawn_and_prepared_as_an_environment_does() -> None:
+    ours = open_scenario(LEVELS, LEVELS_CONFIG)
+    theirs = GeneratedMaps.named("generated:test", LEVELS_CONFIG, None, LEVELS.count)
+    seeds = episode_seeds(1, 20)
+    np.testing.assert_array_equal(ours.levels_of(seeds), theirs.levels_of(seeds))
+    for level in (TEST_LEVEL, TEST_LEVEL + 1):
+        assert ours.prepare(level).occupancy.hash == theirs.prepare(level).occupancy.hash
+    assert ours.first.occupancy.hash == theirs.first.occupancy.hash
+
+
+def test_a_level_is_prepared_once_for_all_of_clydes_speeds_but_not_for_other_pellets() -> None:
+    sources._prepared.cache_clear()
+    for speed in (0.25, 0.4):
+        config = LEVELS_CONFIG.with_fields(**{"clyde.speed_mps": speed, "endless": speed > 0.3})
+        open_scenario(LEVELS, config).prepare(TEST_LEVEL)
+    assert sources._prepared.cache_info().misses == 1
+    denser = open_scenario(LEVELS, LEVELS_CONFIG.with_fields(**{"pellets.spacing_m": 1.5})).prepare(TEST_LEVEL)
+    assert denser.pellets > open_scenario(LEVELS, LEVELS_CONFIG).prepare(TEST_LEVEL).pellets
+
+
+def test_names_are_the_maps_own_and_that_of_the_split(tmp_path: Path) -> None:
+    file = str(load_map("maze").save(tmp_path / "maze.yaml"))
+    assert named_scenarios(["house", file, LEVELS], [LEVELS_CONFIG]) == {
+        "house": "house",
+        "maze": file,
+        "generated:test": LEVELS,
+    }
+
+
+def test_places_that_could_not_be_told_apart_or_played_on_are_refused(tmp_path: Path) -> None:
+    load_map("maze").save(tmp_path / "maze.yaml")
+    with pytest.raises(ValueError, match="two maps are called maze"):
+        named_scenarios(["maze", "house", str(tmp_path / "maze.yaml")], [CONFIG])
+    far = CONFIG.with_fields(**{"clyde.clearance_m": 50.0})
+    for scenario in ("house", LEVELS):
+        with pytest.raises((ConfigError, MapError), match="clearance_m"):
+            named_scenarios([scenario], [CONFIG, far])
+
+
+def test_a_result_file_says_where_a_place_is_found_again() -> None:
+    assert describe_scenario("maze", "maze", CONFIG) == {
+        "name": "maze",
+        "source": "maze",
+        "hash": load_map("maze").hash,
+    }
+    about = describe_scenario("x", LEVELS, LEVELS_CONFIG)
+    assert about["hash"] == open_scenario(LEVELS, LEVELS_CONFIG).first.occupancy.hash
+    del about["hash"]
+    assert about == {"name": "x", "source": "--levels test", "start_level": TEST_LEVEL, "num_levels": 2}
+
+
+def test_parts_hold_every_round_once_and_rounds_of_a_level_together() -> None:
+    seeds, many = episode_seeds(0, 400), Levels("test", None, 250)
+    levels = open_scenario(many, LEVELS_CONFIG).levels_of(seeds)
+    parts = parts_of_play(many, LEVELS_CONFIG, seeds, 2)
+    assert sorted(np.concatenate(parts)) == list(range(400))
+    assert len(parts) > 2
+    assert all(len(set(levels[part])) < sources._KEPT_LEVELS for part in parts)
+    assert (np.diff(levels[np.concatenate(parts)]) >= 0).all()
+
+
+def test_rounds_on_one_map_are_played_as_they_come() -> None:
+    parts = parts_of_play("house", CONFIG, episode_seeds(0, 5), 2)
+    assert [part.tolist() for part in parts] == [[0, 1, 2], [3, 4]]
+    assert len(parts_of_play("house", CONFIG, episode_seeds(0, 2), 5)) == 2
+
+
+def test_the_help_names_what_is_played_on_by_default() -> None:
+    parser = argparse.ArgumentParser()
+    add_game_arguments(parser, several=True)
+    assert re.search(rf"{LEVELS_PLAYED}\b", parser.format_help())

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+
+from pacman_env.evaluation.compare.rows import Row, make_row
+from pacman_env.evaluation.compare.table import group_title, render, short_name
+from tests.evaluation.helpers import FIVE, OTHER_FIVE
+
+
+def rows(
+    policies: tuple[str, str] = ("clyde_aware", "nearest"), speed: float = 0.25, endless: bool = False
+) -> list[Row]:
+    times = np.array([0.5])
+    first = make_row(
+        map_name="home", policy=policies[0], clyde_speed=speed, records=FIVE, decision_ms=times, endless=endless
+    )
+    second = make_row(
+        map_name="home",
+        policy=policies[1],
+        clyde_speed=speed,
+        records=OTHER_FIVE,
+        decision_ms=times,
+        first=FIVE,
+        endless=endless,
+    )
+    return [first, second]
+
+
+def test_every_number_is_in_its_line() -> None:
+    title, header, first, second = render(rows()).splitlines()[:4]
+    assert title == "home: 8 pellets, Clyde at 0.25 m/s, 5 episodes"
+    assert header.split("  ")[0] == "policy"
+    assert first.split()[:4] == ["clyde_aware", "40.0", "[11.8,", "76.9]"]
+    assert first.split()[4:7] == ["60.0", "[23.1,", "88.2]"]
+    assert first.split()[7:] == ["5.00", "20.0", "20.0", "20.0", "30.0", "0.500", "0.500", "-"]
+    assert second.split()[-3] == "-20.0"
+
+
+def test_columns_are_aligned() -> None:
+    lines = render(rows()).splitlines()[1:4]
+    assert len({len(line) for line in lines}) == 1
+
+
+def test_each_speed_has_its_block() -> None:
+    text = render(rows() + rows(speed=0.4))
+    assert text.count("policy  ") == 2
+    assert "Clyde at 0.4 m/s" in text
+
+
+def test_the_columns_are_explained_and_the_compared_policy_is_named() -> None:
+    explanation = render(rows()).split("\n\n")[1].replace("\n", " ")
+    for word in ("complete:", "all but one:", "lossy:", "p50", "minus that of clyde_aware"):
+        assert word in explanation
+
+
+def test_long_names_of_policies_keep_the_table_narrow() -> None:
+    text = render(rows(("runs/" + "x" * 200 + "/best.onnx", "nearest")))
+    assert max(map(len, text.splitlines())) <= 140
+    assert "best.onnx" in text
+
+
+def test_a_short_name_is_the_end_of_a_long_one() -> None:
+    assert short_name("abcdef", 6) == "abcdef"
+    assert short_name("abcdefg", 6) == "…cdefg"
+
+
+def test_endless_games_have_columns_of_their_own() -> None:
+    text = render(rows(endless=True))
+    title, header, first, second = text.splitlines()[:4]
+    assert title == "home: 8 pellets, Clyde at 0.25 m/s, 5 endless games"
+    words = " ".join(header.split())
+    assert words == "policy pellets per game median rounds most death lossy time-out time s p50 ms p99 ms difference"
+    assert "complete " not in text
+    assert first.split()[:2] == ["clyde_aware", "5.0"]
+    assert first.split()[4:] == ["7", "0.00", "0", "20.0", "20.0", "20.0", "30.0", "0.500", "0.500", "-"]
+    assert second.split()[-3] == "-2.6"
+    assert len(header) == len(first) == len(second)
+    assert "pellets per game minus those of clyde_aware" in " ".join(text.split())
+
+
+def test_a_title_over_several_levels_tells_how_many_and_the_range_of_pellets() -> None:
+    row = rows()[0] | {"levels": 31, "pellets_least": 4}
+    assert group_title(row) == "home: 4 to 8 pellets on 31 levels, Clyde at 0.25 m/s, 5 episodes"

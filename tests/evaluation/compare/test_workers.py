@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare.workers import Block, play_all
+from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
+
+
+def test_two_processes_give_the_records_of_one() -> None:
+    seeds = episode_seeds(5, 12)
+    ended: list[int] = []
+    blocks = [Block("house", CONFIG, policy, seeds) for policy in ("clyde_aware", "random")]
+    first, second = play_all(blocks, workers=2, on_end=ended.append)
+    np.testing.assert_array_equal(first[0], played("clyde_aware")[0])
+    np.testing.assert_array_equal(second[0], played("random")[0])
+    assert sum(ended) == 24
+    assert len(ended) == 4  # two pieces of each block, or nothing was shared out
+
+
+def test_progress_counts_every_round() -> None:
+    ended: list[int] = []
+    play_all([Block("house", CONFIG, "nearest", episode_seeds(5, 12))], on_end=ended.append)
+    assert sum(ended) == 12
+
+
+def test_an_error_in_another_process_arrives() -> None:
+    with pytest.raises(ValueError, match="unknown policy 'nobody'"):
+        play_all([Block("house", CONFIG, "nobody", episode_seeds(5, 2))], workers=2)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_rounds_on_levels_come_back_in_the_order_of_their_seeds(workers: int) -> None:
+    blocks = [Block(LEVELS, LEVELS_CONFIG, policy, episode_seeds(5, 8)) for policy in ("lookahead", "nearest")]
+    (first, _), (second, _) = play_all(blocks, workers)
+    np.testing.assert_array_equal(first, played_on_levels("lookahead"))
+    np.testing.assert_array_equal(second, played_on_levels("nearest"))

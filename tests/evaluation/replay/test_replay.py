@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import base64
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.replay.__main__ import main
+from pacman_env.evaluation.replay.recording import Change, RecordedGame
+from pacman_env.evaluation.templates import render
+from tests.eval.replay.test_video import film
+from tests.evaluation.helpers import CONFIG, played, played_on_levels, refused_in_one_line
+
+SEED = str(episode_seeds(5, 1)[0])
+SAME_AS_CONFIG = ["--execution", "as_built", "--spacing", "3", "--time-limit", "120"]
+
+
+def test_a_round_of_the_comparison_is_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "new" / "round.mp4"
+    assert main([SEED, *SAME_AS_CONFIG, "--policies", "nearest", "clyde_aware", "--out", str(out)]) == 0
+    text = capsys.readouterr().out
+    assert f"Round {SEED} on house, Clyde at 0.25 m/s" in text
+    for policy in ("nearest", "clyde_aware"):
+        record = played(policy)[0][0]
+        words = f"after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets"
+        assert re.search(rf"^{policy}: \w+ {re.escape(words)}", text, re.M)
+    longest = max(played(policy)[0]["time_s"][0] for policy in ("nearest", "clyde_aware"))
+    assert len(film(out)) == 1 + round(longest / CONFIG.execution.tick_s) + 12
+    assert list(out.parent.iterdir()) == [out]
+
+
+def test_a_round_on_a_level_names_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = played_on_levels("nearest")[0]
+    options = ["--levels", "test", "--num-levels", "2", "--time-limit", "40", "--policies", "nearest"]
+    assert main([str(record["seed"]), *options, "--out", str(tmp_path / "r.gif")]) == 0
+    text = capsys.readouterr().out
+    assert f"on generated:test, level {record['level']}," in text
+    assert f"after {record['time_s']:.1f} s, {record['collected']} of {record['spawned']} pellets" in text
+
+
+def test_the_page_holds_the_film_and_needs_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["3", "--policies", "nearest", "--time-limit", "5", "--out", "page.html"]) == 0
+    text = (tmp_path / "page.html").read_text()
+    (data,) = re.findall(r'src="data:video/mp4;base64,([^"]+)"', text)
+    (tmp_path / "film.mp4").write_bytes(base64.b64decode(data))
+    assert len(film(tmp_path / "film.mp4")) == 1 + 10 + 12
+    assert not re.findall(r"https?://|<script|<link", text)
+    for line in re.findall(r"^  +(\S.*)$", capsys.readouterr().out, re.M):
+        when, _, rest = line.partition("  ")
+        goal, _, why = rest.partition(": ")
+        assert f"<td>{when}<td>{goal}<td>{why}" in text
+
+
+def test_the_film_lies_in_results_unless_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["12345678901234567890", "--policies", "nearest", "--time-limit", "2"]) == 0
+    assert [p.name for p in (tmp_path / "results").iterdir()] == ["replay-12345678901234567890.mp4"]
+
+
+def test_what_a_policy_says_is_text_on_the_page(tmp_path: Path) -> None:
+    from pacman_env.evaluation.compare.scenarios import open_scenario
+
+    game = RecordedGame(open_scenario("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
+    game.changes.append(Change("1.0 s", "pellet & more", "<script>"))
+    text = render("replay.html.j2", title="a < b", video="", games=[game])
+    for escaped in ("&lt;b&gt;policy", "pellet &amp; more", "&lt;script&gt;", "<h1>a &lt; b</h1>"):
+        assert escaped in text
+    assert "<script" not in text
+
+
+def test_what_is_not_installed_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("imageio", "imageio.v2"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main(["3", "--policies", "nearest", "--time-limit", "2", "--out", str(tmp_path / "r.mp4")]) == 2
+    assert "needs imageio" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-1"], "must be at least 0"),
+        (["18446744073709551616"], "must be at most"),
+        (["first"], "'first' is no whole number"),
+        ([], "SEED"),
+        (["1", "--policies", "nobody"], "unknown policy 'nobody'"),
+        (["1", "--policies", "run.zip"], "run.zip: "),
+        (["1", "--out", "film.avi"], "must end in one of .mp4, .gif, .html"),
+        (["1", "--map", "house", "--levels", "test"], "not beside --map"),
+        (["1", "--map", "nowhere"], "nowhere"),
+        (["1", "--set", "action=velocity"], "action = 'velocity'"),
+    ],
+)
+def test_errors_are_one_line_and_nothing_is_written(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refused_in_one_line(main, arguments, message, tmp_path, monkeypatch, capsys)

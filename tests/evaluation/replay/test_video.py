@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pacman_env.evaluation.compare.__main__ import main
+from pacman_env.evaluation.replay.recording import save_video
+
+
+def film(path: Path) -> list[NDArray]:
+    """All frames; by OpenCV, for imageio's reader leaves the pipes of a finished ffmpeg open."""
+    capture, frames = cv2.VideoCapture(str(path)), []
+    while True:
+        ok, frame = capture.read()
+        if not ok:
+            capture.release()
+            return frames
+        frames.append(frame)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_a_film_has_all_frames_and_shows_the_last_for_a_while(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"film{suffix}"
+    # a white bar that grows, so that no two frames are one to the GIF writer
+    frames = (np.where(np.arange(64)[None, :, None] < 6 * k, 255, 0).repeat(48, 0).repeat(3, 2) for k in range(9))
+    save_video((f.astype(np.uint8) for f in frames), path, tick_s=0.5)
+    assert list(tmp_path.iterdir()) == [path]
+    shown = film(path)
+    assert {frame.shape for frame in shown} == {(48, 64, 3)}
+    brightness = [frame.mean() for frame in shown]
+    assert brightness[0] < 10 < 100 < brightness[8]
+    if suffix == ".mp4":  # a GIF holds equal frames once
+        assert len(shown) == 9 + 1.5 * 8
+        assert np.ptp(brightness[8:]) < 1
+
+
+def test_the_command_writes_a_film(tmp_path: Path) -> None:
+    out = ["--json", str(tmp_path / "r.json"), "--video", str(tmp_path / "film.mp4")]
+    assert main(["--episodes", "1", "--policies", "nearest", "--time-limit", "3", *out]) == 0
+    shown = film(tmp_path / "film.mp4")
+    assert len(shown) == 1 + 3 / 0.5 + 1.5 * 8
+    assert shown[0].shape[0] == 720
+    assert {p.name for p in tmp_path.iterdir()} == {"r.json", "r.png", "film.mp4"}

@@ -1,0 +1,82 @@
+"""Planners that were learned take part in a report, as files; their networks are random here."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("onnx")
+pytest.importorskip("sb3_contrib")
+
+from sb3_contrib import MaskablePPO
+
+from pacman_env.config import make_config
+from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.evaluation.replay.__main__ import main as replay
+from pacman_env.evaluation.report.__main__ import main
+from pacman_env.policies.metadata import read_planner
+from pacman_env.sim.maps.assets import map_assets
+from pacman_env.training.checkpoint import facts_path, load_network, write_facts
+from pacman_env.training.export import export_planner
+from pacman_env.training.policy import EntityPolicy
+from tests.training.planners import FACTS, random_planner
+
+EASY = {"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "execution.pickup_radius_m": 2.0}
+RULES = [word for name, value in EASY.items() for word in ("--set", f"{name}={value}")]
+FEW = ["--episodes", "6", "--endless", "1", "--speeds", "0.25", "--variant", *RULES]
+
+
+def report(folder: Path, *arguments: str) -> dict[str, Any]:
+    files = ["--out", str(folder / "page.html"), "--json", str(folder / "page.json")]
+    assert main([*FEW, *arguments, *files]) == 0
+    result: dict[str, Any] = json.loads((folder / "page.json").read_text())
+    return result
+
+
+def played(report: dict[str, Any], policy: str) -> dict[str, dict[str, Any]]:
+    """What came of each part, by its name."""
+    names = ("end", "collected", "time_s")
+    return {r["part"]: {name: r[name] for name in names} for r in report["rounds"] if r["policy"] == policy}
+
+
+def test_a_planners_file_is_reported_and_seen_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = random_planner(tmp_path)
+    made = report(tmp_path, "--policies", str(path), "--baseline", "nearest", "--replays", "1")
+    config = make_config(**EASY)
+    records, _ = play(map_assets("house", config), config, str(path), episode_seeds(0, 6))
+    for name, values in played(made, "mine")["rounds"].items():
+        np.testing.assert_array_equal(values, records[name])
+    assert [(p["name"], p["spec"]) for p in made["policies"]] == [("mine", str(path)), ("nearest", "nearest")]
+    assert made["policies"][0]["facts"]["sha256"] == read_planner(path)[0].sha256
+    assert "What the file of mine says of itself" in (tmp_path / "page.html").read_text()
+    row = (made["pair"]["wins"] + made["pair"]["losses"])[0]
+    assert (tmp_path / row["film"]).is_file()
+    monkeypatch.chdir(tmp_path)
+    assert replay(shlex.split(row["command"])[2:]) == 0
+    text = capsys.readouterr().out
+    for name, outcome in (("mine", row["ours"]), ("nearest", row["theirs"])):
+        assert f"{outcome['time_s']:.1f} s, {outcome['collected']} of {outcome['pellets']} pellets" in (
+            next(line for line in text.splitlines() if line.startswith(f"{name}: "))
+        )
+
+
+def test_a_checkpoint_takes_part_and_plays_as_its_export(tmp_path: Path) -> None:
+    checkpoint, exported = tmp_path / "run.zip", tmp_path / "mine.onnx"
+    env = PacManBotVecEnv(2, map="house", observation="planner")
+    MaskablePPO(EntityPolicy, env, n_steps=4, batch_size=8, seed=0, device="cpu").save(checkpoint)
+    write_facts(facts_path(checkpoint), FACTS)
+    export_planner(load_network(checkpoint), exported, FACTS)
+    policies = ["--policies", str(checkpoint), str(exported), "--baseline", "nearest"]
+    made = report(tmp_path, *policies)
+    assert set(played(made, "run")) == {"rounds", "endless games"}
+    assert len(set(played(made, "run")["rounds"]["collected"])) > 1
+    assert played(made, "run") == played(made, "mine")

@@ -1,0 +1,1 @@
+"""Checks of the whole that take minutes: commands, each with a short run that is a test."""

@@ -1,0 +1,216 @@
+"""Whether long runs keep their memory and threads change nothing: ``python -m tests.system.memory``.
+
+Resident memory is looked at again and again; what it grows by after the first tenth of a part is bounded. Chipmunk's
+spaces are counted, and none may be left of an environment that is gone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import hashlib
+import multiprocessing
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import psutil
+
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+
+FAULT_STATUS = 1
+GAMES = 64
+PARTS = ("makes", "decisions", "houses", "runs")
+#: By which a process may grow after the warm-up, MiB. Houses differ in size, and room is kept for the largest.
+MOST_MIB = {"makes": 16.0, "decisions": 16.0, "houses": 64.0, "runs": 32.0}
+_LINES = 20
+_SHORT = {"processes": 2, "makes": 4, "decisions": 20_000, "houses": 12, "runs": 3}
+
+
+class Fault(Exception):
+    """Memory grew, something was left over, or results differ."""
+
+
+def resident_mib() -> float:
+    """Of this process."""
+    return float(psutil.Process().memory_info().rss) / 2**20
+
+
+def spaces_alive() -> int:
+    """Chipmunk's spaces in this process."""
+    return sum(type(one).__name__ == "Space" and type(one).__module__ == "pymunk.space" for one in gc.get_objects())
+
+
+def threads_alive() -> int:
+    """Of environments, beside the callers'."""
+    return sum(thread.name.startswith("pacman_env-") for thread in threading.enumerate())
+
+
+@dataclass
+class Watch:
+    """Looks at the memory while something is done ``total`` times."""
+
+    part: str
+    total: int
+    quiet: bool = False
+    base_mib: float = 0.0  # after the warm-up
+    most_mib: float = 0.0
+    began_s: float = field(default_factory=time.monotonic)
+    _next: int = 0
+
+    def look(self, done: int) -> None:
+        """Print now and then; raises Fault where memory has grown."""
+        if done < self._next and done < self.total:
+            return
+        self._next = done + max(1, self.total // _LINES)
+        mib = resident_mib()
+        self.most_mib = max(self.most_mib, mib)
+        warm = 10 * done >= self.total
+        if warm and not self.base_mib:
+            self.base_mib = mib
+        if not self.quiet:
+            took = f"{time.monotonic() - self.began_s:6.0f} s"
+            alive = f"{spaces_alive():4d} spaces {threads_alive():3d} threads"
+            print(f"{self.part:9} {done:9d} of {self.total} {took} {mib:8.1f} MiB {alive}", flush=True)
+        if warm and mib > self.base_mib + MOST_MIB[self.part]:
+            raise Fault(
+                f"{self.part}: {mib:.1f} MiB after {done}, {mib - self.base_mib:.1f} more than after the first tenth:"
+                f" at most {MOST_MIB[self.part]:.0f} more are allowed"
+            )
+
+    def growth(self) -> str:
+        """What became of it, in words."""
+        return f"{self.part}: {resident_mib() - self.base_mib:+.1f} MiB since the first tenth"
+
+
+def _alive() -> tuple[int, int]:
+    gc.collect()
+    return spaces_alive(), threads_alive()
+
+
+def _nothing_left(part: str, before: tuple[int, int]) -> None:
+    spaces, threads = (now - then for now, then in zip(_alive(), before, strict=True))
+    if spaces > 0 or threads > 0:
+        raise Fault(f"{part}: {spaces} spaces and {threads} threads are left of what is gone")
+
+
+def _step(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> None:
+    for _ in range(steps):
+        env.step(rng.integers(0, env.single_action_space.n, env.num_envs))  # type: ignore[union-attr]
+
+
+def make_and_close(makes: int) -> tuple[float, float]:
+    """So many environments in this process, one after the other; memory after the first tenth and at the end, MiB."""
+    rng, watch, before = np.random.default_rng(0), Watch("makes", makes, quiet=True), _alive()
+    for k in range(makes):
+        env = PacManBotVectorEnv(8, map=("house", "maze")[k % 2], num_threads=2)
+        env.reset(seed=k)
+        _step(env, rng, 20)
+        env.close()
+        del env
+        if (k + 1) % max(1, makes // 10) == 0:
+            _nothing_left("makes", before)
+        watch.look(k + 1)
+    return watch.base_mib, resident_mib()
+
+
+def _makes(arguments: argparse.Namespace) -> str:
+    began, most, grown, made = time.monotonic(), 0.0, 0.0, 0
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(min(2, arguments.processes), maxtasksperchild=1) as pool:
+        work = [arguments.makes] * arguments.processes
+        for done, (before, after) in enumerate(pool.imap_unordered(make_and_close, work, chunksize=1), 1):
+            made += arguments.makes
+            most, grown = max(most, after), max(grown, after - before)
+            if done % max(1, arguments.processes // _LINES) == 0:
+                took = f"{time.monotonic() - began:6.0f} s"
+                print(f"makes     {made:9d} in {done} processes {took} at most {most:.1f} MiB {grown:+.1f}", flush=True)
+    return f"makes: {made} in {arguments.processes} processes: {grown:+.1f} MiB at most since the first tenth"
+
+
+def _decisions(arguments: argparse.Namespace) -> str:
+    env = PacManBotVectorEnv(GAMES, num_threads=2)
+    env.reset(seed=0)
+    rng, watch = np.random.default_rng(0), Watch("decisions", arguments.decisions)
+    for done in range(GAMES, arguments.decisions + GAMES, GAMES):
+        _step(env, rng, 1)
+        watch.look(done)
+    return watch.growth()
+
+
+def _houses(arguments: argparse.Namespace) -> str:
+    env = PacManBotVectorEnv(2, map="generated", num_threads=2)
+    rng, watch = np.random.default_rng(0), Watch("houses", arguments.houses)
+    end_s = time.monotonic() + (arguments.minutes * 60 or float("inf"))
+    done = 0
+    while done < arguments.houses and time.monotonic() < end_s:
+        env.reset(seed=done, options={"level": np.arange(done, done + 2)})
+        _step(env, rng, 20)
+        done += 2
+        watch.look(done)
+    return f"{watch.growth()}; {done} houses"
+
+
+def digest(threads: int, decisions: int = 100) -> str:
+    """Of all that a run gives."""
+    env = PacManBotVectorEnv(GAMES, ghosts=("chase", "arcade", "wander"), num_threads=threads)
+    found, rng = hashlib.sha256(), np.random.default_rng(1)
+    env.reset(seed=7)
+    for _ in range(decisions):
+        observation, *rest = env.step(rng.integers(0, env.single_action_space.n, GAMES))  # type: ignore[union-attr]
+        for array in (*observation.values(), *rest[:3]):
+            found.update(np.ascontiguousarray(array).tobytes())
+        found.update(env.batch.games.tobytes() + env.batch.ghosts.tobytes())
+    return found.hexdigest()
+
+
+def _runs(arguments: argparse.Namespace) -> str:
+    expected, watch = digest(1), Watch("runs", arguments.runs)
+    for k in range(arguments.runs):
+        found = digest(arguments.threads)
+        if found != expected:
+            raise Fault(f"runs: run {k} of {arguments.threads} threads gave {found[:12]}, one thread {expected[:12]}")
+        watch.look(k + 1)
+    return f"{watch.growth()}; {arguments.runs} times {expected[:12]}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the parts; returns the exit status: 1 after a fault."""
+    parser = Parser(prog="python -m tests.system.memory", description=__doc__)
+    add = parser.add_argument
+    add("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (all)")
+    add("--short", action="store_true", help="a few of each")
+    add("--processes", type=whole_number(1), default=100, help="that make environments (%(default)s)")
+    add("--makes", type=whole_number(1), default=100, help="environments that each makes and closes (%(default)s)")
+    add("--decisions", type=whole_number(1), default=10_000_000, help="of 64 games in all (%(default)s)")
+    add("--houses", type=whole_number(1), default=20_000, help="one after the other (%(default)s)")
+    add("--minutes", type=whole_number(0), default=0, help="after which no house is begun; 0: no limit (%(default)s)")
+    add("--runs", type=whole_number(1), default=50, help="that have to give the same (%(default)s)")
+    add("--threads", type=whole_number(1), default=7, help="of a run (%(default)s)")
+    return run_command(parser, argv, _report)
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    unknown = set(arguments.parts) - set(PARTS)
+    if unknown:
+        raise ValueError(f"part {sorted(unknown)[0]!r}: there are {', '.join(PARTS)}")
+    if arguments.short:
+        vars(arguments).update(_SHORT)
+    work = dict(zip(PARTS, (_makes, _decisions, _houses, _runs), strict=True))
+    before = _alive()
+    try:
+        for part in arguments.parts or PARTS:
+            print(work[part](arguments), flush=True)
+            _nothing_left(part, before)
+    except Fault as fault:
+        print(fault)
+        return FAULT_STATUS
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tests.system.memory
+from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.world.navigation.physics import Spaces
+from tests.evaluation.helpers import refused_in_one_line
+from tests.system.memory import PARTS, Watch, digest, main, make_and_close, spaces_alive
+
+
+def test_a_short_run_of_all_parts(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--short"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for part in PARTS:
+        told = [line for line in lines if line.startswith(part)]
+        assert len(told) >= 3
+        assert "since the first tenth" in told[-1]
+
+
+def test_spaces_are_counted() -> None:
+    gc.collect()
+    before = spaces_alive()
+    spaces = Spaces(3, radius_m=0.2, mass_kg=1.0, step_s=0.05)
+    for k in range(5):
+        spaces.provide(k, np.array([[float(k), 0.0, 1.0, 1.0]]))
+        assert spaces_alive() == before + min(k + 1, 4)  # one for each robot, one for a level: another's goes
+    del spaces
+    assert spaces_alive() == before
+
+
+def test_memory_that_grows_is_a_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    sizes = iter([100.0] * 10 + [116.5] * 50)
+    monkeypatch.setattr(tests.system.memory, "resident_mib", lambda: next(sizes))
+    assert main(["decisions", "--decisions", "10000"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1].startswith("decisions: 116.5 MiB after ")
+
+
+def test_results_that_differ_are_a_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(tests.system.memory, "digest", lambda threads: f"{min(threads, 2)}" * 64)
+    assert main(["runs", "--runs", "2"]) == 1
+    assert "run 0 of 7 threads gave 222222222222, one thread 111111111111" in capsys.readouterr().out
+
+
+def test_what_is_left_of_an_environment_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[PacManBotVectorEnv] = []
+    monkeypatch.setattr(PacManBotVectorEnv, "close", lambda env: kept.append(env))
+    with pytest.raises(tests.system.memory.Fault, match="threads are left of what is gone"):
+        make_and_close(1)
+
+
+def test_the_digest_tells_runs_apart() -> None:
+    assert digest(1, 3) == digest(3, 3) != digest(1, 4)
+
+
+def test_the_last_look_is_always_taken() -> None:
+    watch = Watch("runs", 3, quiet=True)
+    for done in range(1, 4):
+        watch.look(done)
+    assert watch.base_mib > 0
+
+
+@pytest.mark.parametrize("bad", [["walls"], ["--runs", "0"], ["--minutes", "-1"]])
+def test_bad_arguments_are_one_line(
+    bad: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused_in_one_line(main, bad, "python -m tests.system.memory", tmp_path, monkeypatch, capsys)

@@ -1,0 +1,199 @@
+"""The command trains both sides in turns, writes what it found, and what it writes can be played with."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import onnx
+import pytest
+
+pytest.importorskip("sb3_contrib")
+pytest.importorskip("onnx")
+
+import torch
+
+import pacman_env
+from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.policies.metadata import metadata_path, read_planner
+from pacman_env.policies.registry import make_policy
+from pacman_env.training.adversary import Arguments, main, network_of, new_model, parse, starting_model
+from pacman_env.training.arguments import FOLDER, load_hyperparameters
+from pacman_env.training.arguments import Arguments as GameArguments
+from pacman_env.training.checkpoint import facts_path, write_facts
+from pacman_env.training.export import model_bytes
+from pacman_env.training.games import TrainingGames, make_games
+from tests.training.planners import FACTS, random_network, random_planner
+
+TINY = (
+    *("--rounds", "1", "--clyde-decisions", "128", "--planner-decisions", "128", "--imitation", "64", "--games", "2"),
+    *("--clyde-games", "2", "--levels", "2", "--evaluation", "1", "--threads", "2", "--no-progress"),
+    *("--clyde-speed", "0.5", "0.6"),  # rounds are soon over
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _torch_as_before() -> Iterator[None]:
+    """The command sets threads and determinism for the whole process."""
+    threads, mode = torch.get_num_threads(), torch.get_deterministic_debug_mode()
+    yield
+    torch.set_num_threads(threads)
+    torch.set_deterministic_debug_mode(mode)
+
+
+def tiny(out: Path, *more: str) -> Arguments:
+    return parse([*TINY, "--out", str(out), *more])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a whole run."""
+    out = tmp_path_factory.mktemp("run")
+    assert main([*TINY, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def games() -> TrainingGames:
+    hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
+    return make_games(GameArguments(hyper=hyper), 0)
+
+
+def test_a_run_writes_planners_clydes_and_who_completes_against_whom(run: Path) -> None:
+    assert {path.name for path in run.glob("*.onnx")} == {"planner-0.onnx", "planner-1.onnx", "clyde-1.onnx"}
+    record = json.loads((run / "record.json").read_text())
+    assert record["version"] == pacman_env.__version__
+    assert record["arguments"]["clyde_decisions"] == 128
+    assert [row["planner_decisions"] for row in record["rounds"]] == [128]
+    assert set(record["completed"]) == {"planner-0", "planner-1", "lookahead", "clyde_aware"}
+    for row in record["completed"].values():
+        assert list(row) == ["wander", "arcade", "chase", "clyde-1"]
+        assert set(row.values()) <= {0.0, 1.0}
+    metadata = read_planner(run / "planner-1.onnx")[0]
+    assert metadata.metrics == {f"completed_{k}": v for k, v in record["completed"]["planner-1"].items()}
+    assert read_planner(run / "clyde-1.onnx")[0].training.decisions == 128
+
+
+def test_both_sides_have_learned_something(run: Path) -> None:
+    before, after = (network_of(run / f"planner-{k}.onnx").state_dict() for k in (0, 1))
+    assert not torch.equal(before["encode.weight"], after["encode.weight"])
+
+
+def test_the_learned_clyde_plays_in_a_ghosts_seat(run: Path) -> None:
+    env = PacManBotEnv(map="house", ghosts=make_policy(str(run / "clyde-1.onnx")))
+    env.reset(seed=0)
+    sent = {int(env.batch.ghosts["place"][0, 0]) for _ in range(10) if env.step(env.batch.hold)}
+    assert sent - {-1}
+
+
+def test_the_same_seed_gives_the_same_files(run: Path, tmp_path: Path) -> None:
+    assert main([*TINY, "--out", str(tmp_path)]) == 0
+    for path in run.glob("*.onnx"):
+        assert path.read_bytes() == (tmp_path / path.name).read_bytes()
+    ours, theirs = (json.loads((folder / "record.json").read_text()) for folder in (run, tmp_path))
+    assert ours["completed"] == theirs["completed"]
+
+
+def test_a_folder_with_a_run_is_left_alone(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (run / "record.json").read_bytes()
+    assert main([*TINY, "--out", str(run)]) == 2
+    assert "there is a run already" in capsys.readouterr().err
+    assert (run / "record.json").read_bytes() == before
+
+
+def test_measuring_prints_the_table_and_trains_nothing(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    planner, clyde = run / "planner-1.onnx", run / "clyde-1.onnx"
+    out = tmp_path / "none"
+    assert main([*TINY, "--out", str(out), "--measure", str(planner), "--clyde", str(clyde)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "| completed of 1 | wander | arcade | chase | clyde |"
+    assert [line.split("|")[1].strip() for line in lines[2:]] == ["planner", "lookahead", "clyde_aware"]
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("sizes", [{}, {"width": 24, "dropped_features": (4, 7), "dropped_kinds": (1,)}])
+def test_a_network_comes_back_from_its_file(sizes: dict[str, int], tmp_path: Path) -> None:
+    network = random_network(4, **sizes)
+    path = random_planner(tmp_path, seed=4, **sizes)
+    found = network_of(path)
+    assert model_bytes(found) == path.read_bytes() == model_bytes(network)
+    assert found.dropped_kinds == network.dropped_kinds
+
+
+def test_a_graph_of_other_make_is_refused(tmp_path: Path) -> None:
+    path = random_planner(tmp_path)
+    model = onnx.load_model(path)
+    swapped = [node for node in model.graph.node if node.op_type == "Relu"]
+    swapped[-1].op_type = "Tanh"
+    path.write_bytes(model.SerializeToString())
+    metadata = json.loads(metadata_path(path).read_text()) | {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    metadata_path(path).write_text(json.dumps(metadata))
+    with pytest.raises(ValueError, match=r"mine\.onnx: no graph that train\.export writes"):
+        network_of(path)
+
+
+def test_a_planner_file_is_begun_with(games: TrainingGames, tmp_path: Path) -> None:
+    path = random_planner(tmp_path, seed=5, width=24)
+    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), games)
+    assert decisions == FACTS.training.decisions
+    assert model_bytes(model.policy.network) == path.read_bytes()
+
+
+def test_a_checkpoint_is_begun_with(games: TrainingGames, tmp_path: Path) -> None:
+    hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
+    path = tmp_path / "best.zip"
+    saved = new_model(hyper, games, 7, width=24)
+    saved.save(path)
+    write_facts(facts_path(path), FACTS)
+    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), games)
+    assert decisions == FACTS.training.decisions
+    for name, tensor in saved.policy.network.state_dict().items():
+        assert torch.equal(model.policy.network.state_dict()[name], tensor)
+
+
+@pytest.mark.parametrize("name", ["absent.onnx", "absent.zip", "text.onnx", "text.zip"])
+def test_a_file_that_is_no_planner_is_named(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "text.onnx").write_text("no model")
+    (tmp_path / "text.zip").write_text("no archive")
+    assert main([*TINY, "--out", str(tmp_path / "run"), "--start", str(tmp_path / name)]) == 2
+    error = capsys.readouterr().err
+    assert name in error or "text.json" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "run" / "record.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--rounds", "0"], "rounds = 0: must be a whole number of at least 1"),
+        (["--wander", "1.5"], "wander = 1.5: must be a finite number of at most 1"),
+        (["--seed", "-1"], "seed = -1: must be a whole number of at least 0"),
+        (["--clyde", "c.onnx"], "is for --measure"),
+        (["--clyde-speed", "0.2", "-0.1"], "clyde_speed[1] = -0.1"),
+    ],
+)
+def test_bad_arguments_are_named(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main([*TINY, "--out", str(tmp_path), *arguments])
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_quick_is_smaller_and_every_value_can_still_be_given() -> None:
+    quick = parse(["--quick", "--wander", "0.7"])
+    assert quick.wander == 0.7
+    assert quick.planner_decisions < parse([]).planner_decisions
+    assert quick.out != parse([]).out
+
+
+def test_clydes_speed_reaches_the_games_of_both_sides(tmp_path: Path) -> None:
+    from pacman_env.training.adversary import _games
+
+    arguments = tiny(tmp_path, "--clyde-speed", "0.1", "0.2")
+    assert [_games(arguments, side).hyper.clyde_speed for side in (0, 1)] == [(0.1, 0.2)] * 2

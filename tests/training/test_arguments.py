@@ -1,0 +1,193 @@
+"""Hyperparameters and arguments say by name what is wrong with them; files and the command line fill them alike."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+import torch
+import yaml
+
+from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, from_values, load_hyperparameters
+from pacman_env.training.ppo import parse
+
+torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute
+SHIPPED = FOLDER / "PacManBot-v0.yaml"
+#: A training of a moment, for all tests of the package.
+TINY: dict[str, Any] = {
+    "decisions": 128,
+    "cycles": 1,
+    "segment": 64,
+    "games": 4,
+    "n_steps": 8,
+    "batch_size": 16,
+    "n_epochs": 2,
+    "learning_rate": [1e-3, 1e-4],
+    "ent_coef": [0.005, 0.001],
+    "gamma": 0.998,
+    "gae_lambda": 0.95,
+    "clip_range": 0.2,
+    "vf_coef": 0.5,
+    "max_grad_norm": 0.5,
+    "width": 8,
+    "reward_scale": 0.2,
+    "levels": 2,
+    "clyde_speed": [0.2, 0.6],
+    "robot_speed": [0.22, 0.306],
+    "imitation": 64,
+    "decide": "tick",
+}
+
+
+def tiny(out: Path = Path("unused"), **changes: Any) -> Arguments:
+    """Arguments of a tiny training; changes go to the hyperparameters where they have such a field."""
+    names = {field.name for field in dataclasses.fields(Hyperparameters)}
+    hyper = from_values({**TINY, **{name: changes[name] for name in names & set(changes)}}, "tiny")
+    others = {name: changes[name] for name in set(changes) - names}
+    return Arguments(hyper=hyper, out=out, **{"threads": 1, "evaluation": 0, "progress": False, **others})
+
+
+def section(folder: Path, **changes: Any) -> Path:
+    """A file with the tiny section, changed; a change to None leaves the field out."""
+    values = {name: value for name, value in {**TINY, **changes}.items() if value is not None}
+    path = folder / "tiny.yaml"
+    path.write_text(yaml.safe_dump({"headline": values}))
+    return path
+
+
+@pytest.mark.parametrize("name", ["headline", "quick"])
+def test_the_shipped_sections_load(name: str) -> None:
+    hyper = load_hyperparameters(SHIPPED, name)
+    assert hyper.segments * hyper.segment == hyper.decisions
+    assert hyper.learning_rate[0] > hyper.learning_rate[1]
+    assert hyper.rollout % hyper.batch_size == 0
+
+
+def test_a_file_is_read_as_it_stands(tmp_path: Path) -> None:
+    plain = dataclasses.asdict(load_hyperparameters(section(tmp_path), "headline"))
+    assert {name: list(v) if isinstance(v, tuple) else v for name, v in plain.items()} == TINY
+
+
+def test_a_number_that_yaml_takes_for_a_string_is_a_number(tmp_path: Path) -> None:
+    assert load_hyperparameters(section(tmp_path, learning_rate=["1e-3", "1e-4"]), "headline").learning_rate[1] == 1e-4
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"gamme": 1}, r"unknown \['gamme'\], missing \[\]"),
+        ({3: 1}, r"unknown \['3'\], missing \[\]"),
+        ({"gamma": None}, r"unknown \[\], missing \['gamma'\]"),
+        ({"games": 4.0}, r"games = 4\.0: must be a whole number"),
+        ({"games": True}, "games = True: must be a whole number"),
+        ({"games": 0}, "games = 0: must be a whole number of at least 1"),
+        ({"imitation": -1}, "imitation = -1: must be a whole number of at least 0"),
+        ({"gamma": "most"}, "gamma = 'most': must be a finite number"),
+        ({"gamma": True}, "gamma = True: must be a finite number"),
+        ({"gamma": 1.5}, r"gamma = 1\.5: must be a finite number of at most 1"),
+        ({"gae_lambda": float("nan")}, "gae_lambda = nan: must be a finite number of at least 0"),
+        ({"clip_range": -0.1}, r"clip_range = -0\.1: must be a finite number of at least 0"),
+        ({"reward_scale": float("inf")}, "reward_scale = inf: must be a finite number"),
+        ({"learning_rate": 0.1}, r"learning_rate = 0\.1: must be a list"),
+        ({"learning_rate": "12"}, "learning_rate = '12': must be a list"),
+        ({"ent_coef": [1, 2, 3]}, r"ent_coef = \[1, 2, 3\]: must be a list of 2"),
+        ({"ent_coef": [float("nan"), 0]}, r"ent_coef\[0\] = nan: must be a finite number of at least 0"),
+        ({"clyde_speed": [-0.2, 0.3]}, r"clyde_speed\[0\] = -0\.2: must be a finite number of at least 0"),
+        ({"segment": 63}, r"segment = 63: must be a multiple of games \* n_steps = 32"),
+        ({"batch_size": 1}, "batch_size = 1: leaves a minibatch of 1"),
+        ({"batch_size": 31}, "batch_size = 31: leaves a minibatch of 1"),
+    ],
+)
+def test_a_field_that_does_not_fit_is_named_with_file_and_section(
+    changes: dict[Any, Any], message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(yaml.safe_dump({"headline": {k: v for k, v in {**TINY, **changes}.items() if v is not None}}))
+    with pytest.raises(ValueError, match=rf"tiny\.yaml: headline: .*{message}"):
+        load_hyperparameters(path, "headline")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"quick: {}", "no section 'headline'"),
+        (b"headline: 3", "no section 'headline'"),
+        (b"- headline", "no section 'headline'"),
+        (b"", "no section 'headline'"),
+        (b"headline: [", "cannot be read"),
+        (b"\xff\xfe\xff", "cannot be read"),
+        (b"headline: !!python/object/apply:os.getcwd []", "cannot be read"),
+    ],
+)
+def test_a_file_that_is_none_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"bad\.yaml: {message}"):
+        load_hyperparameters(path, "headline")
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"nothing\.yaml: cannot be read"):
+        load_hyperparameters(tmp_path / "nothing.yaml", "headline")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"threads": -1}, "threads = -1: must be a whole number of at least 0"),
+        ({"evaluation": -1}, "evaluation = -1: must be a whole number of at least 0"),
+        ({"seed": -1}, "seed = -1: must be a whole number of at least 0"),
+        ({"seed": 2**32}, "seed = 4294967296: must be a whole number of at most 4294967295"),
+    ],
+)
+def test_arguments_out_of_range_are_named(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        tiny(**changes)
+
+
+def test_at_least_the_decisions_asked_for_are_taken() -> None:
+    assert [tiny(decisions=n).hyper.segments for n in (1, 64, 65, 128)] == [1, 1, 2, 2]
+
+
+def test_the_command_line_replaces_single_values(tmp_path: Path) -> None:
+    path = section(tmp_path)
+    options = ["--config", str(path), "--seed", "3", "--gamma", "0.9", "--learning-rate", "0.5", "0.25"]
+    found = parse([*options, "--without", "refuges", "paths", "--curriculum", "--out", "there"])
+    hyper = from_values({**TINY, "gamma": 0.9, "learning_rate": [0.5, 0.25]}, "")
+    out = Path("there")
+    assert found == Arguments(hyper=hyper, out=out, seed=3, without=("refuges", "paths"), curriculum=True)
+
+
+def test_quick_is_another_section_and_another_folder() -> None:
+    quick, full = parse(["--quick"]), parse([])
+    assert quick.hyper == load_hyperparameters(SHIPPED, "quick") != full.hyper
+    assert full.hyper == load_hyperparameters(SHIPPED, "headline")
+    assert quick.out != full.out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--gamma", "much"], "gamma"),
+        (["--without", "nothing"], "nothing"),
+        (["--width", "0"], "width = 0"),
+        (["--nonsense"], "nonsense"),
+    ],
+)
+def test_options_that_do_not_fit_are_named_with_status_2(
+    options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        parse(options)
+    assert message in capsys.readouterr().err
+
+
+def test_progress_begins_anew_with_each_cycle() -> None:
+    hyper = tiny(decisions=128, cycles=2).hyper
+    assert [hyper.progress(n) for n in (1, 32, 64, 65, 128, 200)] == [1 / 64, 0.5, 1.0, 1 / 64, 1.0, 1.0]

@@ -1,0 +1,140 @@
+"""Of Stable-Baselines3 files tensors are read and nothing is run, with the facts beside them."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+pytest.importorskip("torch")
+pytest.importorskip("onnx")
+pytest.importorskip("sb3_contrib")
+
+from pacman_env.config import make_config
+from pacman_env.policies.registry import make_policy
+from pacman_env.training.checkpoint import Facts, TorchPlanner, facts_path, load_planner, read_facts, write_facts
+from pacman_env.training.export import main
+from tests.policies.contract import random_situation
+from tests.training.planners import FACTS, random_network
+
+
+def test_facts_are_read_as_they_were_written(tmp_path: Path) -> None:
+    path = facts_path(tmp_path / "run.1.zip")
+    assert path.name == "run.1.facts.json"
+    write_facts(path, FACTS)
+    assert read_facts(path) == FACTS
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_facts_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "run.facts.json"
+    with pytest.raises(ValueError, match=r"run\.facts\.json: training\.decisions = 1\.5: must be a whole number"):
+        write_facts(path, structs.replace(FACTS, training=structs.replace(FACTS.training, decisions=1.5)))
+    with pytest.raises(ValueError, match=r"run\.facts\.json: cannot be read"):
+        read_facts(path)
+
+
+def test_facts_of_another_shape_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.facts.json"
+    path.write_text('{"robot_speed_mps": 0.256, "metrics": {}}')
+    with pytest.raises(ValueError, match=r"run\.facts\.json: training is missing"):
+        read_facts(path)
+
+
+class _Touch:
+    """Unpickled, it leaves a trace."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> object:
+        return os.mkdir, (str(self.path),)
+
+
+def test_code_in_a_file_is_never_run(tmp_path: Path) -> None:
+    trace, path = tmp_path / "trace", tmp_path / "run.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        for name in ("data", "policy.pth", "pytorch_variables.pth"):
+            content = io.BytesIO()
+            pickle.dump(_Touch(trace), content)
+            file.writestr(name, content.getvalue())
+    with pytest.raises(ValueError, match=r"run\.zip: no planner that can be loaded"):
+        load_planner(path)
+    assert not trace.exists()
+
+
+def test_code_in_a_real_checkpoint_is_never_run(checkpoint: Path, tmp_path: Path) -> None:
+    """Its tensors are read all the same."""
+    trace, path = tmp_path / "trace", tmp_path / "run.zip"
+    serialized = base64.b64encode(pickle.dumps(_Touch(trace))).decode()
+    with zipfile.ZipFile(checkpoint) as good, zipfile.ZipFile(path, "w") as file:
+        for name in good.namelist():
+            content = good.read(name)
+            if name == "data":
+                data = json.loads(content)
+                data["lr_schedule"] = data["policy_class"] = {":type:": "x", ":serialized:": serialized}
+                content = json.dumps(data).encode()
+            file.writestr(name, content)
+    expected, found = (load_planner(one).network.state_dict() for one in (checkpoint, path))
+    assert all((expected[name] == found[name]).all() for name in expected)
+    assert not trace.exists()
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"run\.zip: no such file"):
+        load_planner(tmp_path / "run.zip")
+
+
+def test_a_network_is_a_policy() -> None:
+    situation = random_situation(0, 30)
+    planner = TorchPlanner("mine", random_network(dropped_kinds=(1,)), 0.25)
+    np.testing.assert_array_equal(planner.scores(situation) > -np.inf, situation.mask & (situation.kind != 1))
+    assert situation.mask[np.arange(30), planner.select(situation)].all()
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A real one, as it is before the first decision is learned from."""
+    policy = pytest.importorskip("pacman_env.training.policy")
+    from sb3_contrib import MaskablePPO
+
+    from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+
+    env = PacManBotVecEnv(2, map="house", observation="planner")
+    path = tmp_path_factory.mktemp("run") / "run.zip"
+    MaskablePPO(policy.EntityPolicy, env, n_steps=4, batch_size=8, seed=0, device="cpu").save(path)
+    return path
+
+
+def test_a_checkpoint_is_a_policy_at_the_speed_of_its_facts(checkpoint: Path) -> None:
+    planner = load_planner(checkpoint)
+    assert planner.name == "run"
+    assert planner.robot_speed_mps == make_config("robot").robot.speed_mps
+    write_facts(facts_path(checkpoint), Facts(0.2, FACTS.training, {}))
+    assert load_planner(checkpoint).robot_speed_mps == 0.2
+
+
+def test_a_checkpoint_becomes_a_file_that_decides_alike(checkpoint: Path, tmp_path: Path) -> None:
+    out, facts = tmp_path / "mine.onnx", tmp_path / "facts.json"
+    write_facts(facts, FACTS)
+    assert main([str(checkpoint), "--out", str(out), "--facts", str(facts)]) == 0
+    situation = random_situation(1, 40)
+    found = make_policy(str(out)).scores(situation)
+    network = load_planner(checkpoint).network
+    expected = TorchPlanner("mine", network, FACTS.robot_speed_mps).scores(situation)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_a_damaged_checkpoint_is_refused(checkpoint: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "run.zip"
+    damaged.write_bytes(checkpoint.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"run\.zip: no planner that can be loaded"):
+        load_planner(damaged)

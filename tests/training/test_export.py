@@ -1,0 +1,136 @@
+"""What is exported computes what torch computes, is small and whole, and says what it is."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
+import onnx
+import torch
+
+from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.policies.metadata import read_planner
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.training.export import OPSET, export_planner, main, model_bytes
+from pacman_env.training.network import FORBIDDEN, EntityNetwork
+from tests.training.planners import FACTS, random_network, random_planner
+
+SIZES = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES)
+
+
+@pytest.mark.parametrize(
+    "arguments", [{}, {"width": 16}, {"dropped_features": (4, 6)}, {"dropped_kinds": (1,)}, {"dropped_kinds": (1, 2)}]
+)
+@pytest.mark.parametrize(("games", "count"), [(1, 1), (1, 37), (64, 12), (300, 5)])
+def test_it_computes_what_torch_computes(arguments: dict[str, Any], games: int, count: int, tmp_path: Path) -> None:
+    """For any number of games and candidates, with some games in which nothing may be chosen."""
+    rng = np.random.default_rng(games + count)
+    candidates = rng.uniform(-1, 1, (games, count, SIZES[0])).astype(np.float32)
+    whole = rng.uniform(-1, 1, (games, SIZES[1])).astype(np.float32)
+    mask = rng.random((games, count)) < 0.5
+    planner = LearnedPlanner(random_planner(tmp_path, **arguments))
+    logits, values = planner.run(candidates, whole, mask)
+    network = random_network(**arguments)
+    for judge in (network.forward, network.packed):
+        with torch.no_grad():
+            expected = judge(torch.tensor(candidates), torch.tensor(whole), torch.tensor(mask))
+        np.testing.assert_allclose(logits, expected[0].numpy(), atol=1e-5, rtol=1e-6)
+        np.testing.assert_allclose(values, expected[1].numpy(), atol=1e-5, rtol=1e-6)
+    assert (logits[~mask] == FORBIDDEN).all()
+
+
+def test_the_same_weights_are_the_same_bytes() -> None:
+    assert model_bytes(random_network(1)) == model_bytes(random_network(1)) != model_bytes(random_network(2))
+
+
+def test_it_is_one_small_file_of_a_fixed_opset_with_its_metadata(tmp_path: Path) -> None:
+    path = random_planner(tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mine.json", "mine.onnx"]
+    assert path.stat().st_size < 200_000
+    model = onnx.load(path)
+    assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", OPSET)]
+
+
+def test_the_metadata_says_what_it_is(tmp_path: Path) -> None:
+    path = random_planner(tmp_path, width=32, dropped_features=(4, 6), dropped_kinds=(2,))
+    metadata, content = read_planner(path)
+    assert metadata.sha256 == hashlib.sha256(content).hexdigest()
+    assert metadata.width == 32
+    assert metadata.dropped_features == (CANDIDATE_FEATURES[4], CANDIDATE_FEATURES[6])
+    assert metadata.dropped_kinds == ("is_hold",)
+    assert metadata.robot_speed_mps == FACTS.robot_speed_mps
+    assert metadata.training == FACTS.training
+    assert metadata.metrics == FACTS.metrics
+    assert metadata.commit == "unknown" or len(metadata.commit.rstrip("+")) == 40
+
+
+class _Otherwise(EntityNetwork):
+    """Computes a little more than its weights say."""
+
+    def forward(self, *inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        logits, values = super().forward(*inputs)
+        return logits + 1e-3, values
+
+
+def _spoilt() -> EntityNetwork:
+    network = random_network()
+    with torch.no_grad():
+        network.encode.weight[0, 0] = torch.nan
+    return network
+
+
+@pytest.mark.parametrize(
+    ("network", "facts", "message"),
+    [
+        (_Otherwise(*SIZES), FACTS, r"logits differ from torch's by 0\.0"),
+        (_spoilt(), FACTS, "and finite"),
+        (EntityNetwork(SIZES[0] + 1, SIZES[1]), FACTS, "candidate and global features, this version has"),
+        (EntityNetwork(SIZES[0], SIZES[1] - 1), FACTS, "candidate and global features, this version has"),
+        (
+            random_network(),
+            structs.replace(FACTS, metrics={"a": float("nan")}),
+            r"mine\.json: metrics\.a = nan",
+        ),
+        (random_network(), structs.replace(FACTS, robot_speed_mps=0.0), "robot_speed_mps = 0.0"),
+    ],
+    ids=["other-numbers", "no-number", "candidate-features", "global-features", "metrics", "speed"],
+)
+def test_what_is_wrong_replaces_nothing(network: EntityNetwork, facts: Any, message: str, tmp_path: Path) -> None:
+    path = random_planner(tmp_path)
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    with pytest.raises(ValueError, match=message):
+        export_planner(network, path, facts)
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_a_new_planner_takes_the_place_of_the_old(tmp_path: Path) -> None:
+    first, second = (LearnedPlanner(random_planner(tmp_path, seed=seed)).metadata.sha256 for seed in (1, 2))
+    assert first != second
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_the_network_is_left_as_it_was(tmp_path: Path) -> None:
+    network = random_network()
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    export_planner(network, tmp_path / "new" / "mine.onnx", FACTS)
+    assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
+
+
+def test_only_files_ending_in_onnx_are_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"mine\.bin: must end in \.onnx"):
+        export_planner(random_network(), tmp_path / "mine.bin", FACTS)
+
+
+def test_the_command_refuses_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    checkpoint, out = tmp_path / "mine.zip", tmp_path / "mine.onnx"
+    assert main([str(checkpoint), "--out", str(out)]) == 2
+    assert "mine.zip: no such file" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,101 @@
+"""Imitation: the network comes to choose as the rule does, and to know what the rule's rounds are worth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+import torch
+
+from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
+from pacman_env.training import imitation
+from pacman_env.training.games import TrainingGames, dropped, make_games
+from pacman_env.training.imitation import discounted, imitate
+from pacman_env.training.learner import Learner, new_model
+from pacman_env.training.network import Packed
+from tests.training.test_arguments import tiny
+
+
+def pupil(games: TrainingGames, **changes: Any) -> Learner:
+    return new_model(tiny(width=16, n_steps=8, batch_size=32).hyper, games, 0, **changes)
+
+
+def taught(decisions: int, seed: int = 1) -> tuple[Learner, dict[str, float]]:
+    games = make_games(tiny(games=8, n_steps=8, levels=4), 0)
+    model = pupil(games)
+    games.seed(3)
+    return model, imitate(model, games, "lookahead", decisions, seed)
+
+
+def agreement(model: Learner) -> float:
+    """With the rule, in situations that the rule meets in other houses."""
+    games, found = make_games(tiny(games=8, n_steps=8, levels=4), 1), []
+    games.seed(4)
+    observation = games.reset()
+    for _ in range(60):
+        choices = games.venv.choices("lookahead")  # type: ignore[attr-defined]
+        _, own = model.choose(observation, deterministic=True)
+        found.append((own == choices).mean())
+        observation, *_ = games.step(choices)
+    return float(np.mean(found))
+
+
+def test_an_imitator_agrees_with_the_rule_more_often_than_an_untrained_network() -> None:
+    model, result = taught(4096)
+    before, after = agreement(pupil(make_games(tiny(games=8, n_steps=8, levels=4), 0))), agreement(model)
+    assert after > before + 0.25
+    assert 0.0 < result["agreement"] <= 1.0
+
+
+def test_the_same_seed_teaches_the_same_bits_and_another_others() -> None:
+    one, same, other = (taught(512, seed)[0].policy.state_dict() for seed in (1, 1, 2))
+    assert all(torch.equal(one[name], same[name]) for name in one)
+    assert not all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_returns_of_a_hand_made_sequence() -> None:
+    """Of three games: one that ends in the middle, one that ends at last, one that does not."""
+    rewards = np.array([[1, 0, 1], [2, 0, 0], [4, 8, 0], [8, 0, 4]], dtype=np.float32)
+    dones = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0]], dtype=np.bool_)
+    returns, known = discounted(rewards, dones, 0.5)
+    np.testing.assert_array_equal(returns, [[2, 2, 1.5], [2, 4, 1], [8, 8, 2], [8, 0, 4]])
+    np.testing.assert_array_equal(known, [[1, 1, 0], [1, 1, 0], [0, 1, 0], [0, 1, 0]])
+    assert returns.dtype == known.dtype == np.float32
+
+
+def lesson(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, list[imitation._Lesson]]:
+    """Where the teacher always chooses a candidate of a kind, and no return is known."""
+    observation = games.reset()
+    column = CANDIDATE_FEATURES.index(kind)
+    choices = (observation["planner_candidates"][:, :, column] * observation["action_mask"]).argmax(axis=1)
+    assert (observation["planner_candidates"][np.arange(len(choices)), choices, column] == 1).all()
+    met, _ = model.choose(observation)
+    slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
+    nothing = torch.zeros(len(choices))
+    return met.situations, [imitation._Lesson(slots, nothing, nothing)]
+
+
+@pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
+def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
+    kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(imitation, "_ENTROPY", 0.0)
+    games = make_games(tiny(), 0)
+    games.seed(0)
+    model = pupil(games, **dropped(tiny(without=("refuges",))))
+    before = {name: value.clone() for name, value in model.policy.state_dict().items()}
+    optimizer = torch.optim.Adam(model.policy.parameters(), lr=1e-3)
+    imitation._fit(model, optimizer, *lesson(model, games, kind), torch.Generator().manual_seed(0))
+    same = all(torch.equal(value, before[name]) for name, value in model.policy.state_dict().items())
+    assert same != learns
+
+
+def test_imitation_leaves_the_optimizer_of_ppo_fresh(tmp_path: Path) -> None:
+    model, _ = taught(64)
+    assert model.policy.optimizer.state_dict()["state"] == {}

@@ -1,0 +1,174 @@
+"""Who plays Clyde: the rules of his seat do what they are named after, and the pool gives each round its player."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sb3_contrib")
+pytest.importorskip("onnx")
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pacman_env.config import ConfigError
+from pacman_env.envs.arguments import EnvArguments, Ghosts
+from pacman_env.envs.core import EnvCore
+from pacman_env.game.execution import RUNNING
+from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.registry import make_policy
+from pacman_env.sim.observation.situation import Situation
+from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
+from pacman_env.training.opponents import BehaviourOpponent, Opponents, Table, completed_against, make_pool, robustness
+from tests.training.planners import random_planner
+
+GAMES = 16
+ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline"))
+SEEDS = np.random.default_rng(0).integers(2**63, size=20_000, dtype=np.uint64)
+
+
+def game(ghosts: Ghosts, games: int = GAMES) -> EnvCore:
+    """Rounds in a few houses, begun."""
+    result = EnvCore(games, EnvArguments("generated", ghosts=ghosts, start_level=0, num_levels=4))
+    result.reset(np.arange(games), SEEDS[:games])
+    return result
+
+
+def hold(played: EnvCore, ticks: int) -> None:
+    """The robot stands still."""
+    for _ in range(ticks):
+        played.step(np.full(played.batch.n, played.batch.hold))
+
+
+@pytest.mark.parametrize("name", ["wander", "chase", "arcade"])
+def test_a_behaviour_among_the_opponents_is_the_environments(name: str) -> None:
+    original, opponent = game(name), game(BehaviourOpponent(name))
+    for _ in range(100):
+        hold(original, 1)
+        hold(opponent, 1)
+        for field in ("x", "y", "vx", "vy"):
+            np.testing.assert_array_equal(original.batch.ghosts[field], opponent.batch.ghosts[field])
+
+
+def test_a_pool_of_wanderers_is_the_original_clyde() -> None:
+    original, pool = game("wander"), game(make_pool([], wander=1.0))
+    hold(original, 100)
+    hold(pool, 100)
+    np.testing.assert_array_equal(original.batch.ghosts["x"], pool.batch.ghosts["x"])
+
+
+@given(st.lists(st.floats(0.0, 1e6), min_size=1, max_size=6).filter(lambda shares: sum(shares) > 1.0))
+def test_who_has_no_share_never_plays(shares: list[float]) -> None:
+    numbers = Opponents([BehaviourOpponent("wander")] * len(shares), shares).drawn(SEEDS[:500])
+    assert (np.array(shares)[numbers] > 0).all()
+
+
+def test_everyone_plays_his_share() -> None:
+    pool = make_pool([BehaviourOpponent("wander")] * 2, wander=0.4)
+    counts = np.bincount(pool.drawn(SEEDS), minlength=5) / len(SEEDS)
+    np.testing.assert_allclose(counts, [0.4, 0.15, 0.15, 0.15, 0.15], atol=0.015)
+
+
+class Named(BasePolicy):
+    """Chooses its own number."""
+
+    def __init__(self, number: int) -> None:
+        self.name, self.number = str(number), number
+
+    def select(self, situation: Situation) -> np.ndarray:
+        return np.full(len(situation.mask), self.number)
+
+
+def test_each_game_has_one_player_by_its_seed_alone() -> None:
+    pool = Opponents([Named(k) for k in range(4)], [1, 2, 3, 4])
+    played = game(BehaviourOpponent("wander"))
+    before = pool.select(played.batch.situation(0))
+    np.testing.assert_array_equal(before, pool.drawn(played.batch.games["seed"]))
+    assert len(set(before.tolist())) == 4
+    hold(played, 20)
+    seen = played.batch.situation(0)
+    np.testing.assert_array_equal(pool.select(seen), before)
+    order = np.random.default_rng(1).permutation(GAMES)
+    np.testing.assert_array_equal(pool.select(seen.rows(order)), before[order])
+
+
+def test_a_learned_clyde_plays_in_a_pool_as_he_plays_alone(tmp_path: Path) -> None:
+    learned = make_policy(str(random_planner(tmp_path)))
+    pool = Opponents([BehaviourOpponent("wander"), learned], [1, 1])
+    played = game(BehaviourOpponent("wander"))
+    hold(played, 10)
+    seen = played.batch.situation(0)
+    his = pool.drawn(seen.seed) == 1
+    assert 0 < his.sum() < GAMES
+    np.testing.assert_array_equal(pool.select(seen)[his], learned.select(seen)[his])
+
+
+def test_a_learned_clyde_from_a_file_is_obeyed_in_a_ghosts_seat(tmp_path: Path) -> None:
+    learned = make_policy(str(random_planner(tmp_path)))
+    played = game(learned)
+    for _ in range(20):
+        running = played.batch.games["end"] == RUNNING
+        chosen = learned.select(played.batch.situation(0))
+        hold(played, 1)
+        told = np.where(chosen == played.batch.hold, -1, chosen)
+        np.testing.assert_array_equal(played.batch.ghosts["place"][running, 0], told[running])
+    assert len(np.unique(told)) > 1
+
+
+@pytest.mark.parametrize(
+    ("members", "shares", "words"),
+    [
+        ([], [], "0 members and 0 shares"),
+        ([BehaviourOpponent("wander")], [0.5, 0.5], "1 members and 2 shares"),
+        ([BehaviourOpponent("wander"), BehaviourOpponent("chase")], [1.0, -0.1], "must be at least 0"),
+        ([BehaviourOpponent("wander")], [0.0], "one of them above"),
+        ([BehaviourOpponent("wander")], [float("nan")], "must be at least 0"),
+    ],
+)
+def test_a_pool_that_cannot_be_drawn_from_is_refused(members: list[Policy], shares: list[float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Opponents(members, shares)
+
+
+def test_the_same_rounds_whoever_plays_and_however_many() -> None:
+    many = completed_against(make_policy("nearest"), "wander", ARGUMENTS, 12)
+    few = completed_against(make_policy("nearest"), BehaviourOpponent("wander"), ARGUMENTS, 6)
+    np.testing.assert_array_equal(many[:6], few)
+    assert 0 < many.sum() < 12
+
+
+def test_a_chaser_is_harder_than_a_wanderer() -> None:
+    chased, wandered = (
+        completed_against(make_policy("nearest"), c, ARGUMENTS, 12).sum()
+        for c in (BehaviourOpponent("chase"), "wander")
+    )
+    assert chased < wandered
+
+
+def test_an_unknown_behaviour_is_refused() -> None:
+    with pytest.raises(ConfigError, match="inky"):
+        completed_against(make_policy("nearest"), "inky", ARGUMENTS, 2)
+
+
+def test_the_table_plays_each_pair_once_and_leaves_the_others_empty() -> None:
+    table = Table(ARGUMENTS, 4)
+    table.play("nearest", ["wander"])
+    first = table.completed["nearest"]["wander"]
+    table.play("nearest", ["wander"])
+    table.play("random", ["chase"])
+    assert table.completed["nearest"]["wander"] is first
+    assert table.shares()["nearest"] == {"wander": first.mean()}
+    lines = table.render().splitlines()
+    assert lines[0] == "| completed of 4 | wander | chase |"
+    assert lines[2].startswith(f"| nearest | {first.mean():.1%} [")
+    assert lines[2].endswith("|  |")
+    assert lines[3].startswith("| random |  |")
+
+
+def test_robustness_has_the_planner_the_rules_and_the_learned_clyde(tmp_path: Path) -> None:
+    planner, clyde = random_planner(tmp_path, "planner", 1), random_planner(tmp_path, "clyde", 2)
+    shares = robustness(planner, clyde, ARGUMENTS, 1).shares()
+    assert list(shares) == ["planner", "lookahead", "clyde_aware"]
+    assert all(list(row) == ["wander", "arcade", "chase", "clyde"] for row in shares.values())

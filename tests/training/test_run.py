@@ -1,0 +1,307 @@
+"""A run goes on where it was interrupted, to the same bits; what does not fit is refused by name, never unpickled."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+import torch
+from sb3_contrib import MaskablePPO
+
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.checkpoint import read_facts
+from pacman_env.training.ppo import AfterSegment, train
+from pacman_env.training.run import LearningRate, Run, restore
+from tests.training.test_arguments import tiny
+
+State = dict[str, torch.Tensor]
+
+
+class _Interrupted(Exception):
+    pass
+
+
+def interrupt(_: dict[str, Any]) -> None:
+    raise _Interrupted
+
+
+def weights(path: Path) -> State:
+    """Of a checkpoint: network and optimizer."""
+    with zipfile.ZipFile(path) as archive:
+        network, optimizer = (
+            torch.load(io.BytesIO(archive.read(name)), weights_only=True)
+            for name in ("policy.pth", "policy.optimizer.pth")
+        )
+    moments = {f"{k}.{name}": value for k, state in optimizer["state"].items() for name, value in state.items()}
+    return {**network, **moments, "rate": torch.tensor(optimizer["param_groups"][0]["lr"])}
+
+
+def same(one: State, other: State) -> bool:
+    return one.keys() == other.keys() and all(torch.equal(one[name], other[name]) for name in one)
+
+
+def curve(folder: Path) -> list[dict[str, Any]]:
+    """Of run.json, without how long it took."""
+    segments = json.loads((folder / "run.json").read_text())["segments"]
+    return [{k: v for k, v in record.items() if k not in ("seconds", "decisions_per_s")} for record in segments]
+
+
+def again(arguments: Arguments, **changes: Any) -> Arguments:
+    return dataclasses.replace(arguments, resume=True, **changes)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Arguments:
+    """A run of three segments, finished at once."""
+    arguments = tiny(tmp_path_factory.mktemp("whole") / "run", decisions=192, evaluation=2)
+    train(arguments)
+    return arguments
+
+
+@pytest.fixture(scope="module")
+def begun(whole: Arguments, tmp_path_factory: pytest.TempPathFactory) -> Arguments:
+    """The same run, interrupted after its first segment; not to be written to."""
+    arguments = dataclasses.replace(whole, out=tmp_path_factory.mktemp("begun") / "run")
+    with pytest.raises(_Interrupted):
+        train(arguments, interrupt)
+    return arguments
+
+
+@pytest.fixture
+def broken(begun: Arguments, tmp_path: Path) -> Arguments:
+    """A copy of it to go on with."""
+    shutil.copytree(begun.out, tmp_path / "run")
+    return again(begun, out=tmp_path / "run")
+
+
+def test_a_run_leaves_its_curve_and_its_best_and_last_checkpoint(whole: Arguments) -> None:
+    assert [(record["segment"], record["decisions"]) for record in curve(whole.out)] == [(0, 64), (1, 128), (2, 192)]
+    names = {path.name for path in whole.out.iterdir() if not path.name.startswith("events.")}
+    files = {f"{name}{suffix}" for name in ("last", "best", "segment-2") for suffix in (".zip", ".facts.json")}
+    assert names == {"run.json", *files}
+    assert same(weights(whole.out / "last.zip"), weights(whole.out / "segment-2.zip"))
+    facts = read_facts(whole.out / "last.facts.json")
+    assert (facts.training.decisions, facts.training.seed) == (192, 0)
+    assert facts.training.clyde_speeds_mps == whole.hyper.clyde_speed
+
+
+def test_a_run_that_was_interrupted_goes_on_to_the_same_bits(whole: Arguments, broken: Arguments) -> None:
+    assert len(curve(broken.out)) == 1
+    train(broken)
+    assert curve(broken.out) == curve(whole.out)
+    for name in ("last.zip", "best.zip"):
+        assert same(weights(broken.out / name), weights(whole.out / name)), name
+
+
+def test_a_run_interrupted_while_it_was_writing_goes_on_to_the_same_bits(whole: Arguments, broken: Arguments) -> None:
+    """Checkpoints of a segment that the record does not know yet, one of them torn."""
+    shutil.copy(whole.out / "best.zip", broken.out / "best.zip")
+    (broken.out / "segment-1.zip").write_bytes((whole.out / "last.zip").read_bytes()[:999])
+    (broken.out / "last.zip").write_bytes(b"")
+    train(broken)
+    assert curve(broken.out) == curve(whole.out)
+    assert same(weights(broken.out / "last.zip"), weights(whole.out / "last.zip"))
+
+
+def test_a_finished_run_goes_nowhere(whole: Arguments, tmp_path: Path) -> None:
+    shutil.copytree(whole.out, tmp_path / "run")
+    before, told = (whole.out / "run.json").read_bytes(), []
+    folder, model = train(again(whole, out=tmp_path / "run"), told.append)
+    assert [record["segment"] for record in told] == [0, 1, 2]
+    assert (tmp_path / "run" / "run.json").read_bytes() == before
+    assert same(
+        dict(model.policy.state_dict()), {k: weights(whole.out / "last.zip")[k] for k in model.policy.state_dict()}
+    )
+    assert len(folder.segments) == 3
+
+
+def test_each_segments_record_is_told(broken: Arguments) -> None:
+    told: list[dict[str, Any]] = []
+    folder, _ = train(broken, told.append)
+    assert told == folder.segments == json.loads((broken.out / "run.json").read_text())["segments"]
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_others(tmp_path: Path) -> None:
+    states = []
+    for name, seed in (("one", 5), ("same", 5), ("other", 6)):
+        arguments = tiny(tmp_path / name, seed=seed, decisions=64, imitation=32)
+        train(arguments)
+        states.append(weights(arguments.out / "last.zip"))
+    assert same(states[0], states[1])
+    assert not same(states[0], states[2])
+
+
+def test_neither_bar_nor_threads_belong_to_the_arguments_of_a_run_and_the_device_does(broken: Arguments) -> None:
+    assert len(Run(dataclasses.replace(broken, progress=True, threads=broken.threads + 1)).segments) == 1
+    with pytest.raises(ValueError, match="device"):
+        Run(dataclasses.replace(broken, device="cuda"))
+
+
+def test_a_run_is_not_overwritten(whole: Arguments) -> None:
+    before = {path: path.read_bytes() for path in whole.out.iterdir()}
+    with pytest.raises(ValueError, match=r"run: there is a run already; give --resume or another --out"):
+        train(whole)
+    assert {path: path.read_bytes() for path in whole.out.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": 1}, "seed = 0, not 1"),
+        ({"without": ("hold",)}, r"without = \[\], not \['hold'\]"),
+        ({"preset": "ideal"}, "preset = robot, not ideal"),
+        ({"gamma": 0.5}, r"gamma = 0\.998, not 0\.5"),
+        ({"clyde_speed": (0.2, 0.5)}, r"clyde_speed = \[0\.2, 0\.6\], not \[0\.2, 0\.5\]"),
+    ],
+)
+def test_going_on_with_other_arguments_is_refused_and_the_field_named(
+    changes: dict[str, Any], message: str, broken: Arguments
+) -> None:
+    names = {field.name for field in dataclasses.fields(broken.hyper)}
+    if names & changes.keys():
+        changes = {"hyper": dataclasses.replace(broken.hyper, **changes)}
+    with pytest.raises(ValueError, match=rf"run\.json: was started with {message}"):
+        train(dataclasses.replace(broken, **changes))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no run to go on with: .*No such file"),
+        ("", "no run to go on with"),
+        ('{"arguments"', "no run to go on with"),
+        ("[]", "no run to go on with"),
+        ('{"arguments": {}}', "no run to go on with: 'segments'"),
+        ('{"arguments": {}, "segments": [3]}', "no run to go on with"),
+        ('{"arguments": {}, "segments": [{"segment": 0}]}', "no run to go on with: 'completed'"),
+        (
+            '{"arguments": {}, "segments": [{"segment": 1, "completed": 0}]}',
+            "no run to go on with: its segments are not in order",
+        ),
+        ('{"arguments": [], "segments": []}', "was started with decisions = None, not 192"),
+    ],
+)
+def test_a_torn_or_foreign_record_is_refused(content: str | None, message: str, broken: Arguments) -> None:
+    record = broken.out / "run.json"
+    record.unlink() if content is None else record.write_text(content)
+    with pytest.raises(ValueError, match=rf"run\.json: {message}"):
+        train(broken)
+
+
+class _Touch:
+    """Unpickled, it leaves a trace."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> object:
+        return os.mkdir, (str(self.path),)
+
+
+def rewritten(path: Path, name: str, content: bytes | None) -> None:
+    """The zip with one of its files changed or left out."""
+    with zipfile.ZipFile(path) as archive:
+        files = {other: archive.read(other) for other in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for other, old in files.items():
+            if other != name or content is not None:
+                archive.writestr(other, content if other == name and content is not None else old)
+
+
+def saved(value: object) -> bytes:
+    file = io.BytesIO()
+    torch.save(value, file)
+    return file.getvalue()
+
+
+DAMAGES: dict[str, Callable[[Path, Path], object]] = {
+    "missing": lambda path, _: path.unlink(),
+    "empty": lambda path, _: path.write_bytes(b""),
+    "torn": lambda path, _: path.write_bytes(path.read_bytes()[:2000]),
+    "no-weights": lambda path, _: rewritten(path, "policy.pth", None),
+    "torn-weights": lambda path, _: rewritten(path, "policy.pth", b"PK\x03\x04"),
+    "list": lambda path, _: rewritten(path, "policy.pth", saved([1, 2])),
+    "other-network": lambda path, _: rewritten(path, "policy.pth", saved({"a": torch.zeros(2)})),
+    "no-optimizer": lambda path, _: rewritten(path, "policy.optimizer.pth", saved({})),
+    "code": lambda path, trace: rewritten(path, "policy.pth", saved(_Touch(trace))),
+    "code-in-optimizer": lambda path, trace: rewritten(path, "policy.optimizer.pth", saved(_Touch(trace))),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_torn_or_foreign_checkpoint_is_refused_by_name(damage: str, broken: Arguments, tmp_path: Path) -> None:
+    DAMAGES[damage](broken.out / "segment-0.zip", tmp_path / "trace")
+    with pytest.raises(ValueError, match=r"segment-0\.zip: cannot be restored"):
+        train(broken)
+    assert not (tmp_path / "trace").exists()
+
+
+def test_nothing_is_unpickled_when_a_run_goes_on(
+    whole: Arguments, broken: Arguments, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What Stable-Baselines3 would unpickle holds code, and is not even looked at."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("unpickled")
+
+    monkeypatch.setattr(MaskablePPO, "load", refuse)
+    monkeypatch.setattr("cloudpickle.loads", refuse)
+    for name in ("segment-0.zip", "best.zip", "last.zip"):
+        for part in ("data", "pytorch_variables.pth"):
+            rewritten(broken.out / name, part, saved(_Touch(tmp_path / "trace")))
+    folder, model = train(broken)
+    restore(model, folder.best)
+    assert not (tmp_path / "trace").exists()
+    assert same(weights(broken.out / "last.zip"), weights(whole.out / "last.zip"))
+
+
+def test_the_learning_rate_falls_over_the_whole_run(whole: Arguments) -> None:
+    rate = LearningRate((1.0, 0.5))
+    assert rate(0.3) == 1.0
+    rate.progress = 0.5
+    assert rate(0.3) == 0.75
+    assert weights(whole.out / "last.zip")["rate"] == pytest.approx(whole.hyper.learning_rate[1])
+
+
+def test_what_is_best_is_chosen_by_validation_and_the_latest_of_equals(tmp_path: Path) -> None:
+    arguments = tiny(tmp_path / "run", decisions=64)
+    folder, model = train(arguments)
+    saved_at = []
+    for segment, share in enumerate((0.5, 0.25, 0.5, 0.75, 0.5), start=1):
+        folder.write(model, {"segment": segment, "completed": share})
+        saved_at.append(read_facts(folder.folder / "best.facts.json").metrics["segment"])
+    assert saved_at == [1, 1, 3, 4, 4]
+
+
+def test_shares_of_endings_are_logged(whole: Arguments) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(whole.out)).Reload()
+    tags = set(events.Tags()["scalars"])
+    assert {"validation/completed", "train/value_loss", "train/learning_rate"} <= tags
+    assert [event.step for event in events.Scalars("validation/completed")] == [64, 128, 192]
+
+
+def test_a_run_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="file"):
+        train(tiny(tmp_path / "file"))
+
+
+def test_what_is_called_after_a_segment_may_end_the_training(begun: Arguments) -> None:
+    after: AfterSegment = interrupt
+    with pytest.raises(_Interrupted):
+        train(again(begun), after)
+    assert len(curve(begun.out)) == 1

@@ -1,0 +1,232 @@
+"""A study finds, goes on, and ends in a file that the training takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+pytest.importorskip("optuna")
+
+from pacman_env.training import ppo, tune
+from pacman_env.training.arguments import load_hyperparameters
+from pacman_env.training.tune import SPACE, Study, hyperparameters, main, search
+from tests.training.test_arguments import section, tiny
+
+PARAMS: dict[str, Any] = {
+    "learning_rate": 5e-4,
+    "ent_coef": 1e-3,
+    "n_epochs": 3,
+    "width": 48,
+    "discount": 0.01,
+    "gae_lambda": 0.9,
+    "clip_range": 0.15,
+    "batch_size": 1024,
+    "reward_scale": 0.5,
+    "imitation": 2.0,
+}
+
+
+def settings(folder: Path, **changes: Any) -> Study:
+    fixed = {"decisions": 64, "segments": 2, "evaluation": 1, "threads": 1, "progress": False, "trials": 2}
+    return Study(out=folder / "study", config=section(folder), **{**fixed, **changes})
+
+
+def trials(study: Study) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (study.out / "trials.jsonl").read_text().splitlines()[1:]]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """A study of three trials, of which the third learns from the others."""
+    study = settings(tmp_path_factory.mktemp("whole"), trials=3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tune, "_STARTUP", 2)
+        search(study)
+    return study
+
+
+def test_a_study_leaves_a_line_per_trial(whole: Study) -> None:
+    found = trials(whole)
+    assert [trial["trial"] for trial in found] == [0, 1, 2]
+    for trial in found:
+        assert trial["state"] in ("COMPLETE", "PRUNED")
+        assert trial["params"].keys() == SPACE.keys()
+        assert set(trial["segments"]) <= {"0", "1"}
+        assert trial["state"] == "PRUNED" or trial["completed"] == trial["segments"]["1"]
+    assert len({json.dumps(trial["params"]) for trial in found}) == 3
+
+
+def test_a_study_is_reproducible_and_goes_on_to_the_same_trials(
+    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once begun anew, then from its second trial on."""
+    monkeypatch.setattr(tune, "_STARTUP", 2)
+    study = settings(tmp_path, trials=2)
+    search(study)
+    assert trials(study) == trials(whole)[:2]
+    search(dataclasses.replace(study, trials=3, resume=True))
+    assert (study.out / "trials.jsonl").read_bytes() == (whole.out / "trials.jsonl").read_bytes()
+    assert (study.out / "best.yaml").read_bytes() == (whole.out / "best.yaml").read_bytes()
+
+
+def test_a_trial_that_was_interrupted_goes_on(whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, "_STARTUP", 2)
+    study = settings(tmp_path, trials=1)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tune, "_judge", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            search(study)
+    before = json.loads((study.out / "trial-0" / "run.json").read_text())["segments"]
+    assert len(before) == 1
+    search(study)
+    after = json.loads((study.out / "trial-0" / "run.json").read_text())["segments"]
+    assert after[:1] == before  # times included: it was not played again
+    assert trials(study) == trials(whole)[:1]
+
+
+def test_other_seeds_propose_others(whole: Study, tmp_path: Path) -> None:
+    study = settings(tmp_path, trials=1, seed=1)
+    search(study)
+    assert trials(study)[0]["params"] != trials(whole)[0]["params"]
+
+
+def test_the_file_of_the_best_trial_loads_and_trains(whole: Study, tmp_path: Path) -> None:
+    best = whole.out / "best.yaml"
+    before, found = load_hyperparameters(whole.config, "headline"), load_hyperparameters(best, "headline")
+    finished = [trial for trial in trials(whole) if trial["state"] == "COMPLETE"]
+    params = max(finished, key=lambda trial: trial["completed"])["params"]
+    assert found == hyperparameters(before, params)
+    options = ["--decisions", "64", "--threads", "1", "--evaluation", "0", "--no-progress", "--imitation", "0"]
+    assert ppo.main(["--config", str(best), *options, "--out", str(tmp_path / "run")]) == 0
+
+
+def test_a_proposal_changes_what_is_searched_and_nothing_else() -> None:
+    before = tiny().hyper
+    found = hyperparameters(before, PARAMS)
+    assert found.learning_rate == pytest.approx((5e-4, 5e-5))  # the section's falls to a tenth
+    assert found.ent_coef == pytest.approx((1e-3, 2e-4))
+    assert found.gamma == pytest.approx(0.99)
+    assert found.imitation == 2 * before.imitation
+    for name in ("n_epochs", "width", "gae_lambda", "clip_range", "batch_size", "reward_scale"):
+        assert getattr(found, name) == PARAMS[name]
+    changed = {name for name, value in dataclasses.asdict(found).items() if value != getattr(before, name)}
+    assert changed == {*PARAMS, "gamma"} - {"discount"}
+
+
+def written(study: Study, states: list[str], share: float) -> Study:
+    """The study with trials behind it, as if they had been played."""
+    study.out.mkdir()
+    hyper = load_hyperparameters(study.config, study.section)
+    lines: list[dict[str, Any]] = [tune._plain(study, hyper)]
+    for number, state in enumerate(states):
+        shares = {"0": share, "1": share} if state == "COMPLETE" else {}
+        completed = share if state == "COMPLETE" else None
+        lines.append({"trial": number, "state": state, "completed": completed, "params": PARAMS, "segments": shares})
+    (study.out / "trials.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return dataclasses.replace(study, resume=True, trials=len(states) + 1)
+
+
+def test_a_trial_worse_than_the_median_is_given_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = written(settings(tmp_path, segments=3, decisions=96), ["COMPLETE"] * 5, 1.0)
+    best = search(study)
+    last = trials(study)[-1]
+    assert last["state"] == "PRUNED"
+    assert set(last["segments"]) == {"0", "1"}  # not after the first segment already, and not played to the end
+    assert "trial 5: given up: 0.0% of validation rounds after 64 decisions" in capsys.readouterr().out
+    assert "Trial 0 of 6" in best.read_text()
+
+
+def test_a_trial_that_diverges_is_noted_and_passed_over(tmp_path: Path) -> None:
+    study = dataclasses.replace(settings(tmp_path), config=section(tmp_path, learning_rate=[1e-9, 1e25]))
+    with pytest.raises(ValueError, match=r"trials\.jsonl: none of 2 trials could be finished"):
+        search(study)
+    assert [(trial["state"], trial["completed"]) for trial in trials(study)] == [("FAIL", None)] * 2
+    assert not (study.out / "best.yaml").exists()
+    with pytest.raises(ValueError, match="none of 2 trials"):
+        search(dataclasses.replace(study, resume=True))
+
+
+def test_a_study_is_not_overwritten(whole: Study) -> None:
+    with pytest.raises(ValueError, match="study: there is a study already; give --resume or another --out"):
+        search(whole)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"seed": 1}, "seed = 0, not 1"), ({"decisions": 128}, "decisions = 64, not 128"), ({}, "gamma = 0.998, not 0.5")],
+)
+def test_going_on_with_other_settings_is_refused_and_the_field_named(
+    changes: dict[str, Any], message: str, whole: Study, tmp_path: Path
+) -> None:
+    study = settings(tmp_path, resume=True, **changes)
+    shutil.copytree(whole.out, study.out)
+    if not changes:
+        section(tmp_path, gamma=0.5)
+    with pytest.raises(ValueError, match=rf"trials\.jsonl: was started with {message}"):
+        search(study)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('{"trial": 1', "", "no study to go on with"),
+        ('"trial": 1', '"trial": 2', "line 3: no trial of this search: the trials are not in order"),
+        ("COMPLETE", "DONE", "line 2: no trial of this search"),
+        ('"n_epochs": 3', '"n_epochs": 30', "line 2: no trial of this search"),
+        ('"n_epochs": 3', '"epochs": 3', "line 2: no trial of this search"),
+        ('"segments": {"0"', '"segments": {"a"', "line 2: no trial of this search"),
+    ],
+)
+def test_a_torn_or_foreign_record_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
+    study = written(settings(tmp_path), ["COMPLETE"] * 2, 0.5)
+    path = study.out / "trials.jsonl"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(ValueError, match=rf"trials\.jsonl: {message}"):
+        search(study)
+
+
+def test_a_missing_record_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"trials\.jsonl: no study to go on with"):
+        search(settings(tmp_path, resume=True))
+
+
+def test_the_command_writes_a_file_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--config", str(section(tmp_path)), "--out", str(tmp_path / "study"), "--trials", "1"]
+    options += ["--decisions", "32", "--segments", "1", "--evaluation", "1", "--threads", "1", "--no-progress"]
+    assert main(options) == 0
+    assert f"pacman-env train --config {tmp_path / 'study' / 'best.yaml'}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--section", "none"], "tiny.yaml: no section 'none'"),
+        (["--resume"], "trials.jsonl: no study to go on with"),
+        (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
+    ],
+)
+def test_errors_are_one_line_with_status_2(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--config", str(section(tmp_path)), "--out", str(tmp_path / "study"), *options]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("pacman-env tune: ")
+    assert message in told
+    assert told.count("\n") == 1
+
+
+def test_numbers_out_of_range_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="trials = 0: must be a whole number of at least 1"):
+        settings(tmp_path, trials=0)
