@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import gc
 import json
 import os
 import signal
@@ -154,6 +155,7 @@ class Probe:
     """A node of the test process, in a context of its own; it works only while ``wait_for`` spins it."""
 
     def __init__(self, system: System) -> None:
+        gc.collect()  # a node of an earlier test that only a cycle of references keeps is in the graph until then
         self.system = system
         self.context = Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
