@@ -305,9 +305,9 @@ def network_of(path: Path) -> EntityNetwork:
             state |= {f"{name}.bias": bias}
         network.load_state_dict(state)
     except (IndexError, RuntimeError) as error:
-        raise ValueError(f"{path}: no graph that pacman_env.training.export writes: {error}") from None
+        raise ValueError(f"{path}: no graph that pacman-env export writes: {error}") from None
     if onnx.load_model_from_string(model_bytes(network)).graph != graph:
-        raise ValueError(f"{path}: no graph that pacman_env.training.export writes")
+        raise ValueError(f"{path}: no graph that pacman-env export writes")
     return network
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.decision import main, peak_memory_mb
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 SHORT = ["--decisions", "100"]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pacman_env import __version__
+from pacman_env import __version__, files
 from pacman_env.cli.main import MODULES, main
 from pacman_env.world.maps import occupancy
 from pacman_env.world.maps.occupancy import OccupancyMap
@@ -141,7 +141,7 @@ def test_list_names_the_shipped_maps(
     maps.mkdir()
     for name in ("attic", "cellar"):
         (maps / f"{name}.yaml").write_bytes(room.read_bytes())
-    monkeypatch.setattr(occupancy, "__file__", str(room.parent / "pacman_env" / "world" / "maps" / "occupancy.py"))
+    monkeypatch.setattr(files, "__file__", str(room.parent / "pacman_env" / "files.py"))
     assert main(["map", "list"]) == 0
     assert capsys.readouterr().out == "attic\ncellar\n"
 

@@ -13,7 +13,7 @@ import pytest
 
 from pacman_env.engine import compile_turns, jit
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 #: Two kernels, one of which calls the other. Its process says when it compiles, and may be made to wait there.
 KERNELS = """
 import sys, threading, time

@@ -18,7 +18,7 @@ from pacman_env.engine import jit, kernel_cache, kernel_key
 from pacman_env.engine.kernel_cache import KernelCache
 from tests.sample_kernels import loaded, write
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 #: Calls kernels of the sample; prints how many it compiled, and the results.
 CALLS = """
 from numba.core import event

@@ -178,7 +178,7 @@ def test_each_constant_that_the_bytecode_of_a_kernel_reads_is_in_its_key(monkeyp
 
 
 @pytest.mark.parametrize(
-    "name", ["game.execution._collect", "world.navigation.physics.move", "rng.uniform", "bucket_queue.pop"]
+    "name", ["game.execution._collect", "world.navigation.physics.move", "rng.uniform", "engine.bucket_queue.pop"]
 )
 def test_the_ticks_have_another_key_where_a_function_deep_below_is_another(
     name: str, monkeypatch: pytest.MonkeyPatch

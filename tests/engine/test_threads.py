@@ -21,7 +21,7 @@ from pacman_env.engine.native import Table, arrays_by_address
 from pacman_env.engine.threads import Threads, cores
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 _TABLE = ((np.int64, 1), (np.int64, 1))  # how often each index was met; (work per index, first of those that fail)
 _arrays = arrays_by_address(_TABLE)
 
@@ -229,7 +229,7 @@ def test_two_environments_are_stepped_from_two_threads_at_once() -> None:
 INTERRUPTED = """
 import signal, time
 import numpy as np
-from tests.test_threads import count_up, counted
+from tests.engine.test_threads import count_up, counted
 from pacman_env.engine.threads import Threads
 from pacman_env.engine.native import Table
 
@@ -267,7 +267,7 @@ def test_ctrl_c_is_raised_and_nobody_is_left_at_work(work: int, rounds: int, fir
 INTERRUPTED_ENV = """
 import _thread, threading
 import numpy as np
-from tests.test_threads import PacManBotVectorEnv, played
+from tests.engine.test_threads import PacManBotVectorEnv, played
 expected = played(1)
 env = PacManBotVectorEnv(8, num_threads=3)
 for k in range(20):
@@ -297,7 +297,7 @@ FORKED = """
 import os, sys, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of forks beside threads
 import numpy as np
-from tests.test_threads import PacManBotVectorEnv
+from tests.engine.test_threads import PacManBotVectorEnv
 env = PacManBotVectorEnv(8, num_threads=3)
 env.reset(seed=0)
 def go_on(steps):

@@ -132,7 +132,7 @@ def test_a_graph_of_other_make_is_refused(tmp_path: Path) -> None:
     path.write_bytes(model.SerializeToString())
     metadata = json.loads(metadata_path(path).read_text()) | {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     metadata_path(path).write_text(json.dumps(metadata))
-    with pytest.raises(ValueError, match=r"mine\.onnx: no graph that train\.export writes"):
+    with pytest.raises(ValueError, match=r"mine\.onnx: no graph that pacman-env export writes"):
         network_of(path)
 
 

@@ -14,7 +14,7 @@ from pacman_env import __version__
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.__main__ import SCHEMA, main
 from pacman_env.world.maps.occupancy import load_map
-from tests.eval.compare.test_rows import PROMISED
+from tests.evaluation.compare.test_rows import PROMISED
 from tests.evaluation.helpers import refused_in_one_line
 
 ROOT = Path(__file__).resolve().parents[3]

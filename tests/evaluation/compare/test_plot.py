@@ -6,7 +6,7 @@ import imageio.v3 as imageio
 import pytest
 
 from pacman_env.evaluation.compare.plot import save_plot
-from tests.eval.compare.test_table import rows
+from tests.evaluation.compare.test_table import rows
 
 
 @pytest.mark.parametrize("endless", [False, True])

@@ -11,8 +11,8 @@ from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.replay.__main__ import main
 from pacman_env.evaluation.replay.recording import Change, RecordedGame
 from pacman_env.evaluation.templates import render
-from tests.eval.replay.test_video import film
 from tests.evaluation.helpers import CONFIG, played, played_on_levels, refused_in_one_line
+from tests.evaluation.replay.test_video import film
 
 SEED = str(episode_seeds(5, 1)[0])
 SAME_AS_CONFIG = ["--execution", "as_built", "--spacing", "3", "--time-limit", "120"]

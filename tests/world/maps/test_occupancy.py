@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from pacman_env import files
 from pacman_env.world.maps import occupancy as module
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, shipped_maps
 from tests.world.map_files import GOOD, pgm, row, write_map
@@ -198,7 +199,7 @@ def test_shipped_maps_are_found_inside_the_package_or_beside_it(
     maps = (package if layout == "wheel" else tmp_path) / "maps"
     maps.mkdir(parents=True)
     write_map(maps, [[254]]).rename(maps / "attic.yaml")
-    monkeypatch.setattr(module, "__file__", str(package / "world" / "maps" / "occupancy.py"))
+    monkeypatch.setattr(files, "__file__", str(package / "files.py"))
     assert shipped_maps() == ["attic"]
     assert load_map("attic").name == "attic"
     with pytest.raises(MapError, match=r"attik: .*\(attic\)"):
