@@ -1,4 +1,4 @@
-"""Well-known environments beside ours: ``pacman-env benchmark --peers``.
+"""Well-known environments beside ours: ``python -m benchmarks.peers``.
 
 Each library steps in a process of its own, in its own venv if a folder for venvs is given, and ours does the same in
 turns with it. Versions are pinned; what cannot be installed or played is named with the reason.
@@ -6,6 +6,7 @@ turns with it. Versions are pinned; what cannot be installed or played is named 
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import os
@@ -22,6 +23,8 @@ from typing import Any
 import numpy as np
 
 import pacman_env
+from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.files import prepare, write_json
 
 Turn = dict[str, float]  # decisions_per_s and cores
 
@@ -286,3 +289,39 @@ def table(figures: dict[str, Any]) -> str:
 
 def _rounded(rate: float) -> str:
     return f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure; returns the exit status."""
+    parser = Parser(prog="python -m benchmarks.peers", description=__doc__)
+    parser.add_argument(
+        "libraries", nargs="*", metavar="NAME", help=f"of {', '.join(PEERS)} (all of them)", type=_library
+    )
+    parser.add_argument("--map", default="house", help="name or YAML file of what ours is played on (%(default)s)")
+    parser.add_argument("--rounds", type=whole_number(1), default=5, help="turns for each figure (%(default)s)")
+    parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take (%(default)s)")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument(
+        "--venvs", type=Path, metavar="DIR", help="install each of them there, in a venv of its own, if it is not yet"
+    )
+    return run_command(parser, argv, _report)
+
+
+def _library(name: str) -> str:
+    if name not in PEERS:
+        raise argparse.ArgumentTypeError(f"unknown library {name!r} (choose from {', '.join(PEERS)})")
+    return name
+
+
+def _report(arguments: argparse.Namespace) -> None:
+    if arguments.json:
+        prepare(arguments.json)
+    names = list(dict.fromkeys(arguments.libraries or PEERS))
+    figures = run(names, arguments.venvs, arguments.map, arguments.rounds, arguments.seconds)
+    print(table(figures))
+    if arguments.json:
+        write_json(arguments.json, figures)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -6,7 +6,6 @@ cost nothing but physics; what a second ``gymnasium.make`` of the same map costs
 episode costs; decisions by events (``PacManBot-v1``), with the time that they simulate; 64 houses at once, and 64 games
 with the planner's features. All of that in one thread. Then 1,024 games with 1, 2, 4 ... threads, and a new house for
 each episode of 64 games, whose houses two threads prepare while they are played.
-With ``--peers``, instead, environments of other libraries beside ours.
 Machines are noisy: the ratio is the median over rounds of figures measured one after the other.
 """
 
@@ -24,7 +23,6 @@ import gymnasium as gym
 import numpy as np
 
 import pacman_env
-from benchmarks import peers
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.engine.threads import cores
 from pacman_env.envs.pacmanbot import PacManBotEnv
@@ -208,31 +206,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
     parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take")
     parser.add_argument("--json", type=Path, help="write the figures here")
-    parser.add_argument(
-        "--peers",
-        nargs="*",
-        choices=peers.PEERS,
-        metavar="NAME",
-        help=f"instead, other libraries' environments beside ours: {', '.join(peers.PEERS)} (all of them)",
-    )
-    parser.add_argument(
-        "--venvs", type=Path, metavar="DIR", help="install each of them there, in a venv of its own, if it is not yet"
-    )
     return run_command(parser, argv, _report)
 
 
 def _report(arguments: argparse.Namespace) -> None:
-    if arguments.venvs and arguments.peers is None:
-        raise ValueError("--venvs is for --peers")
     if arguments.json:
         prepare(arguments.json)
-    if arguments.peers is not None:
-        names = list(dict.fromkeys(arguments.peers or peers.PEERS))
-        figures = peers.run(names, arguments.venvs, arguments.map, arguments.rounds, arguments.seconds)
-        print(peers.table(figures))
-        if arguments.json:
-            write_json(arguments.json, figures)
-        return
     figures = run(arguments.map, arguments.rounds, arguments.seconds)
     rates = figures["decisions_per_s"]
     print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread if no number is told")

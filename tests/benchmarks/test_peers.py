@@ -13,8 +13,7 @@ import pytest
 
 import pacman_env
 from benchmarks import peer_worker, peers
-from benchmarks.peers import OURS, PEERS, PeerError, Worker, python_of, run, table
-from pacman_env.evaluation.benchmark import main
+from benchmarks.peers import OURS, PEERS, PeerError, Worker, main, python_of, run, table
 from tests.evaluation.helpers import refused_in_one_line
 
 SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.1"]
@@ -135,7 +134,7 @@ def test_the_table_has_ratios_and_names_what_failed(
     monkeypatch.setattr(peers, "Worker", Fake)
     monkeypatch.setattr(peers, "CORES", 2)
     path = tmp_path / "out" / "peers.json"
-    asked = ["--peers", "envpool", "vmas", "mpe2", "mpe2"]
+    asked = ["envpool", "vmas", "mpe2", "mpe2"]
     assert main([*asked, "--rounds", "3", "--json", str(path)]) == 0
     said = capsys.readouterr().out
     figures = json.loads(path.read_text())
@@ -226,10 +225,9 @@ def test_a_venv_is_used_again_and_what_cannot_be_installed_is_said(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--peers", "atari"], "invalid choice: 'atari' (choose from"),
-        (["--venvs", "here"], "--venvs is for --peers"),
-        (["--peers", "mpe2", "--map", "nowhere"], "nowhere: neither a YAML file"),
-        (["--peers", "--json", "."], "is a folder"),
+        (["atari"], "unknown library 'atari' (choose from"),
+        (["mpe2", "--map", "nowhere"], "nowhere: neither a YAML file"),
+        (["--json", "."], "is a folder"),
     ],
 )
 def test_bad_arguments_are_one_line_and_status_2(
