@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 
 from ..config import ShowConfig
+from .ghosts import GHOST_NAMES
 
 Colour = tuple[int, int, int]  # red, green, blue, 0..255
 Ring = tuple[Colour, ...]  # of the six LEDs
@@ -22,12 +23,7 @@ COLOURS: dict[str, Colour] = {
     "orange": (255, 80, 0),
     "white": (255, 255, 255),
 }
-GHOST_COLOURS = {
-    "clyde": COLOURS["orange"],
-    "blinky": COLOURS["red"],
-    "pinky": COLOURS["pink"],
-    "inky": COLOURS["blue"],
-}
+GHOST_COLOURS = dict(zip(GHOST_NAMES, (COLOURS[name] for name in ("orange", "red", "pink", "blue")), strict=True))
 BLACK: Colour = (0, 0, 0)
 _YELLOW, _RED, _WHITE = COLOURS["yellow"], COLOURS["red"], COLOURS["white"]
 _FRAME_S = 0.15

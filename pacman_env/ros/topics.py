@@ -10,11 +10,14 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient, ActionServer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.game.round import State
 
 
 def _qos(depth: int, *, latched: bool = False, best_effort: bool = False) -> QoSProfile:
@@ -135,7 +138,6 @@ class RosAction(_Interface):
 
 #: JSON: what each node plays by (``node.py``); as deep as there are nodes, for a reader keeps a topic's last alone.
 CONFIGURATION = Topic("game/configuration", "std_msgs/String", COMMANDS)
-GHOSTS = ("clyde", "blinky", "pinky", "inky")  # in the order of ``ClydeConfig.ghosts``
 GAME_STATE = Topic("game_state", "std_msgs/String", LATCHED)
 GAME_COMMAND = Topic("game_command", "std_msgs/String", COMMANDS)
 GAME_RESULT = Topic("game_result", "std_msgs/String", LATCHED)
@@ -151,7 +153,7 @@ OPERATOR_STOP = Topic("operator/stop", "std_msgs/String", LATCHED)
 
 PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
 REMOVE_PELLET = Topic("remove_pellet", "std_msgs/Int32", EVENTS)
-GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) for name in GHOSTS)
+GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) for name in GHOST_NAMES)
 CLYDE_POSE = GHOST_POSES[0]
 CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
 CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
@@ -199,14 +201,7 @@ def motion_canceller(node: Any, name: str) -> Any:
     return node.create_client(CancelGoal, f"{name}/_action/cancel_goal")
 
 
-STATE_WORDS = frozenset({"menu", "returning_home", "starting", "running", "dying", "complete"})
+STATE_WORDS = frozenset(get_args(State))
 COMMAND_WORDS = frozenset({"enable", "disable", "reset_round", "return_home"})
 #: ``pellet_collected`` is followed by a colon and the pellet's id.
 STATUS_WORDS = frozenset({"pellet_collected", "death_detected", "game_complete", "home_reached", "home_failed"})
-_OF_GHOSTS = frozenset(f"{ghost} {what}" for ghost in GHOSTS for what in ("caught", "killed"))
-EVENT_WORDS = _OF_GHOSTS | {
-    *("start", "start theatrical", "pellet", "power pellet", "death", "game over", "win", "reset"),
-}
-#: Beside the names of colours, which the light node knows.
-LIGHT_WORDS = _OF_GHOSTS | {"start", "pellet", "power pellet", "pacman", "game over", "win", "off"}
-SOUND_WORDS = frozenset({"start", "pacman_theme", "pellet", "power pellet", "ghost", "death", "win"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +18,6 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Float32, Header, Int32, String
 from visualization_msgs.msg import Marker
 
-from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.messages import (
     BadMessage,
@@ -122,7 +121,7 @@ def test_a_clicked_point_is_a_position() -> None:
 
 
 def test_a_word_is_trimmed_and_must_be_known() -> None:
-    assert word_of(String(data=" Start Theatrical "), topics.EVENT_WORDS) == "start theatrical"
+    assert word_of(String(data=" Returning_Home "), topics.STATE_WORDS) == "returning_home"
     assert word_of(String(data="anything")) == "anything"
     with pytest.raises(BadMessage, match="unknown word 'stop': one of disable, enable, reset_round, return_home"):
         word_of(String(data="stop"), topics.COMMAND_WORDS)
@@ -217,7 +216,3 @@ def test_every_type_that_is_named_exists(entry: Any) -> None:
     package, _, name = entry.type_name.partition("/")
     assert entry.type.__name__ == name
     assert entry.type.__module__.startswith(f"{package}.")
-
-
-def test_the_states_are_those_of_the_rules() -> None:
-    assert set(get_args(State)) == topics.STATE_WORDS

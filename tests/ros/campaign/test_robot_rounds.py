@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_of
 from tests.plugin_example import install
@@ -51,7 +52,7 @@ def play(ground: str, folder: Path, ghosts: str, policy: str, preset: str = "rob
     assert errors((folder / "nodes.log").read_text()) == []
     assert played.end in ("complete", "dead")
     assert played.collected == sum(status.startswith("pellet_collected") for status in statuses)
-    killers = {f"{name} killed" for name in topics.GHOSTS[:count]}
+    killers = {f"{name} killed" for name in GHOST_NAMES[:count]}
     assert len(killers & set(events)) == (played.end == "dead")
     for path in places:
         steps = [math.dist(a, b) for a, b in itertools.pairwise(path)]

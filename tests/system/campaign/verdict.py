@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pacman_env.config import ShowConfig
+from pacman_env.config import RobotConfig, ShowConfig
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, SIMULATOR
 from tests.system.campaign.schedule import EVERY_NODE
 
@@ -47,8 +47,8 @@ PELLET_MANAGER, EVENT_MAPPER = "pellet_manager", "game_event_mapper"
 MOVERS = (SELECTOR, REFEREE, SIMULATOR)
 RESET_S = 0.1  # of the simulated wall clock: a reset is obeyed at once
 CANCEL_S = 1.5  # of the robot's time: a cancel that was lost is sent again after 1 s
-FASTEST_MPS = 0.306
-BRAKING_M = FASTEST_MPS**2 / (2 * 0.9)
+FASTEST_MPS = RobotConfig.wheel_speed_mps
+BRAKING_M = FASTEST_MPS**2 / (2 * RobotConfig.wheel_acceleration_mps2)
 STANDING_M = 0.05
 OUTCOMES = ("complete", "lost")
 _SEEN = {"complete": "complete", "lost": "dying"}  # states
