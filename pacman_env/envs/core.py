@@ -364,7 +364,7 @@ class CoreEnv:
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
         """``action_masks()``: which candidates may be chosen now, the name that sb3-contrib looks for.
 
-        (C,) bool, of a vector environment (N, C).
+        (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8.
 
         Raises:
             AttributeError: velocities have no mask.

@@ -1,7 +1,7 @@
 """SuperSuit: the two-player game as one vector environment of all agents, stacked and padded.
 
-The game is the two-player PacManBot-v1, where every agent has one array; ``mask="info"`` leaves the mask out of it, so
-that ``frame_stack``, ``pad_observations`` and all other wrappers for arrays take it.
+The game is the two-player PacManBotFlat-v0, where every agent has one array; ``mask="info"`` leaves the mask out of it,
+so that ``frame_stack``, ``pad_observations`` and all other wrappers for arrays take it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import supersuit
 import pacman_env  # noqa: F401 - registers the environments
 
 GAMES = 2
-ENV_ID = "pacman_env/PacManBot-v1"
+ENV_ID = "pacman_env/PacManBotFlat-v0"
 
 
 def vectorized(game: Any, processes: int = 0) -> Any:
