@@ -8,6 +8,7 @@ picture need the map as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -293,7 +294,7 @@ class Observer:
         if part.dtype == np.uint8 or not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise ConfigError(f"observation.normalize: {key!r} has no bounds to divide by, or is a picture")
         middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))
-        return lambda array: np.clip((array - middle) / half, -1.0, 1.0).astype(np.float32)
+        return partial(_within_1, middle=middle, half=half)
 
     def _flattened(self, parts: Mapping[str, Part]) -> Part:
         for key, part in parts.items():
@@ -321,6 +322,10 @@ def _listed(part: Part, count: int) -> Part:
     low = np.minimum(np.broadcast_to(part.low, part.shape)[:1], 0)
     high = np.maximum(np.broadcast_to(part.high, part.shape)[:1], 0)
     return part._replace(low=np.broadcast_to(low, shape), high=np.broadcast_to(high, shape), shape=shape)
+
+
+def _within_1(array: NDArray[Any], middle: NDArray[Any], half: NDArray[Any]) -> NDArray[np.float32]:
+    return np.clip((array - middle) / half, -1.0, 1.0).astype(np.float32)
 
 
 def _unit(part: Part) -> Part:
