@@ -126,7 +126,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     - `decide`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal has ended,
       a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
       (`config.decisions`). Rewards are summed up (`decisions.discount_per_s`), `info["elapsed_s"]` is the duration.
-    - `numeric_info`: `outcome` is its number (`pacman_env.envs.outcome.OUTCOMES`), not a word.
+    - `numeric_info`: `outcome` is its number (`pacman_env.OUTCOMES`), not a word.
     - `timeout`: the time limit is a `"truncation"` (the default), or a `"termination"`: its reward of -5 is an end, and
       no learner adds the value of what would have followed.
     - `action`: `"goal"` (the default) or `"velocity"`.

@@ -188,6 +188,9 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         Args:
             seed: as in :meth:`reset`.
             options: ``settings``, or one ``round_seed`` or ``level`` for all games.
+
+        Raises:
+            ValueError: the options hold ``reset_mask``.
         """
         if options and "reset_mask" in options:
             raise ValueError("options['reset_mask']: all parts are reset")

@@ -28,11 +28,11 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.episodes.rollout import play
 from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, replaced, write_json
 from pacman_env.game.execution import COMPLETE
+from pacman_env.sb3 import PacManBotVecEnv
 
 #: By kind of observation: the arguments of the environment, and the policy of the learner.
 OBSERVATIONS: dict[str, tuple[dict[str, Any], str]] = {

@@ -16,8 +16,8 @@ from pacman_env.config import ConfigError
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import FLAT_DEFAULTS, FLAT_ID
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.policies.registry import make_policy
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.observation.situation import PELLET
 
 MAPS = ("house", "maze", "loop", "open_plan", "generated", "generated:test", "generated:wide")

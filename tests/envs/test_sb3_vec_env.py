@@ -21,8 +21,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
 from pacman_env.config import ConfigError
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.policies.registry import make_policy
+from pacman_env.sb3 import PacManBotVecEnv
 from tests.calls import calls_of
 from tests.envs.helpers import ID, QUICK, arrays, make_vector, same
 

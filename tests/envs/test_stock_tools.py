@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 import pacman_env
 from pacman_env.envs.registration import FLAT_ID
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.sb3 import PacManBotVecEnv
 from tests.envs.helpers import ID, QUICK, same
 
 

@@ -11,19 +11,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.envs.registration import FLAT_DEFAULTS
-from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.policies.registry import make_policy
+from pacman_env import OUTCOMES, PacManBotVectorEnv, make_policy, paired_difference, wilson
 
 Choose = Callable[[Any, NDArray[np.bool_]], NDArray[Any]]
 BASELINES = ("nearest", "random")
 BATCH = 50  # games at once
 COMPLETE = list(OUTCOMES).index("complete")
+FLAT_DEFAULTS = gym.spec("pacman_env/PacManBotFlat-v0").kwargs
 
 
 def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParser:

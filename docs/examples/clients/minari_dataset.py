@@ -17,7 +17,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from pacman_env.policies.registry import make_policy
+from pacman_env import make_policy
 
 ROBOT, FLAT = "pacman_env/PacManBot-v0", "pacman_env/PacManBotFlat-v0"
 #: By name: the environment's id, its arguments, and those of the collector.

@@ -4,7 +4,7 @@ import sb3_contrib
 import torch
 from evaluate import parser, report
 
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.sb3 import PacManBotVecEnv
 
 args = parser(__doc__).parse_args()
 torch.set_num_threads(1)  # a network this small is fastest on one core

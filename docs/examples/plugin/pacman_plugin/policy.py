@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.policies.base import BasePolicy
-from pacman_env.sim.observation.situation import PELLET, Situation
+from pacman_env import PELLET, BasePolicy, Situation
 
 
 class Shy(BasePolicy):

@@ -20,10 +20,12 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from ..sim.observation.robot_features import Observation
-from .arguments import check_render_mode
-from .pacmanbot_vector import PacManBotVectorEnv
-from .registration import FLAT_DEFAULTS
+from .envs.arguments import check_render_mode
+from .envs.pacmanbot_vector import PacManBotVectorEnv
+from .envs.registration import FLAT_DEFAULTS
+from .sim.observation.robot_features import Observation
+
+__all__ = ["PacManBotVecEnv"]
 
 _FINAL = ("final_obs", "final_info")
 _METHODS = ("action_masks", "render")  # those that a single environment has too
