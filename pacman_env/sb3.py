@@ -116,7 +116,7 @@ class PacManBotVecEnv(VecEnv):
         self._returns += rewards
         self._lengths += 1
         cut = truncated & ~terminated
-        rows = _rows(infos, **{"TimeLimit.truncated": cut}) if self.env.tells_all else [{} for _ in dones]
+        rows = _rows(infos, **{"TimeLimit.truncated": cut}) if self.env.reports_all else [{} for _ in dones]
         if dones.any():
             self._end_episodes(np.flatnonzero(dones).tolist(), rows, infos, cut)
         return observations, rewards.astype(np.float32), dones, rows
@@ -131,7 +131,7 @@ class PacManBotVecEnv(VecEnv):
             row = rows[i]
             self.reset_infos[i] = {key: row[key] for key in row if key != "TimeLimit.truncated"}
             row.update(final[i])
-            if self.env.tells_all:
+            if self.env.reports_all:
                 row["terminal_observation"] = infos["final_obs"][i]
             if self._monitor:
                 row["episode"] = {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": elapsed}

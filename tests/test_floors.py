@@ -26,7 +26,7 @@ FLOORS = (
 #: Folders beside the package; nothing in it imports them.
 TOP = ("train", "eval", "benchmarks", "tools", "tests")
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-SAME_FLOOR_BUT_STRANGERS = {
+SAME_FLOOR_BUT_UNRELATED = {
     *(("world", "game"), ("game", "world"), ("training", "evaluation"), ("evaluation", "training")),
 }
 #: Packages of ROS beside rclpy.
@@ -96,7 +96,7 @@ def room(name: str) -> str:
 def test_a_module_uses_only_rooms_of_its_floor_and_below(path: Path) -> None:
     name = module_name(path)
     if not name:
-        return  # the package's own __init__ is looked at below
+        return  # the package's own __init__ is tested below
     here = room(name)
     for imported in imports_of(path):
         outside, _, inner = imported.partition(".")
@@ -106,7 +106,7 @@ def test_a_module_uses_only_rooms_of_its_floor_and_below(path: Path) -> None:
             continue
         there = room(inner)
         assert FLOOR[there] <= FLOOR[here], f"{name} imports {imported} from a higher floor"
-        assert (here, there) not in SAME_FLOOR_BUT_STRANGERS, f"{name} imports {imported}"
+        assert (here, there) not in SAME_FLOOR_BUT_UNRELATED, f"{name} imports {imported}"
 
 
 @pytest.mark.parametrize("package", ONLY_IN)

@@ -51,9 +51,9 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     ## Observation Spaces
     `pacman` sees what the Gymnasium environment shows. A ghost sees the features with himself as Clyde, in the robot's
-    frame: `path_clyde` are his own ways, `is_current` is the place he was sent to, a candidate is a pellet as long as
-    one lies there. `action_mask` is in both. `observation="flat"`, `normalize` and `mask` hold for all agents: with
-    `mask="beside"` each sees `{"observation": ..., "action_mask": ...}`, as in PettingZoo's own games with masks.
+    frame: `path_clyde` are its own path lengths, `is_current` is the place it was sent to, a candidate is a pellet as
+    long as one lies there. `action_mask` is in both. `observation="flat"`, `normalize` and `mask` hold for all agents:
+    with `mask="beside"` each sees `{"observation": ..., "action_mask": ...}`, as in PettingZoo's own games with masks.
 
     ## Rewards
     `pacman` gets the Gymnasium environment's reward. `rewards="zero_sum"`: the ghosts share its negative (each gets an

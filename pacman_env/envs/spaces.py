@@ -1,4 +1,4 @@
-"""Gymnasium spaces of the environments, from what their kinds of observation say of their parts."""
+"""Gymnasium spaces of the environments, from the parts of their observation kinds."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
 
 
 def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float64]:
-    """(N, 2) v in m/s and omega in rad/s from actions in the range that the configuration says.
+    """(N, 2) v in m/s and omega in rad/s from actions in the configured range.
 
     Of the unit range, -1 and 1 are standing and the wheels' speed, and turning right and left. What is beyond them
     stays beyond the limits of the base: the game cuts it.

@@ -96,12 +96,12 @@ def one_player(map: str, decisions: int, seed: int, masked: bool) -> None:
     space = env.observation_space["observation"] if masked else env.observation_space
     collector = train(ppo(space, env.action_space, masked), make, decisions, seed)
     batch, _ = collector.buffer.sample(0)
-    said = ""
+    note = ""
     if masked:
         allowed = batch.obs.action_mask[np.arange(len(batch)), batch.act]
         assert allowed.all()
-        said = ", no choice was forbidden"
-    print(f"one player, {'masked' if masked else 'no mask'}: {len(batch)} decisions after training{said}")
+        note = ", no choice was forbidden"
+    print(f"one player, {'masked' if masked else 'no mask'}: {len(batch)} decisions after training{note}")
 
 
 def two_players(map: str, decisions: int, seed: int) -> None:

@@ -7,7 +7,7 @@ from pacman_env import PELLET, GameBatch, ObservationPart, Situation
 
 
 class Compass:
-    """The straight way to the nearest pellet, in the map frame."""
+    """The vector to the nearest pellet, in the map frame."""
 
     name = "compass"
 

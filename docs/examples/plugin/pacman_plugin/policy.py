@@ -7,7 +7,7 @@ from pacman_env import PELLET, BasePolicy, Situation
 
 
 class Shy(BasePolicy):
-    """The pellet with the longest way from Clyde, ``haste`` times the robot's own way taken off."""
+    """The pellet with the longest path from Clyde, less ``haste`` times the robot's own path."""
 
     name = "shy"
 
