@@ -57,6 +57,7 @@ def main() -> None:
         "pad_observations_v0": lambda: vectorized(supersuit.pad_observations_v0(game(observation=("scan", "flat")))),
         "agent_indicator_v0": lambda: vectorized(supersuit.agent_indicator_v0(game())),
         "clip_reward_v0": lambda: vectorized(supersuit.clip_reward_v0(game(), -1, 1)),
+        "frame_skip_v0": lambda: vectorized(supersuit.frame_skip_v0(game(), (2, 4))),
         "sticky_actions_v0": lambda: vectorized(supersuit.sticky_actions_v0(game(), 0.25)),
     }
     steps = max(arguments.decisions // (2 * GAMES * len(made)), 40)  # an episode ends in them
