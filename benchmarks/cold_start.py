@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure; returns the exit status."""
     parser = Parser(prog="python -m benchmarks.cold_start", description=__doc__)
     parser.add_argument("--workers", type=whole_number(1), default=4, metavar="N", help="beside one (%(default)s)")
-    parser.add_argument("--env", default="pacman_env/PacManBot-v1", metavar="ID", help="with goals (%(default)s)")
+    parser.add_argument("--env", default="pacman_env/PacManBotFlat-v0", metavar="ID", help="with goals (%(default)s)")
     parser.add_argument("--map", default="house", metavar="FILE_OR_NAME", help="(%(default)s)")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
     return run_command(parser, argv, run)

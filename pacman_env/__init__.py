@@ -1,27 +1,107 @@
 """PacManBot as a learning environment: maps, game rules, simulator, policies.
 
-Importing this package registers the environments with Gymnasium, be that imported before or after, and loads nothing
-else; each part is imported by its own name, and the multi-agent environments ``parallel_env``, ``env`` and
-``parallel_vec_env`` when they are first asked for.
+Importing this package registers the environments with Gymnasium and PettingZoo, be these imported before or after, and
+loads nothing else: a public name loads its module when it is first asked for. Public are the names in ``__all__`` and
+those of :mod:`pacman_env.sb3`; every other module is private and may change.
 """
 
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from pacman_env._version import __version__
 from pacman_env.envs.registration import register_envs, register_when_imported
 
-__all__ = ["__version__", "env", "parallel_env", "parallel_vec_env", "register_envs"]
+if TYPE_CHECKING:
+    from .config import Config, ConfigError, make_config
+    from .config.presets import register_preset
+    from .envs.outcome import OUTCOMES
+    from .envs.pacmanbot import PacManBotEnv
+    from .envs.pacmanbot_vector import PacManBotVectorEnv
+    from .envs.parallel_vec_env import PacManBotParallelVecEnv, parallel_vec_env
+    from .envs.pettingzoo_env import PacManBotParallelEnv, env, parallel_env
+    from .episodes.statistics import paired_difference, wilson
+    from .game.ghosts import Behaviour, GhostView, register_ghost
+    from .policies.base import BasePolicy, Policy
+    from .policies.opponents import BehaviourOpponent, Opponents
+    from .policies.registry import make_policy, policy_names, register_policy
+    from .render.frames import render_frame
+    from .sim.core.batch import GameBatch
+    from .sim.observation.kinds import ObservationKind, ObservationPart, register_observation
+    from .sim.observation.situation import HOLD, PELLET, REFUGE, Situation
+    from .world.maps.occupancy import MapError, OccupancyMap, load_map
+
+__all__ = [
+    "HOLD",
+    "OUTCOMES",
+    "PELLET",
+    "REFUGE",
+    "BasePolicy",
+    "Behaviour",
+    "BehaviourOpponent",
+    "Config",
+    "ConfigError",
+    "GameBatch",
+    "GhostView",
+    "MapError",
+    "ObservationKind",
+    "ObservationPart",
+    "OccupancyMap",
+    "Opponents",
+    "PacManBotEnv",
+    "PacManBotParallelEnv",
+    "PacManBotParallelVecEnv",
+    "PacManBotVectorEnv",
+    "Policy",
+    "Situation",
+    "__version__",
+    "env",
+    "load_map",
+    "make_config",
+    "make_policy",
+    "paired_difference",
+    "parallel_env",
+    "parallel_vec_env",
+    "policy_names",
+    "register_envs",
+    "register_ghost",
+    "register_observation",
+    "register_policy",
+    "register_preset",
+    "render_frame",
+    "wilson",
+]
+
+#: By module, the names that it holds.
+_EXPORTS = {
+    "config": "Config ConfigError make_config",
+    "config.presets": "register_preset",
+    "envs.outcome": "OUTCOMES",
+    "envs.pacmanbot": "PacManBotEnv",
+    "envs.pacmanbot_vector": "PacManBotVectorEnv",
+    "envs.parallel_vec_env": "PacManBotParallelVecEnv parallel_vec_env",
+    "envs.pettingzoo_env": "PacManBotParallelEnv env parallel_env",
+    "episodes.statistics": "paired_difference wilson",
+    "game.ghosts": "Behaviour GhostView register_ghost",
+    "policies.base": "BasePolicy Policy",
+    "policies.opponents": "BehaviourOpponent Opponents",
+    "policies.registry": "make_policy policy_names register_policy",
+    "render.frames": "render_frame",
+    "sim.core.batch": "GameBatch",
+    "sim.observation.kinds": "ObservationKind ObservationPart register_observation",
+    "sim.observation.situation": "HOLD PELLET REFUGE Situation",
+    "world.maps.occupancy": "MapError OccupancyMap load_map",
+}
+_MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names.split()}
 
 register_when_imported()
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("env", "parallel_env"):
-        from pacman_env.envs import pettingzoo_env
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    return value
 
-        return getattr(pettingzoo_env, name)
-    if name == "parallel_vec_env":
-        from pacman_env.envs import parallel_vec_env
 
-        return parallel_vec_env.PacManBotParallelVecEnv
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -83,8 +83,8 @@ VENVS = {
 _FEW = ("--map", "house", "--decisions", "2000", "--test", "house", "--rounds", "20")
 CLIENTS = (
     Client("gymnasium_wrappers", "gymnasium", "farama", "gymnasium", "unmodified, but for the few on its page"),
-    Client("sb3_ppo", "stable_baselines3", HERE, "sb3", "`PacManBotVecEnv(8, version=1)`", _FEW),
-    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "sb3", "`PacManBotVecEnv(8, version=1)`", _FEW),
+    Client("sb3_ppo", "stable_baselines3", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW),
+    Client("sb3_maskable_ppo", "sb3_contrib", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW),
     Client("cleanrl_ppo", "torch", HERE, "cleanrl", "masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
     Client("torchrl_ppo", "torchrl", "torchrl", "torchrl", '`mask="beside"`, `DTypeCastTransform` of the mask', _FEW),
     Client("tianshou_ppo", "tianshou", "tianshou", "tianshou", 'unmodified; masked with `mask="beside"` and an actor'),

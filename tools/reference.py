@@ -32,7 +32,7 @@ from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.files import replaced
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.kinds import KINDS, MASK, Bearings, Features, Part, mask_part
+from pacman_env.sim.observation.kinds import KINDS, MASK, Bearings, Features, ObservationPart, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -124,7 +124,7 @@ def _value(owner: Any, dotted: str) -> Any:
     return owner
 
 
-def _parts(kind: str) -> dict[str, Part]:
+def _parts(kind: str) -> dict[str, ObservationPart]:
     """Of one kind of observation on the map ``house`` with two ghosts."""
     return KINDS.find(kind)().parts(PacManBotEnv("house", ghosts=2).batch)
 

@@ -82,9 +82,9 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
 
 
 def _learners_env() -> None:
-    from pacman_env.envs.registration import LEARNERS_DEFAULTS
+    from pacman_env.envs.registration import FLAT_DEFAULTS
 
-    defaults: dict[str, Any] = LEARNERS_DEFAULTS
+    defaults: dict[str, Any] = FLAT_DEFAULTS
     _play(**defaults)
 
 
@@ -142,7 +142,7 @@ def _robot() -> None:
 
 #: What is done, by the name that is printed.
 PARTS: dict[str, Callable[[], None]] = {
-    "PacManBot-v1": _learners_env,
+    "PacManBotFlat-v0": _learners_env,
     "all arguments": _every_argument,
     "generated houses": _generated_houses,
     "two players": _two_players,

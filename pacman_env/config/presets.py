@@ -36,6 +36,7 @@ PRESETS = {"robot": _ROBOT, "ideal": _IDEAL}
 #: Those, and what other packages add as entry points: fields by dotted name.
 _ALL_PRESETS: Registry[Mapping[str, Any]] = Registry("preset", "pacman_env.presets", dict(sorted(PRESETS.items())))
 preset_names = _ALL_PRESETS.names
+register_preset = _ALL_PRESETS.register
 
 
 def make_config(preset: str = "robot", execution: str = "robust", **changes: Any) -> Config:

@@ -28,7 +28,7 @@ Ghosts = int | str | Policy | Sequence[str | Policy]
 
 @dataclass(frozen=True)
 class EnvArguments:
-    """All environments take these; :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` tells what each means."""
+    """All environments take these; :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` describes each."""
 
     map: MapSource = "house"
     preset: str = "robot"

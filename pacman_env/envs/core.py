@@ -50,7 +50,7 @@ class EnvCore:
             num_threads: see :class:`~pacman_env.engine.threads.Threads`.
             copy: situations and features are new arrays at each step; False: two sets of arrays take turns.
             ghost_agents: whoever steps the games chooses for ghosts whose behaviour is ``policy``.
-            settings: fields of the configuration that are other than the arguments say.
+            settings: fields of the configuration, in place of those of the arguments.
         """
         compile_ahead.begin()
         self.config, self._policies = arguments.make_config()
@@ -75,14 +75,14 @@ class EnvCore:
         self._reused: list[Situation | None] = [None, None]
         self._listed: NDArray[np.int64] | None = None  # candidates by the number that an action has; None: their own
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
-        self._way_counts = bool(self.config.reward.progress or self.config.ghost_reward.progress)
-        self._way = np.zeros(n)  # m, left to the nearest pellet; 0 where it does not count
+        self._path_counts = bool(self.config.reward.progress or self.config.ghost_reward.progress)
+        self._path_left = np.zeros(n)  # m, left to the nearest pellet; 0 where it does not count
         self._nearer = np.zeros(n)  # m, in the last step
-        self._asks_who_was_over = self._way_counts or bool(self.ghost_agents)
+        self._asks_who_was_over = self._path_counts or bool(self.ghost_agents)
         self._was_over = _NOBODY  # (N,) before the last step, where somebody asks
         several = len(self.batch.levels) > 1 or self.config.endless or self.config.decisions.when == "event"
         self._draws = bool(self.config.randomize.ranges())  # asked at every step otherwise
-        self._tells_more = several or self._draws or self._mask_in_info
+        self._more_infos = several or self._draws or self._mask_in_info
 
     @property
     def started(self) -> bool:
@@ -136,7 +136,7 @@ class EnvCore:
             mask[index] = True
             for policy in self._policies.values():
                 policy.reset(mask)
-        self._look(index if in_step else None)
+        self._update_situation(index if in_step else None)
 
     @functools.cached_property
     def _ghost_observer(self) -> Observer:
@@ -144,8 +144,8 @@ class EnvCore:
         config = replace(self.config.observation, kinds=("features",), candidates="all")
         return Observer(self.batch, config, ghost=True)
 
-    def _look(self, index: NDArray[np.int64] | None = None) -> None:
-        """At all games, or again at some whose last look nobody has seen."""
+    def _update_situation(self, index: NDArray[np.int64] | None = None) -> None:
+        """Situations of all games, or again of some whose last situation nobody has seen."""
         if index is not None:
             self._situation = self.batch.situation(again=self._situation, index=index)
         else:
@@ -154,8 +154,8 @@ class EnvCore:
             if self._copies:
                 self._reused[0] = None
         self._listed = self._observer.listed(self._situation)
-        if self._way_counts:
-            self._way = outcome.way_left(self.batch.alive, self._situation)
+        if self._path_counts:
+            self._path_left = outcome.path_left(self.batch.alive, self._situation)
 
     def masks(self) -> NDArray[np.bool_]:
         """(N, C) which actions are allowed now."""
@@ -197,7 +197,7 @@ class EnvCore:
             ResetNeeded: before the first reset.
         """
         self.require_reset()
-        batch, way = self.batch, self._way
+        batch, path_before = self.batch, self._path_left
         was_over = batch.games["end"] != RUNNING if self._asks_who_was_over else _NOBODY
         if plays is not None and self._asks_who_was_over:
             was_over |= ~plays
@@ -212,28 +212,28 @@ class EnvCore:
             elif self._listed is not None:
                 actions, _ = self._chosen(actions)
             batch.step(actions, self._ghost_choices(ghost_choices or {}), plays)
-        self._look()
+        self._update_situation()
         reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
         if plays is not None:
             reward[~plays] = 0.0
         if self._timeout_terminates:
             terminated, truncated = terminated | truncated, np.zeros_like(truncated)
-        if self._way_counts:
-            self._nearer = self._progress(way, was_over, terminated)
+        if self._path_counts:
+            self._nearer = self._progress(path_before, was_over, terminated)
             reward += self.config.reward.progress * self._nearer
         return reward, terminated, truncated
 
     def _progress(
-        self, way: NDArray[np.float64], was_over: NDArray[np.bool_], terminated: NDArray[np.bool_]
+        self, path_before: NDArray[np.float64], was_over: NDArray[np.bool_], terminated: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
-        """(N,) gamma phi(s') - phi(s), m, with minus the way to the nearest pellet as phi; phi of an end is 0.
+        """(N,) gamma phi(s') - phi(s), m, with minus the path length to the nearest pellet as phi; phi of an end is 0.
 
-        Over an episode it telescopes: with gamma = 1, to the way at its beginning, whatever was done.
+        Over an episode it telescopes: with gamma = 1, to the path length at its beginning, whatever was done.
         """
         config = self.config
         passed_s = self.elapsed_s if config.decisions.when == "event" else config.execution.tick_s
-        left = np.where(terminated, 0.0, self._way)
-        return np.where(was_over, 0.0, way - config.decisions.discount_per_s**passed_s * left)
+        left = np.where(terminated, 0.0, self._path_left)
+        return np.where(was_over, 0.0, path_before - config.decisions.discount_per_s**passed_s * left)
 
     def _policies_choose(self) -> NDArray[np.int64] | None:
         return self._ghost_choices({})
@@ -241,7 +241,7 @@ class EnvCore:
     def ghost_reward(self) -> NDArray[np.float64]:
         """(N,) of the tick that has just ended, for a ghost that plays for himself; 0 in games that were over."""
         reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
-        return reward + self.config.ghost_reward.progress * self._nearer if self._way_counts else reward
+        return reward + self.config.ghost_reward.progress * self._nearer if self._path_counts else reward
 
     def observe(self) -> Any:
         """The robot's agent sees this now: one array (N, ...) per key, or one array where observations are flat."""
@@ -261,7 +261,7 @@ class EnvCore:
 
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, numbers as Python's."""
-        if not self._tells_more:
+        if not self._more_infos:
             return outcome.info(self.batch.told, self._numeric)
         return {key: array[0].copy() if array.ndim > 1 else array.tolist()[0] for key, array in self.infos().items()}
 
@@ -362,9 +362,9 @@ class CoreEnv:
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
-        """``action_masks()``: which candidates may be chosen now, the name that sb3-contrib looks for.
+        """``action_masks()``: which candidates may be chosen now, the name that sb3-contrib calls.
 
-        (C,) bool, of a vector environment (N, C).
+        (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8.
 
         Raises:
             AttributeError: velocities have no mask.

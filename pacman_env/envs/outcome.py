@@ -31,31 +31,31 @@ def reward_and_end(
     return reward, terminated, truncated
 
 
-def way_left(alive: NDArray[np.bool_], situation: Situation) -> NDArray[np.float64]:
-    """(N,) length of the believed way to the nearest pellet left, m; 0 where there is none, or no way to one.
+def path_left(alive: NDArray[np.bool_], situation: Situation) -> NDArray[np.float64]:
+    """(N,) path length from the believed pose to the nearest pellet left, m; 0 where there is none, or no path to one.
 
     ``alive`` (N, P) are the pellets left.
     """
-    ways = np.where(alive, situation.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
-    return np.where(np.isfinite(ways), ways, 0.0)
+    lengths = np.where(alive, situation.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
+    return np.where(np.isfinite(lengths), lengths, 0.0)
 
 
-def infos(told: NDArray[np.int64], numeric: bool = False) -> dict[str, NDArray[Any]]:
+def infos(summary: NDArray[np.int64], numeric: bool = False) -> dict[str, NDArray[Any]]:
     """Per game: outcome, pellets collected, lost and spawned, goals aborted by Nav2, the round's seed.
 
-    New arrays, the counts int64 as Gymnasium's vector environments make them, from what a batch has ``told`` (6, N).
+    New arrays, the counts int64 as Gymnasium's vector environments make them, from a batch's ``summary`` (6, N).
     ``outcome`` is a word (object), or with ``numeric`` the number of its place in ``OUTCOMES``.
     """
-    told = told.copy()
-    result: dict[str, NDArray[Any]] = dict(zip(_NAMES, told, strict=True))
+    summary = summary.copy()
+    result: dict[str, NDArray[Any]] = dict(zip(_NAMES, summary, strict=True))
     if not numeric:
-        result["outcome"] = OUTCOMES[told[0]]
+        result["outcome"] = OUTCOMES[summary[0]]
     return result
 
 
-def info(told: NDArray[np.int64], numeric: bool = False) -> dict[str, Any]:
+def info(summary: NDArray[np.int64], numeric: bool = False) -> dict[str, Any]:
     """The same of the first game, as Python's numbers."""
-    result = dict(zip(_NAMES, told[:, 0].tolist(), strict=True))
+    result = dict(zip(_NAMES, summary[:, 0].tolist(), strict=True))
     if not numeric:
         result["outcome"] = OUTCOMES[result["outcome"]]
     return result

@@ -63,19 +63,19 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     | `grid` | (S, S, 4) | with `observation="grid"`: 0 or 255 in the channels walls, pellets, ghosts, robot |
 
     Lengths are capped at 100 m; rows of forbidden candidates are zero but for their kind. With several ghosts `clyde`
-    is the nearest of them, and the path length from Clyde is the shortest of all their ways.
+    is the nearest of them, and the path length from Clyde is the shortest of all their paths.
 
     The scan is taken where the robot truly is: `R = 360` rays of 0.15 to 12.0 m with 1 % noise. Ghosts are virtual,
     no ray ends at them, and none shows a pellet. So the bearings come with it, and with features and planner features
-    where actions are velocities: these say how long the ways are, not where to steer. Seen from the believed pose, they
+    where actions are velocities: these have path lengths, not where to steer. Seen from the believed pose, they
     are the directions of `K = 4` pellets (`observation.nearest_pellets`), and of the places 0.5 m on along the shortest
-    ways to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
+    paths to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
     its heading up.
 
     ## Rewards
     Per decision, all configurable (`config.reward`): +1 for each pellet collected, -0.002 for the time, -10 when
     Clyde catches the robot, +5 when the round is complete, -5 at the time limit. With `reward.progress` (0: none) each
-    metre that the way to the nearest pellet left has become shorter is rewarded, as a potential: the sum over an
+    metre that the path to the nearest pellet left has become shorter is rewarded, as a potential: the sum over an
     episode does not depend on what was done, so the best policy stays the best.
 
     ## Starting State
@@ -114,15 +114,19 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
     - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2 nearest refuges
-      (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's way to them, and hold. Spaces are
+      (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's path lengths to them, and hold. Spaces are
       then the same on every map.
-    - `normalize`: all numbers of the observation in [-1, 1], by the constants of `sim/observation/scales.py`.
+    - `normalize`: all numbers of the observation in [-1, 1]. A length, an age or a count x becomes x / (|x| + c) with
+      c = 3 m, 3 s or 10, everything else is divided by a constant (`sim/observation/scales.py`). Planner features and
+      the scan are divided by their bounds, which most planner features are far within: the median of their standard
+      deviations is 0.03. A learner that needs a spread of 1 wants `NormalizeObservation` or `VecNormalize` as well.
     - `mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, only a `"method"`, or
-      `"beside"` the observation: `{"observation": ..., "action_mask": ...}`.
+      `"beside"` the observation: `{"observation": ..., "action_mask": ...}`. It is int8 there, as
+      `action_space.sample(mask)` takes it; `action_masks()` is bool, as sb3-contrib takes it.
     - `decide`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal has ended,
       a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
       (`config.decisions`). Rewards are summed up (`decisions.discount_per_s`), `info["elapsed_s"]` is the duration.
-    - `numeric_info`: `outcome` is its number (`pacman_env.envs.outcome.OUTCOMES`), not a word.
+    - `numeric_info`: `outcome` is its number (`pacman_env.OUTCOMES`), not a word.
     - `timeout`: the time limit is a `"truncation"` (the default), or a `"termination"`: its reward of -5 is an end, and
       no learner adds the value of what would have followed.
     - `action`: `"goal"` (the default) or `"velocity"`.
@@ -146,9 +150,9 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     its seed and its decisions, which takes up to some tens of ms.
 
     ## Version History
-    - v1: the same game with other defaults, for learners: `decide="event"`, `candidates="nearest"`,
-      `observation=("planner", "flat")`, `normalize=True`, `mask="method"`, `numeric_info=True`, `timeout="termination"`.
-    - v0: first version.
+    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with other defaults:
+      `decide="event"`, `candidates="nearest"`, `observation=("planner", "flat")`, `normalize=True`, `mask="method"`,
+      `numeric_info=True`, `timeout="termination"`.
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012

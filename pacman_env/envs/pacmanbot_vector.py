@@ -20,8 +20,8 @@ from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .core import CoreEnv
 from .episode_seeds import EpisodeSeeds, one_for_each
-from .parts import Parts
 from .reset_options import ResetOptions, chosen_games
+from .sub_batches import SubBatches
 
 _NOTHING_WANTED = ResetOptions()
 
@@ -41,8 +41,8 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
 
     ``num_threads`` share the games (0: one for each core); nothing else depends on it.
 
-    With a ``batch_size`` below the number of games, these are in parts of that size, and while one is stepped in the
-    background the network chooses for another, with EnvPool's words and the same games:
+    With a ``batch_size`` below the number of games, these are in sub-batches of that size, and while one is stepped
+    in the background the network chooses for another, with EnvPool's methods and the same games:
 
     ```python
     env.async_reset(seed=0)
@@ -51,12 +51,12 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         env.send(choose(observations), info["env_id"])
     ```
 
-    ``batch``, ``situation`` and ``action_masks()`` are then those of the part received last.
+    ``batch``, ``situation`` and ``action_masks()`` are then those of the sub-batch received last.
 
     ``copy=False``: the arrays of an observation are written anew by the step after the next one, instead of being new
     at each step; whoever keeps one for longer has to copy it.
 
-    ``infos="ends"`` (``SAME_STEP`` only) saves time: a step tells ``final_info`` of the games that ended, and no more.
+    ``infos="ends"`` (``SAME_STEP`` only) saves time: a step returns ``final_info`` of the games that ended, no more.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -85,12 +85,12 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
             raise ValueError(f"max_episode_steps = {steps!r}: must be a whole number of at least 1, or None")
         self._most_steps = steps
-        self._parts: Parts | None = None
+        self._sub_batches: SubBatches | None = None
         size = num_envs if batch_size is None else batch_size
         if not isinstance(size, (int, np.integer)) or isinstance(size, bool) or size < 1 or num_envs % size:
             raise ValueError(f"batch_size = {batch_size!r}: must be a whole number that divides num_envs = {num_envs}")
         games = int(size)
-        self._whole: Parts | None = None  # all games as one part
+        self._whole: SubBatches | None = None  # all games as one sub-batch
         more = {"num_threads": num_threads, "copy": copy}
         if games == num_envs:
             self._make_core(games, arguments, **more)
@@ -98,13 +98,14 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             given: dict[str, Any] = {"autoreset_mode": autoreset_mode, "max_episode_steps": steps, "infos": infos}
             given |= more
             shared = {one.name: getattr(arguments, one.name) for one in fields(arguments)}
-            self._parts = Parts([PacManBotVectorEnv(games, **given, **shared) for _ in range(num_envs // games)])
-            self._core, self.render_mode = self._parts.envs[0]._core, arguments.render_mode
+            count = num_envs // games
+            self._sub_batches = SubBatches([PacManBotVectorEnv(games, **given, **shared) for _ in range(count)])
+            self._core, self.render_mode = self._sub_batches.envs[0]._core, arguments.render_mode
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if infos not in ("all", "ends") or (infos == "ends" and self.autoreset_mode != AutoresetMode.SAME_STEP):
             raise ValueError(f"infos = {infos!r}: must be 'all', or with AutoresetMode.SAME_STEP 'ends'")
-        self.tells_all = infos == "all"
+        self.reports_all = infos == "all"
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = self._core.observation_space()
         self.single_action_space = self._core.action_space()
@@ -133,9 +134,9 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             ValueError: the seeds, the mask or other options do not fit the games.
             ResetNeeded: the first reset is not of all games.
         """
-        if self._parts is not None:
+        if self._sub_batches is not None:
             self.async_reset(seed=seed, options=options)
-            observations, _, _, _, infos = self._parts.received()
+            observations, _, _, _, infos = self._sub_batches.received()
             return observations, infos
         wanted = ResetOptions.of(options, self.num_envs, "reset_mask")
         index = self._reset_index(options)
@@ -158,11 +159,11 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             ValueError: the actions are not N integers of the action space.
             ResetNeeded: before the first reset.
         """
-        if self._parts is not None:
+        if self._sub_batches is not None:
             actions = np.asarray(actions)
             if len(actions.shape) == 0 or len(actions) != self.num_envs:
                 raise ValueError(f"actions of shape {actions.shape}: must be of {self.num_envs} games")
-            return self._parts.all(actions)
+            return self._sub_batches.all(actions)
         core = self._core
         over = (self.batch.told[0] != RUNNING) | self._cut
         reward, terminated, truncated = core.step(self._checked(actions))
@@ -177,47 +178,50 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
             if len(ended):
                 final = self._final(ended)
                 self._new_rounds(ended, in_step=True)
-        infos = {**final, **self._infos(self._all)} if self.tells_all else final
+        infos = {**final, **self._infos(self._all)} if self.reports_all else final
         return core.observe(), reward, terminated, truncated, infos
 
     def async_reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> None:
-        """Begin new rounds in all parts; :meth:`recv` gives their first observations, with rewards of 0.
+        """Begin new rounds in all sub-batches; :meth:`recv` gives their first observations, with rewards of 0.
 
         Args:
             seed: as in :meth:`reset`.
             options: ``settings``, or one ``round_seed`` or ``level`` for all games.
-        """
-        if options and "reset_mask" in options:
-            raise ValueError("options['reset_mask']: all parts are reset")
-        self._in_parts().reset(one_for_each(seed, self.num_envs), options)
-
-    def send(self, actions: NDArray[Any], env_id: NDArray[np.int64] | None = None) -> None:
-        """Step a part in the background: that with the games ``env_id``, by default the one received last.
 
         Raises:
-            ValueError: an action is none, or the part is under way; nothing is stepped then.
+            ValueError: the options hold ``reset_mask``.
+        """
+        if options and "reset_mask" in options:
+            raise ValueError("options['reset_mask']: all sub-batches are reset")
+        self._in_sub_batches().reset(one_for_each(seed, self.num_envs), options)
+
+    def send(self, actions: NDArray[Any], env_id: NDArray[np.int64] | None = None) -> None:
+        """Step a sub-batch in the background: that with the games ``env_id``, by default the one received last.
+
+        Raises:
+            ValueError: an action is none, or the sub-batch is being stepped; nothing is stepped then.
             ResetNeeded: before :meth:`async_reset`.
         """
-        self._in_parts().send(actions, env_id)
+        self._in_sub_batches().send(actions, env_id)
 
     def recv(self) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """What :meth:`step` returns, of the part that was sent first; ``info["env_id"]``: the numbers of its games.
+        """What :meth:`step` returns, of the sub-batch that was sent first; ``info["env_id"]`` numbers its games.
 
         Raises:
             ValueError: nothing was sent.
         """
-        parts = self._in_parts()
-        result = parts.receive()
-        self._core = parts.envs[parts.last]._core
+        sub_batches = self._in_sub_batches()
+        result = sub_batches.receive()
+        self._core = sub_batches.envs[sub_batches.last]._core
         return result
 
-    def _in_parts(self) -> Parts:
-        if self._parts is not None:
-            return self._parts
+    def _in_sub_batches(self) -> SubBatches:
+        if self._sub_batches is not None:
+            return self._sub_batches
         if self._whole is None:
-            self._whole = Parts([self])
+            self._whole = SubBatches([self])
         return self._whole
 
     def _cut_long_episodes(self, terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]) -> None:
@@ -230,7 +234,8 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per game."""
-        return self._pictures([self._core] if self._parts is None else [one._core for one in self._parts.envs])
+        envs = [self] if self._sub_batches is None else self._sub_batches.envs
+        return self._pictures([env._core for env in envs])
 
     def check(self, actions: NDArray[Any]) -> NDArray[Any]:
         """Actions as the games take them.
@@ -276,10 +281,10 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         self._cut[index] = False
 
     def close_extras(self, **_: Any) -> None:
-        """Wait for parts that are under way."""
-        for parts in (self._parts, self._whole):
-            if parts is not None:
-                parts.close()
+        """Wait for sub-batches that are being stepped."""
+        for sub_batches in (self._sub_batches, self._whole):
+            if sub_batches is not None:
+                sub_batches.close()
 
     def _infos(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Gymnasium's layout: an array per key and a mask of the games that have it."""
@@ -294,7 +299,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
 
     def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:
         """Last observation and info of the games that have just ended."""
-        if not self.tells_all:
+        if not self.reports_all:
             return {"final_info": self._infos(ended)}
         last = self._core.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)

@@ -232,6 +232,9 @@ class PacManBotParallelVecEnv(SeveralAgents):
         return final | {f"_{name}": ~others for name in final}
 
 
+parallel_vec_env = PacManBotParallelVecEnv
+
+
 def _stacked(by_agent: dict[str, Any], where: str) -> Any:
     first, seen = next(iter(by_agent.items()))
     for agent, other in by_agent.items():

@@ -38,7 +38,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     ```
 
     `pacman_env.env(...)` is the same game agent by agent (AEC). Both are in PettingZoo's registry (1.27 and later):
-    `pettingzoo.make("parallel", "pacman_env/PacManBot-v0")`, or `"aec"`. `PacManBot-v1` is the same with the shapes
+    `pettingzoo.make("parallel", "pacman_env/PacManBot-v0")`, or `"aec"`. `PacManBotFlat-v0` is the same with the shapes
     that learners take: `observation="flat"`, `normalize=True`, `mask="beside"`, `numeric_info=True`,
     `timeout="termination"`.
 
@@ -51,9 +51,9 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     ## Observation Spaces
     `pacman` sees what the Gymnasium environment shows. A ghost sees the features with himself as Clyde, in the robot's
-    frame: `path_clyde` are his own ways, `is_current` is the place he was sent to, a candidate is a pellet as long as
-    one lies there. `action_mask` is in both. `observation="flat"`, `normalize` and `mask` hold for all agents: with
-    `mask="beside"` each sees `{"observation": ..., "action_mask": ...}`, as in PettingZoo's own games with masks.
+    frame: `path_clyde` are its own path lengths, `is_current` is the place it was sent to, a candidate is a pellet as
+    long as one lies there. `action_mask` is in both. `observation="flat"`, `normalize` and `mask` hold for all agents:
+    with `mask="beside"` each sees `{"observation": ..., "action_mask": ...}`, as in PettingZoo's own games with masks.
 
     ## Rewards
     `pacman` gets the Gymnasium environment's reward. `rewards="zero_sum"`: the ghosts share its negative (each gets an
@@ -95,9 +95,9 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         wanted = ResetOptions.of(options, 1, "options")  # by this name PettingZoo's judge asks for nothing
         levels = wanted.levels(self.batch.source, _ONE)
         self._play_by(wanted.settings)
-        if seed is not None or self._generator is None:
+        if seed is not None:
             self._generator, _ = seeding.np_random(seed)
-        self._begin(_ONE, wanted.seeds(_ONE, [self._generator]), levels)
+        self._begin(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         self.agents = list(self.possible_agents)
         if self.render_mode == "human":
             self.render()
@@ -134,6 +134,13 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
             dict.fromkeys(agents, bool(truncated[0])),
             infos,
         )
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        """Draws the seeds of the episodes, as in Gymnasium; SuperSuit's ``frame_skip_v0`` draws from it."""
+        if self._generator is None:
+            self._generator, _ = seeding.np_random()
+        return self._generator
 
     def checked(self, agent: str, action: Any) -> Any:
         """The action as the game takes it.

@@ -1,44 +1,48 @@
 """Registers the environments with Gymnasium and PettingZoo: at once where they are imported already, else then.
 
-So a process that never asks for an environment, such as a robot's node, does without Gymnasium's 8 MB.
+Neither library loads plug-ins by entry points, and importing this package must load neither of them: a robot's node
+does without their 8 MB. So a finder in ``sys.meta_path`` waits for their import.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Callable
+from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 ENV_ID = "pacman_env/PacManBot-v0"
-#: The same game as a learner likes it best; its arguments are those of v0 with these for defaults.
-LEARNERS_ID = "pacman_env/PacManBot-v1"
-LEARNERS_DEFAULTS = {
+#: The same game for stock learners; its arguments are those of ``ENV_ID`` with these for defaults.
+FLAT_ID = "pacman_env/PacManBotFlat-v0"
+FLAT_DEFAULTS = {
     "decide": "event",
     "candidates": "nearest",
-    "observation": ("planner", "flat"),
+    "observation": ["planner", "flat"],  # a list, as it comes back from an EnvSpec in JSON
     "normalize": True,
     "mask": "method",
     "numeric_info": True,
     "timeout": "termination",
 }
-#: Of several agents, who all decide at each tick.
-SEVERAL_LEARNERS_DEFAULTS = {
+#: Of the environments of several agents, who all decide at each tick.
+FLAT_DEFAULTS_OF_SEVERAL = {
     "observation": "flat",
     "normalize": True,
     "mask": "beside",
     "numeric_info": True,
     "timeout": "termination",
 }
+#: Of ``FLAT_ID`` before 1.0. The spec under it is named ``FLAT_ID``: another version of PacManBot would make v0 out of
+#: date.
+FORMER_FLAT_ID = "pacman_env/PacManBot-v1"
 
 
 def register_envs() -> None:
-    """Register ``pacman_env/PacManBot-v0`` and ``-v1``; a second call changes nothing."""
+    """Register ``PacManBot-v0`` and ``PacManBotFlat-v0`` with Gymnasium; a second call changes nothing."""
     import gymnasium as gym
 
-    for name, defaults in ((ENV_ID, {}), (LEARNERS_ID, LEARNERS_DEFAULTS)):
+    for name, defaults in ((ENV_ID, {}), (FLAT_ID, FLAT_DEFAULTS)):
         if name not in gym.registry:
             gym.register(
                 name,
@@ -46,19 +50,34 @@ def register_envs() -> None:
                 vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
                 kwargs=dict(defaults),
             )
+    refuse = f"{__name__}:refuse_former_id"
+    former = gym.envs.registration.EnvSpec(FLAT_ID, entry_point=refuse, vector_entry_point=refuse)
+    gym.registry.setdefault(FORMER_FLAT_ID, former)
 
 
 def register_parallel_envs() -> None:
-    """Register the same names for several agents; does nothing before PettingZoo 1.27, which has no registry."""
+    """Register the same names with PettingZoo; does nothing before PettingZoo 1.27, which has no registry."""
     import pettingzoo
 
     if not hasattr(pettingzoo, "register"):
         return
     for kind, known in (("parallel", pettingzoo.parallel_registry), ("aec", pettingzoo.aec_registry)):
         entry_point = f"pacman_env:{'parallel_env' if kind == 'parallel' else 'env'}"
-        for name, defaults in ((ENV_ID, {}), (LEARNERS_ID, SEVERAL_LEARNERS_DEFAULTS)):
+        for name, defaults in ((ENV_ID, {}), (FLAT_ID, FLAT_DEFAULTS_OF_SEVERAL)):
             if name not in known:
                 pettingzoo.register(kind, name, entry_point, kwargs=dict(defaults))
+        known.setdefault(FORMER_FLAT_ID, pettingzoo.EnvSpec(FLAT_ID, entry_point=refuse_former_id))
+
+
+def refuse_former_id(**_: Any) -> NoReturn:
+    """The entry point of ``FORMER_FLAT_ID``.
+
+    Raises:
+        gymnasium.error.DeprecatedEnv: always.
+    """
+    from gymnasium.error import DeprecatedEnv
+
+    raise DeprecatedEnv(f"{FORMER_FLAT_ID} is {FLAT_ID} since 1.0")
 
 
 def register_when_imported() -> None:
@@ -70,8 +89,8 @@ def register_when_imported() -> None:
             sys.meta_path.insert(0, _Finder(name, register))
 
 
-class _Finder:
-    """Finds a module once, as any other finder would, and does something when it is loaded."""
+class _Finder(MetaPathFinder):
+    """Finds a module as the other finders do, and calls ``then`` when it is loaded, not when it is only looked up."""
 
     def __init__(self, module: str, then: Callable[[], None]) -> None:
         self._module, self._then = module, then
@@ -79,13 +98,15 @@ class _Finder:
     def find_spec(self, fullname: str, path: Any = None, target: ModuleType | None = None) -> ModuleSpec | None:
         if fullname != self._module:
             return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)
+        others = (finder for finder in sys.meta_path if finder is not self)
+        spec = next((found for one in others if (found := one.find_spec(fullname, path, target))), None)
         if spec is not None and spec.loader is not None:
             load = spec.loader.exec_module
 
             def load_and_register(module: ModuleType) -> None:
                 load(module)
+                if self in sys.meta_path:
+                    sys.meta_path.remove(self)
                 self._then()
 
             spec.loader.exec_module = load_and_register  # type: ignore[method-assign]

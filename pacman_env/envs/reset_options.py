@@ -32,7 +32,7 @@ class ResetOptions:
         Args:
             options: as it was given.
             games: how many.
-            more: names that the caller looks at himself.
+            more: names that the caller reads itself.
 
         Raises:
             ValueError: an unknown name, or a value that is none; ConfigError is one.

@@ -1,4 +1,4 @@
-"""Gymnasium spaces of the environments, from what their kinds of observation say of their parts."""
+"""Gymnasium spaces of the environments, from the parts of their observation kinds."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..game.ghosts import GHOST_NAMES
 from ..sim.core.batch import GameBatch
-from ..sim.observation.kinds import FLAT, MASK, Part, bounds
+from ..sim.observation.kinds import FLAT, MASK, ObservationPart, bounds
 from ..sim.observation.robot_features import FAST_MPS
 
 OBSERVATION = "observation"  # where the mask is beside it
 _MANY = 1e9  # rounds, or pellets over all rounds
 
 
-def observation_space(parts: Mapping[str, Part], beside: int | None = None) -> spaces.Dict | spaces.Box:
+def observation_space(parts: Mapping[str, ObservationPart], beside: int | None = None) -> spaces.Dict | spaces.Box:
     """Of one game, from its parts; of a flat one, the one array's.
 
     ``beside``: so many candidates have their mask beside it, as PettingZoo's games have it.
@@ -33,7 +33,7 @@ def observation_space(parts: Mapping[str, Part], beside: int | None = None) -> s
     return spaces.Dict({key: _space(key, part) for key, part in parts.items()})
 
 
-def _space(key: str, part: Part) -> spaces.Space[Any]:
+def _space(key: str, part: ObservationPart) -> spaces.Space[Any]:
     if key == MASK:
         return spaces.MultiBinary(*part.shape)
     return spaces.Box(part.low, part.high, part.shape, part.dtype)
@@ -65,7 +65,7 @@ def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
 
 
 def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float64]:
-    """(N, 2) v in m/s and omega in rad/s from actions in the range that the configuration says.
+    """(N, 2) v in m/s and omega in rad/s from actions in the configured range.
 
     Of the unit range, -1 and 1 are standing and the wheels' speed, and turning right and left. What is beyond them
     stays beyond the limits of the base: the game cuts it.

@@ -3,9 +3,9 @@
 Decisions per second of the native vector environment at 64 and 1,024 games and of the unwrapped single environment;
 in the same run, in turns with it, bare Chipmunk stepping of the same bodies among the same walls, as decisions that
 cost nothing but physics; what a second ``gymnasium.make`` of the same map costs, and what a generated house for each
-episode costs; decisions by events (``PacManBot-v1``), with the time that they simulate; 64 houses at once, and 64 games
-with the planner's features. All of that in one thread. Then 1,024 games with 1, 2, 4 ... threads, and a new house for
-each episode of 64 games, whose houses two threads prepare while they are played.
+episode costs; decisions by events (``PacManBotFlat-v0``), with the time that they simulate; 64 houses at once, and 64
+games with the planner's features. All of that in one thread. Then 1,024 games with 1, 2, 4 ... threads, and a new
+house for each episode of 64 games, whose houses two threads prepare while they are played.
 Machines are noisy: the ratio is the median over rounds of figures measured one after the other.
 """
 
@@ -73,16 +73,16 @@ def bare_rate(env: PacManBotVectorEnv, steps: int) -> float:
     return steps * env.num_envs / (time.perf_counter() - began)
 
 
-def make_vector(n: int, map_source: str, version: int = 0, **arguments: Any) -> PacManBotVectorEnv:
+def make_vector(n: int, map_source: str, flat: bool = False, **arguments: Any) -> PacManBotVectorEnv:
     """The native vector environment, warmed up."""
     kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
-    env = gym.make_vec(f"pacman_env/PacManBot-v{version}", num_envs=n, **kind).unwrapped
+    env = gym.make_vec(f"pacman_env/PacManBot{'Flat' if flat else ''}-v0", num_envs=n, **kind).unwrapped
     assert isinstance(env, PacManBotVectorEnv)
     env.reset(seed=0)
-    if version == 0:
-        vector_rate(env, np.random.default_rng(0), 2 * HELD)
-    else:
+    if flat:
         event_rates(env, HELD)
+    else:
+        vector_rate(env, np.random.default_rng(0), 2 * HELD)
     return env
 
 
@@ -159,7 +159,7 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     vector_rate(new_houses, rng, house_steps)
     per_episode = [vector_rate(new_houses, rng, house_steps) for _ in range(rounds)]
 
-    by_events = make_vector(64, map_source, version=1)
+    by_events = make_vector(64, map_source, flat=True)
     event_steps = max(4, steps // 8)
     decisions, simulated = np.median([event_rates(by_events, event_steps) for _ in range(rounds)], axis=0).tolist()
 

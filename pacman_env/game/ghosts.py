@@ -105,6 +105,7 @@ BEHAVIOURS = {
 }
 _ALL_BEHAVIOURS = Registry("ghost behaviour", "pacman_env.ghosts", BEHAVIOURS)
 behaviour_names = _ALL_BEHAVIOURS.names
+register_ghost = _ALL_BEHAVIOURS.register
 
 
 def find_behaviour(name: str) -> Behaviour:

@@ -42,19 +42,19 @@ def hold_index(situation: Situation) -> NDArray[np.int64]:
 
 
 class BasePolicy:
-    """A policy without state: a subclass gives ``name`` and ``scores``."""
+    """A policy without state: a subclass gives ``name`` and ``scores``; N games, C candidates as in :class:`Policy`."""
 
     name: str
 
     def reset(self, games: NDArray[np.bool_]) -> None:
-        """Nothing to forget."""
+        """Nothing to forget, whichever of the games (N,) begin anew."""
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C), higher is better, -inf: never."""
+        """(N, C), higher is better, -inf: never; here it raises NotImplementedError."""
         raise NotImplementedError(f"{type(self).__name__}.scores")
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """The unmasked candidate with the highest score, the first of equals; HOLD where none is allowed."""
+        """(N,) the unmasked candidate with the highest score, the first of equals; HOLD where none is allowed."""
         scores = self.scores(situation)
         allowed = np.where(situation.mask & (scores > -np.inf), scores, -np.inf)  # NaN is no score either
         goal = allowed.argmax(axis=1)

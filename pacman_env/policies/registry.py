@@ -27,7 +27,7 @@ POLICIES: Registry[Callable[..., Policy]] = Registry(
     },
     "module:Class, or an .onnx file",
 )
-register = POLICIES.register
+register_policy = POLICIES.register
 policy_names = POLICIES.names
 
 

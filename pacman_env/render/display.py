@@ -34,7 +34,11 @@ class Display:
     _window: Any = None
 
     def render(self: Shown) -> NDArray[np.uint8] | None:
-        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window."""
+        """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
         if self.render_mode is None:
             gym.logger.warn("render() without render_mode: pass render_mode='rgb_array' or 'human'")
             return None

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from pacman_env.config import Config, PelletConfig, make_config
 from pacman_env.engine.threads import cores
 from pacman_env.envs.arguments import Ghosts
-from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
+from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.generated import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training.arguments import Arguments, Hyperparameters

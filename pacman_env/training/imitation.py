@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pacman_env.envs.sb3_vec_env import Observation
+from pacman_env.sb3 import Observation
 from pacman_env.training.games import TrainingGames
 from pacman_env.training.learner import Learner
 from pacman_env.training.network import Packed, Row

@@ -19,7 +19,7 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3.common.utils import explained_variance
 
 from pacman_env.engine.threads import cores
-from pacman_env.envs.sb3_vec_env import Observation
+from pacman_env.sb3 import Observation
 from pacman_env.training.arguments import Hyperparameters
 from pacman_env.training.games import TrainingGames
 from pacman_env.training.network import Packed, Row

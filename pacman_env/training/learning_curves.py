@@ -1,4 +1,4 @@
-"""How fast stock learners learn PacManBot-v1, one curve per combination: ``pacman-env learning-curves``.
+"""How fast stock learners learn PacManBotFlat-v0, one curve per combination: ``pacman-env learning-curves``.
 
 Stable-Baselines3's PPO or sb3-contrib's MaskablePPO with their own defaults, eight games at once. After every update
 the model plays the same rounds, which the policies ``nearest`` and ``random`` have played too.
@@ -28,11 +28,11 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.episodes.rollout import play
 from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, replaced, write_json
 from pacman_env.game.execution import COMPLETE
+from pacman_env.sb3 import PacManBotVecEnv
 
 #: By kind of observation: the arguments of the environment, and the policy of the learner.
 OBSERVATIONS: dict[str, tuple[dict[str, Any], str]] = {
@@ -59,7 +59,7 @@ def environment(combination: str, map_name: str) -> PacManBotVecEnv:
     if kind not in OBSERVATIONS or decide not in DECIDE:
         known = " ".join(f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE)
         raise ValueError(f"combination {combination!r}: choose among {known}")
-    return PacManBotVecEnv(GAMES, version=1, map=map_name, decide=decide, **OBSERVATIONS[kind][0])
+    return PacManBotVecEnv(GAMES, flat=True, map=map_name, decide=decide, **OBSERVATIONS[kind][0])
 
 
 def rounds_played(model: Any, learner: str, test: PacManBotVecEnv, rounds: int) -> dict[int, bool]:

@@ -1,8 +1,4 @@
-"""The Clydes that a planner is trained against: a pool that gives each game one of many, a table of results.
-
-The rules are the environment's own behaviours (``game/ghosts.py``), here for a ghost whom another policy may move in
-every game.
-"""
+"""The Clydes that a planner is trained against: the pool of a training run, a table of results."""
 
 from __future__ import annotations
 
@@ -15,75 +11,17 @@ from numpy.typing import NDArray
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.episodes.statistics import wilson
 from pacman_env.game.execution import COMPLETE
-from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.base import Policy
+from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
-from pacman_env.sim.core.parameters import draw_below
 from pacman_env.sim.maps.generated import GeneratedMaps
-from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.games import VALIDATION_LEVEL, game_config
 
 BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
 RULES = ("lookahead", "clyde_aware")
-_OPPONENT = 32  # purpose of the draw, beside those of pacman_env/rng.py
-_PARTS = 1 << 20  # a share is drawn so finely
 _HELD_OUT = 128  # validation levels that rounds are drawn from
 _GAMES = 128  # at once
-
-
-class BehaviourOpponent(BasePolicy):
-    """A behaviour of the environment's in Clyde's place.
-
-    Args:
-        name: one of :data:`pacman_env.sim.core.ghosts.BEHAVIOUR_NAMES`.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._number = BEHAVIOUR_NAMES.index(name)
-
-    def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the choice beyond the candidates that stands for the behaviour."""
-        n, candidates = situation.mask.shape
-        return np.full(n, behaviour_choice(candidates - 1, self._number), dtype=np.int64)
-
-
-class Opponents(BasePolicy):
-    """A pool: each round is played by one of several, drawn from the round's seed.
-
-    Args:
-        members: none may need to remember anything.
-        shares: of the rounds, in proportion.
-
-    Raises:
-        ValueError: no members, not a share for each, a negative one, or none above 0.
-    """
-
-    name = "opponents"
-
-    def __init__(self, members: Sequence[Policy], shares: Sequence[float]) -> None:
-        if not members or len(members) != len(shares):
-            raise ValueError(f"{len(members)} members and {len(shares)} shares: must be as many, at least one")
-        weights = np.array(shares, dtype=np.float64)
-        if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.sum() > 0):
-            raise ValueError(f"shares = {list(shares)}: must be at least 0, one of them above")
-        self.members = tuple(members)
-        self._limits = np.cumsum(weights) / weights.sum()
-
-    def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """(M,) number of the member who plays the round with each seed."""
-        share = (draw_below(seeds, _OPPONENT, _PARTS) + 0.5) / _PARTS
-        return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
-
-    def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) what the member says whose round it is."""
-        numbers = self.drawn(situation.seed)
-        chosen = np.empty(len(numbers), dtype=np.int64)
-        for number in np.unique(numbers).tolist():
-            rows = np.flatnonzero(numbers == number)
-            chosen[rows] = self.members[number].select(situation.rows(rows))
-        return chosen
 
 
 def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
+from pacman_env.sb3 import Observation, PacManBotVecEnv
 
 
 class _Part:

@@ -15,15 +15,15 @@ from pacman_env.engine.jit import cache_dir
 
 def test_the_workers_play_with_the_given_cache_and_the_environment_stays_as_it_was() -> None:
     before = dict(os.environ)
-    wall, cpu = seconds(2, cache_dir(), "pacman_env/PacManBot-v1", "loop")
+    wall, cpu = seconds(2, cache_dir(), "pacman_env/PacManBotFlat-v0", "loop")
     assert wall > 0
     assert cpu > 0.2  # of two that have imported Numba
     assert os.environ == before
 
 
 def test_a_worker_that_cannot_play_is_an_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(ValueError, match="PacManBot-v1 on nowhere cannot be played"):
-        seconds(1, tmp_path, "pacman_env/PacManBot-v1", "nowhere")
+    with pytest.raises(ValueError, match="PacManBotFlat-v0 on nowhere cannot be played"):
+        seconds(1, tmp_path, "pacman_env/PacManBotFlat-v0", "nowhere")
     assert "nowhere: neither a YAML file" in capfd.readouterr().err
 
 
@@ -40,7 +40,7 @@ def test_figures_are_printed_and_written(
 
     monkeypatch.setattr(cold_start, "seconds", measured)
     assert main(["--workers", "4", "--map", "loop", "--json", str(tmp_path / "figures.json")]) == 0
-    assert asked == [(n, cold, "pacman_env/PacManBot-v1", "loop") for n in (1, 4) for cold in (True, False)]
+    assert asked == [(n, cold, "pacman_env/PacManBotFlat-v0", "loop") for n in (1, 4) for cold in (True, False)]
     out = capsys.readouterr().out
     assert "      4    14.0     8.0     2.0     1.0\n" in out
     assert "4 beside one, cold: 1.27" in out

@@ -17,7 +17,7 @@ import sb3_contrib
 import stable_baselines3
 import torch
 
-from pacman_env.envs.registration import LEARNERS_ID
+from pacman_env.envs.registration import FLAT_ID
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = ROOT / "docs" / "examples" / "clients"
@@ -61,7 +61,7 @@ def evaluate() -> Any:
 )
 def test_stable_baselines3_learns_and_its_model_is_for_every_map(script: str, algorithm: Any, tmp_path: Path) -> None:
     model = algorithm.load(run(script, 300, tmp_path), device="cpu")
-    env = gym.make(LEARNERS_ID, map="maze")
+    env = gym.make(FLAT_ID, map="maze")
     observation, _ = env.reset(seed=0)
     action, _ = model.predict(observation, deterministic=True)
     assert action in env.action_space

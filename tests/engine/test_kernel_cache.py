@@ -49,7 +49,7 @@ class Listener(event.Listener):
 event.register("numba:compile", Listener())
 import gymnasium as gym
 import pacman_env
-env = gym.make("pacman_env/PacManBot-v1")
+env = gym.make("pacman_env/PacManBotFlat-v0")
 env.reset(seed=0)
 env.step(int(env.unwrapped.action_masks().argmax()))
 modules = [module for name, module in list(sys.modules.items()) if name.startswith("pacman_env")]

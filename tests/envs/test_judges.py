@@ -23,8 +23,8 @@ from gymnasium.vector import SyncVectorEnv
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.render import display as screen
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.world.maps.occupancy import shipped_maps
 from tests.envs.configurations import AXES, COVERING, CROSSED, PAIRWISE, arguments, groups, name, product
 from tests.envs.helpers import ID, make, make_vector, same

@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 import pacman_env
 from pacman_env.envs.pettingzoo_env import PACMAN
-from pacman_env.envs.registration import LEARNERS_ID
+from pacman_env.envs.registration import FLAT_ID
 from tests.envs.helpers import QUICK, make, same
 from tests.envs.test_pettingzoo_env import FAST_GHOSTS, MIXED, actions_of
 
@@ -142,5 +142,5 @@ def test_both_are_in_pettingzoos_registry(kind: Any) -> None:
     env = pettingzoo.make(kind, "pacman_env/PacManBot-v0", map="loop")
     env.reset(seed=0)
     assert env.metadata["name"] == "pacmanbot_v0"
-    learners = pettingzoo.make(kind, LEARNERS_ID, map="loop")
+    learners = pettingzoo.make(kind, FLAT_ID, map="loop")
     assert set(learners.observation_space(PACMAN).keys()) == {"observation", "action_mask"}

@@ -31,10 +31,10 @@ def twins(discount_per_s: float = 1.0, seed: int = 3, **chosen: Any) -> tuple[Pa
     return envs
 
 
-def way(env: PacManBotEnv) -> float:
+def path_left(env: PacManBotEnv) -> float:
     """To the nearest pellet left, m, from the situation; 0 if there is none."""
-    ways = env.situation.path_robot[0, : env.batch.pellet_slots][env.batch.alive[0]]
-    return float(ways.min(initial=np.inf)) if len(ways) else 0.0
+    lengths = env.situation.path_robot[0, : env.batch.pellet_slots][env.batch.alive[0]]
+    return float(lengths.min(initial=np.inf)) if len(lengths) else 0.0
 
 
 def differences(envs: tuple[PacManBotEnv, PacManBotEnv], seed: int) -> tuple[list[tuple[float, float]], bool]:
@@ -62,29 +62,29 @@ def test_the_sum_over_an_episode_is_what_was_before_and_what_is_left(
     seen = set()
     for seed in range(3):
         envs = twins(discount_per_s, seed, timeout=timeout, **GAMES[name])
-        before = way(envs[0])
+        before = path_left(envs[0])
         found, terminated = differences(envs, seed)
         total, factor = 0.0, 1.0
         for difference, passed_s in found:
             total += factor * difference
             factor *= discount_per_s**passed_s
-        left = 0.0 if terminated else factor * way(envs[0])
+        left = 0.0 if terminated else factor * path_left(envs[0])
         assert total == pytest.approx(PROGRESS * (before - left), abs=1e-9)
         assert len(found) > 1
         seen.add(terminated)
     assert True in seen or timeout == "truncation"
 
 
-def test_a_step_is_worth_the_metres_that_the_way_became_shorter() -> None:
+def test_a_step_is_rewarded_with_the_metres_that_the_path_became_shorter() -> None:
     one, other = twins(settings={"pellets.spacing_m": 2.0, "execution.pickup_radius_m": 0.25})
     target = int(np.where(one.action_masks(), one.situation.path_robot[0], np.inf)[: one.batch.pellet_slots].argmin())
-    before, collected, approached = way(one), 0, 0.0
+    before, collected, approached = path_left(one), 0, 0.0
     for _ in range(12):
         (_, reward, *_), (_, plain, *_, info) = one.step(target), other.step(target)
-        assert reward - plain == pytest.approx(PROGRESS * (before - way(one)), abs=1e-9)
+        assert reward - plain == pytest.approx(PROGRESS * (before - path_left(one)), abs=1e-9)
         if info["collected"] == collected:
             approached += reward - plain
-        before, collected = way(one), info["collected"]
+        before, collected = path_left(one), info["collected"]
     assert approached > 0.2
 
 
@@ -124,7 +124,7 @@ def test_without_it_nothing_is_computed() -> None:
     games = PacManBotVectorEnv(2)
     games.reset(seed=0)
     games.step(np.zeros(2, dtype=np.int64))
-    assert not games._core._way.any()
+    assert not games._core._path_left.any()
     assert games.config.reward.progress == 0.0
 
 

@@ -22,8 +22,8 @@ from gymnasium.vector import AutoresetMode
 from pacman_env.config import Config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.game.round import clyde_speed_mps
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.world.navigation.navigator import SUCCEEDED
 from tests.envs.configurations import PAIRWISE, RANGES, SMALL, arguments, name
 from tests.envs.helpers import QUICK, arrays, make, make_vector, same

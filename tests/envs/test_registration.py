@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import gymnasium as gym
+import pettingzoo
 import pytest
 
 import pacman_env
-from pacman_env.envs.registration import LEARNERS_ID
+from pacman_env.envs.registration import FLAT_ID, FORMER_FLAT_ID
 from tests.envs.helpers import ID
 
+HAS_REGISTRY = pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry")
 
-def test_importing_registers_both_environments_under_one_id() -> None:
+
+def test_an_id_is_of_the_single_and_the_vector_environment() -> None:
     spec = gym.spec(ID)
     assert spec.entry_point == "pacman_env.envs.pacmanbot:PacManBotEnv"
     assert spec.vector_entry_point == "pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv"
@@ -56,11 +61,52 @@ def test_gymnasium_finds_the_id_by_module() -> None:
 
 
 @pytest.mark.parametrize("first", ["pacman_env", "pettingzoo"])
-def test_pettingzoo_knows_both_names_whichever_is_imported_first(first: str) -> None:
+def test_pettingzoo_knows_the_names_whichever_is_imported_first(first: str) -> None:
     second = {"pacman_env": "pettingzoo", "pettingzoo": "pacman_env"}[first]
+    names = sorted([ID, FLAT_ID, FORMER_FLAT_ID])
     code = (
         f"import {first}, {second}; known = getattr(pettingzoo, 'parallel_registry', None);"
-        f"print(known is None or sorted(n for n in known if n.startswith('pacman_env')) == {[ID, LEARNERS_ID]})"
+        f"print(known is None or sorted(n for n in known if n.startswith('pacman_env')) == {names})"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "True"
+
+
+@pytest.mark.parametrize("env_id", [ID, FLAT_ID])
+def test_nothing_warns(env_id: str) -> None:
+    code = f"import gymnasium, pacman_env; gymnasium.make({env_id!r})"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_the_unversioned_id_is_the_robots_game() -> None:
+    with pytest.warns(UserWarning, match=f"latest versioned environment `{ID}`"):  # Gymnasium's word on all such ids
+        env = gym.make(ID.removesuffix("-v0"), map="loop")
+    assert env.spec is not None
+    assert env.spec.id == ID
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        gym.make,
+        gym.make_vec,
+        pytest.param(lambda name: pettingzoo.make("parallel", name), marks=HAS_REGISTRY),
+        pytest.param(lambda name: pettingzoo.make("aec", name), marks=HAS_REGISTRY),
+    ],
+    ids=["make", "make_vec", "parallel", "aec"],
+)
+def test_the_former_id_is_refused_with_the_name_of_today(make: Callable[[str], Any]) -> None:
+    with pytest.raises(gym.error.DeprecatedEnv, match=rf"^{FORMER_FLAT_ID} is {FLAT_ID} since 1\.0$"):
+        make(FORMER_FLAT_ID)
+
+
+@pytest.mark.parametrize("library", ["gymnasium", pytest.param("pettingzoo", marks=HAS_REGISTRY)])
+def test_a_library_that_was_only_looked_up_is_registered_with_when_it_is_imported(library: str) -> None:
+    code = (
+        f"import importlib.util, sys, pacman_env\nfor _ in range(2): importlib.util.find_spec({library!r})\n"
+        f"import {library}, importlib\nregistry = getattr({library}, 'registry', None) or {library}.parallel_registry\n"
+        f"print({ID!r} in registry, [f for f in sys.meta_path if getattr(f, '_module', '') == {library!r}])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "True []"

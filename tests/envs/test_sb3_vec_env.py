@@ -21,8 +21,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
 from pacman_env.config import ConfigError
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.policies.registry import make_policy
+from pacman_env.sb3 import PacManBotVecEnv
 from tests.calls import calls_of
 from tests.envs.helpers import ID, QUICK, arrays, make_vector, same
 
@@ -289,11 +289,9 @@ def test_what_are_no_actions_is_named_and_changes_nothing() -> None:
     assert same(env.step(np.array([1, 2])), twin.step(np.array([1, 2])))
 
 
-def test_version_1_has_the_defaults_of_pacmanbot_v1() -> None:
-    native = PacManBotVecEnv(2, version=1, map="loop")
-    assert native.observation_space == gym.make("pacman_env/PacManBot-v1", map="loop").observation_space
-    assert PacManBotVecEnv(2, version=1, map="loop", decide="tick").env.config.decisions.when == "tick"
-    with pytest.raises(ValueError, match="version = 2: must be 0 or 1"):
-        PacManBotVecEnv(2, version=2)
-    with pytest.raises(TypeError, match=r"\['version'\] given with an environment that is made already"):
-        PacManBotVecEnv(native.env, version=1)
+def test_flat_has_the_defaults_of_pacmanbotflat() -> None:
+    native = PacManBotVecEnv(2, flat=True, map="loop")
+    assert native.observation_space == gym.make("pacman_env/PacManBotFlat-v0", map="loop").observation_space
+    assert PacManBotVecEnv(2, flat=True, map="loop", decide="tick").env.config.decisions.when == "tick"
+    with pytest.raises(TypeError, match=r"\['flat'\] given with an environment that is made already"):
+        PacManBotVecEnv(native.env, flat=True)

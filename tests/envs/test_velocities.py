@@ -12,7 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.sb3 import PacManBotVecEnv
 from tests.envs.helpers import make, make_vector, same
 
 UNIT: dict[str, Any] = {"action": "velocity", "action_range": "unit"}

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy, policy_names, register
+from pacman_env.policies.registry import make_policy, policy_names, register_policy
 from tests.policies.contract import PolicyContract
 
 
@@ -55,7 +55,7 @@ def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
 
 def test_a_name_is_given_once() -> None:
     with pytest.raises(ValueError, match="'nearest' is registered already"):
-        register("nearest", lambda: make_policy("random"))
+        register_policy("nearest", lambda: make_policy("random"))
 
 
 def test_the_registry_needs_neither_torch_nor_the_environments() -> None:

@@ -40,8 +40,9 @@ def test_the_scripts_of_the_development_environment_run(tmp_path: Path) -> None:
     command = [sys.executable, str(SCRIPTS / "gymnasium_wrappers.py"), "--map", "house", "--decisions", "100"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    for said in ("single TimeAwareObservation: v0 v1", "vector RecordEpisodeStatistics: v0 v1", "RecordVideo:"):
-        assert said in done.stdout
+    both = "PacManBot-v0 PacManBotFlat-v0"
+    for line in (f"single TimeAwareObservation: {both}", f"vector RecordEpisodeStatistics: {both}", "RecordVideo:"):
+        assert line in done.stdout
     assert done.stdout.count("sync, async, vector_entry_point are equal") == 2
 
 

@@ -106,7 +106,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     policy = pytest.importorskip("pacman_env.training.policy")
     from sb3_contrib import MaskablePPO
 
-    from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+    from pacman_env.sb3 import PacManBotVecEnv
 
     env = PacManBotVecEnv(2, map="house", observation="planner")
     path = tmp_path_factory.mktemp("run") / "run.zip"

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.maps.generated import TEST_LEVEL
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training.arguments import Arguments

@@ -14,7 +14,7 @@ pytest.importorskip("sb3_contrib")
 
 from stable_baselines3.common.monitor import Monitor
 
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.training.parts import PartedGames
 from tests.envs.helpers import QUICK
 

@@ -13,7 +13,7 @@ pytest.importorskip("sb3_contrib")
 import torch
 from sb3_contrib import MaskablePPO
 
-from pacman_env.envs.sb3_vec_env import Observation, PacManBotVecEnv
+from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.training.games import TrainingGames, make_games
 from pacman_env.training.policy import EntityPolicy
 from tests.training.test_arguments import tiny

@@ -58,7 +58,7 @@ rng = np.random.default_rng(args.seed)
 # As CleanRL's loop expects it, the observation after an end is the first of the next round. Without SAME_STEP, a step
 # after each end would do nothing but reset, and be learned from.
 envs = gym.make_vec(
-    "pacman_env/PacManBot-v1",
+    "pacman_env/PacManBotFlat-v0",
     num_envs=args.num_envs,
     vectorization_mode="vector_entry_point",
     autoreset_mode=AutoresetMode.SAME_STEP,
@@ -91,7 +91,7 @@ for iteration in range(num_iterations):
             logprobs[step] = policy.log_prob(actions[step])
             values[step] = agent.critic(next_obs).flatten()
         seen, reward, terminations, truncations, _ = envs.step(actions[step].numpy())
-        # v1 terminates at its time limit, so no value is to be added to a last reward.
+        # PacManBotFlat terminates at its time limit, so no value is to be added to a last reward.
         next_done = torch.from_numpy(terminations | truncations).float()
         rewards[step] = torch.from_numpy(reward)
         next_obs, next_mask = torch.from_numpy(seen), torch.from_numpy(games.action_masks())

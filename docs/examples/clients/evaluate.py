@@ -11,19 +11,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.envs.outcome import OUTCOMES
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.envs.registration import LEARNERS_DEFAULTS
-from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.policies.registry import make_policy
+from pacman_env import OUTCOMES, PacManBotVectorEnv, make_policy, paired_difference, wilson
 
 Choose = Callable[[Any, NDArray[np.bool_]], NDArray[Any]]
 BASELINES = ("nearest", "random")
 BATCH = 50  # games at once
 COMPLETE = list(OUTCOMES).index("complete")
+FLAT_DEFAULTS = gym.spec("pacman_env/PacManBotFlat-v0").kwargs
 
 
 def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParser:
@@ -42,7 +40,7 @@ def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParse
 def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **arguments: Any) -> NDArray[np.bool_]:
     """(rounds,) which rounds a model completes on a map; round k is the same for every model.
 
-    ``arguments``: of the environment, other than those of ``PacManBot-v1``.
+    ``arguments``: of the environment, other than those of ``PacManBotFlat-v0``.
     """
 
     def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:
@@ -51,7 +49,7 @@ def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **argu
             observation, *_, info = env.step(choose(observation, env.action_masks()))
         return info["outcome"]
 
-    return _played(play, map, rounds, seed, {**LEARNERS_DEFAULTS, **arguments}) == COMPLETE
+    return _played(play, map, rounds, seed, {**FLAT_DEFAULTS, **arguments}) == COMPLETE
 
 
 def baseline(name: str, map: str, rounds: int = 200, seed: int = 0) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Gymnasium's wrappers: each on PacManBot-v0 (a ``Dict``) and PacManBot-v1 (one array), single and vector.
+"""Gymnasium's wrappers: each on PacManBot-v0 (a ``Dict``) and PacManBotFlat-v0 (one array), single and vector.
 
 A row of ``SINGLE`` and ``VECTOR`` says with which arguments of ``gym.make`` or ``gym.make_vec`` a wrapper works.
 """
@@ -19,7 +19,7 @@ from gymnasium.wrappers import vector
 
 import pacman_env  # noqa: F401 - registers the environments
 
-V0, V1 = "pacman_env/PacManBot-v0", "pacman_env/PacManBot-v1"
+ROBOT, FLAT = "pacman_env/PacManBot-v0", "pacman_env/PacManBotFlat-v0"
 
 
 class Row(NamedTuple):
@@ -27,7 +27,7 @@ class Row(NamedTuple):
 
     wrap: Callable[[Any], Any]
     arguments: dict[str, Any] = {}  # noqa: RUF012 - never written to
-    ids: tuple[str, ...] = (V0, V1)
+    ids: tuple[str, ...] = (ROBOT, FLAT)
     module: str = ""  # of Gymnasium's extra for it
 
 
@@ -42,9 +42,9 @@ SINGLE: dict[str, Row] = {
     "FlattenObservation": Row(wrappers.FlattenObservation),
     "FrameStackObservation": Row(lambda env: wrappers.FrameStackObservation(env, 4)),
     "DelayObservation": Row(lambda env: wrappers.DelayObservation(env, 2)),
-    "FilterObservation": Row(lambda env: wrappers.FilterObservation(env, ["robot", "clyde"]), ids=(V0,)),
-    "NormalizeObservation": Row(wrappers.NormalizeObservation, ids=(V1,)),
-    "NormalizeObservation, flat": Row(wrappers.NormalizeObservation, {"observation": ("features", "flat")}, (V0,)),
+    "FilterObservation": Row(lambda env: wrappers.FilterObservation(env, ["robot", "clyde"]), ids=(ROBOT,)),
+    "NormalizeObservation": Row(wrappers.NormalizeObservation, ids=(FLAT,)),
+    "NormalizeObservation, flat": Row(wrappers.NormalizeObservation, {"observation": ("features", "flat")}, (ROBOT,)),
     "NormalizeReward": Row(wrappers.NormalizeReward),
     "ClipReward": Row(lambda env: wrappers.ClipReward(env, -1, 1)),
     "StickyAction": Row(lambda env: wrappers.StickyAction(env, 0.25)),
@@ -53,8 +53,8 @@ SINGLE: dict[str, Row] = {
 }
 VECTOR: dict[str, Row] = {
     "FlattenObservation": Row(vector.FlattenObservation),
-    "NormalizeObservation": Row(vector.NormalizeObservation, ids=(V1,)),
-    "NormalizeObservation, flat": Row(vector.NormalizeObservation, {"observation": ("features", "flat")}, (V0,)),
+    "NormalizeObservation": Row(vector.NormalizeObservation, ids=(FLAT,)),
+    "NormalizeObservation, flat": Row(vector.NormalizeObservation, {"observation": ("features", "flat")}, (ROBOT,)),
     "NormalizeReward": Row(vector.NormalizeReward),
     "ClipReward": Row(lambda envs: vector.ClipReward(envs, -1, 1)),
     "RecordEpisodeStatistics": Row(vector.RecordEpisodeStatistics),
@@ -84,16 +84,17 @@ def each_wrapper(rows: dict[str, Row], make: Callable[..., Any], kind: str, deci
             continue
         for env_id in row.ids:
             play(row.wrap(make(env_id, **row.arguments)), decisions, seed)
+        names = " ".join(env_id.removeprefix("pacman_env/") for env_id in row.ids)
         given = ", ".join(f"{key}={value!r}" for key, value in row.arguments.items())
-        print(f"{kind} {name}: {' '.join(env_id[-2:] for env_id in row.ids)} {given}".rstrip())
+        print(f"{kind} {name}: {names} {given}".rstrip())
 
 
 def videos(map: str, seed: int) -> None:
     """A video of a game, and one of two games side by side."""
     with tempfile.TemporaryDirectory() as folder:
         short = {"map": map, "render_mode": "rgb_array", "max_episode_steps": 4}
-        play(wrappers.RecordVideo(gym.make(V1, **short), f"{folder}/one", lambda k: k == 0), 6, seed)
-        envs = gym.make_vec(V1, num_envs=2, map=map, render_mode="rgb_array")
+        play(wrappers.RecordVideo(gym.make(FLAT, **short), f"{folder}/one", lambda k: k == 0), 6, seed)
+        envs = gym.make_vec(FLAT, num_envs=2, map=map, render_mode="rgb_array")
         play(vector.RecordVideo(envs, f"{folder}/two", step_trigger=lambda k: k == 0, video_length=4), 6, seed)
         files = sorted(Path(folder).glob("*/*.mp4"))
         assert len(files) >= 2, files
@@ -102,7 +103,7 @@ def videos(map: str, seed: int) -> None:
 
 def every_vectorization(map: str, decisions: int, seed: int) -> None:
     """By its id, in one process, in several, and natively, the same games; also with fewer decisions to an episode."""
-    for env_id in (V0, V1):
+    for env_id in (ROBOT, FLAT):
         seen = {}
         for mode in ("sync", "async", "vector_entry_point"):
             envs = gym.make_vec(env_id, num_envs=2, vectorization_mode=mode, map=map, max_episode_steps=5)

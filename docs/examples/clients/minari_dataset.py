@@ -17,17 +17,17 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from pacman_env.policies.registry import make_policy
+from pacman_env import make_policy
 
-V0, V1 = "pacman_env/PacManBot-v0", "pacman_env/PacManBot-v1"
+ROBOT, FLAT = "pacman_env/PacManBot-v0", "pacman_env/PacManBotFlat-v0"
 #: By name: the environment's id, its arguments, and those of the collector.
 DATASETS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
-    "flat": (V1, {}, {}),
-    "flat-all-candidates": (V1, {"candidates": "all", "mask": "beside"}, {}),
-    "features": (V0, {}, {}),
-    "scan-grid": (V0, {"observation": ("scan", "grid")}, {"jpeg_encoding": False}),
-    "planner-two-ghosts": (V0, {"observation": "planner", "ghosts": ("wander", "nearest")}, {}),
-    "velocity": (V0, {"observation": "scan", "action": "velocity"}, {}),
+    "flat": (FLAT, {}, {}),
+    "flat-all-candidates": (FLAT, {"candidates": "all", "mask": "beside"}, {}),
+    "features": (ROBOT, {}, {}),
+    "scan-grid": (ROBOT, {"observation": ("scan", "grid")}, {"jpeg_encoding": False}),
+    "planner-two-ghosts": (ROBOT, {"observation": "planner", "ghosts": ("wander", "nearest")}, {}),
+    "velocity": (ROBOT, {"observation": "scan", "action": "velocity"}, {}),
 }
 
 

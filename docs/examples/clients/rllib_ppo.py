@@ -1,4 +1,4 @@
-"""RLlib: PPO on PacManBot-v1 by its id, and with RLlib's own module for masks.
+"""RLlib: PPO on PacManBotFlat-v0 by its id, and with RLlib's own module for masks.
 
 Workers are processes of their own: the id begins with ``pacman_env:``, so that each imports the package. The module for
 masks, one of RLlib's examples, reads ``observations`` and ``action_mask``; a wrapper renames the first.
@@ -17,7 +17,7 @@ from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.examples.rl_modules.classes.action_masking_rlm import ActionMaskingTorchRLModule
 
-ENV_ID = "pacman_env:pacman_env/PacManBot-v1"
+ENV_ID = "pacman_env:pacman_env/PacManBotFlat-v0"
 
 
 class Masked(gym.ObservationWrapper[Any, Any, Any]):

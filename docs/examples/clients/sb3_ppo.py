@@ -4,12 +4,12 @@ import stable_baselines3
 import torch
 from evaluate import parser, report
 
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.sb3 import PacManBotVecEnv
 
 args = parser(__doc__).parse_args()
 torch.set_num_threads(1)  # a network this small is fastest on one core
 
-env = PacManBotVecEnv(args.num_envs, version=1, map=args.map)
+env = PacManBotVecEnv(args.num_envs, flat=True, map=args.map)
 model = stable_baselines3.PPO("MlpPolicy", env, seed=args.seed, verbose=1, device="cpu")
 model.learn(args.decisions)
 if args.save:

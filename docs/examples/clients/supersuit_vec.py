@@ -1,7 +1,7 @@
 """SuperSuit: the two-player game as one vector environment of all agents, stacked and padded.
 
-The game is the two-player PacManBot-v1, where every agent has one array; ``mask="info"`` leaves the mask out of it, so
-that ``frame_stack``, ``pad_observations`` and all other wrappers for arrays take it.
+The game is the two-player PacManBotFlat-v0, where every agent has one array; ``mask="info"`` leaves the mask out of it,
+so that ``frame_stack``, ``pad_observations`` and all other wrappers for arrays take it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import supersuit
 import pacman_env  # noqa: F401 - registers the environments
 
 GAMES = 2
-ENV_ID = "pacman_env/PacManBot-v1"
+ENV_ID = "pacman_env/PacManBotFlat-v0"
 
 
 def vectorized(game: Any, processes: int = 0) -> Any:
@@ -57,6 +57,7 @@ def main() -> None:
         "pad_observations_v0": lambda: vectorized(supersuit.pad_observations_v0(game(observation=("scan", "flat")))),
         "agent_indicator_v0": lambda: vectorized(supersuit.agent_indicator_v0(game())),
         "clip_reward_v0": lambda: vectorized(supersuit.clip_reward_v0(game(), -1, 1)),
+        "frame_skip_v0": lambda: vectorized(supersuit.frame_skip_v0(game(), (2, 4))),
         "sticky_actions_v0": lambda: vectorized(supersuit.sticky_actions_v0(game(), 0.25)),
     }
     steps = max(arguments.decisions // (2 * GAMES * len(made)), 40)  # an episode ends in them

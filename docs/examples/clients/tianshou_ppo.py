@@ -1,7 +1,7 @@
-"""Tianshou: PPO on PacManBot-v1, without and with the mask, and its wrapper of the two-player game.
+"""Tianshou: PPO on PacManBotFlat-v0, without and with the mask, and its wrapper of the two-player game.
 
 Without the mask nothing is needed. With it an actor reads the two parts that ``mask="beside"`` gives. Tianshou's
-``PettingZooEnv`` expects the same two parts of every agent, which the two-player PacManBot-v1 has.
+``PettingZooEnv`` expects the same two parts of every agent, which the two-player PacManBotFlat-v0 has.
 """
 
 from __future__ import annotations
@@ -86,29 +86,29 @@ def train(algorithm: Any, make: Any, decisions: int, seed: int) -> Collector:
 
 
 def one_player(map: str, decisions: int, seed: int, masked: bool) -> None:
-    """PacManBot-v1 by its id."""
+    """PacManBotFlat-v0 by its id."""
     named: dict[str, Any] = {"mask": "beside"} if masked else {}
 
     def make() -> gym.Env[Any, Any]:
-        return gym.make("pacman_env/PacManBot-v1", map=map, **named)
+        return gym.make("pacman_env/PacManBotFlat-v0", map=map, **named)
 
     env = make()
     space = env.observation_space["observation"] if masked else env.observation_space
     collector = train(ppo(space, env.action_space, masked), make, decisions, seed)
     batch, _ = collector.buffer.sample(0)
-    said = ""
+    note = ""
     if masked:
         allowed = batch.obs.action_mask[np.arange(len(batch)), batch.act]
         assert allowed.all()
-        said = ", no choice was forbidden"
-    print(f"one player, {'masked' if masked else 'no mask'}: {len(batch)} decisions after training{said}")
+        note = ", no choice was forbidden"
+    print(f"one player, {'masked' if masked else 'no mask'}: {len(batch)} decisions after training{note}")
 
 
 def two_players(map: str, decisions: int, seed: int) -> None:
     """Pac-Man and Clyde, each with a PPO of his own."""
 
     def make() -> PettingZooEnv:
-        return PettingZooEnv(pettingzoo.make("aec", "pacman_env/PacManBot-v1", map=map, max_cycles=100))
+        return PettingZooEnv(pettingzoo.make("aec", "pacman_env/PacManBotFlat-v0", map=map, max_cycles=100))
 
     env = make()
     algorithms = [ppo(env.observation_space["observation"], env.action_space, masked=True) for _ in env.agents]

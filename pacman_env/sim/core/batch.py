@@ -43,6 +43,7 @@ _MAPS = (
 class GameBatch:
     """N games under one configuration, on one map or each on a map of its own.
 
+    Arrays have a row for each game, (N, ...); numbers, seeds and levels of chosen games are (M,).
     Candidates are numbered: ``pellet_slots`` pellets, ``refuge_slots`` refuges (those beyond the map's are padding),
     hold.
     """

@@ -8,6 +8,7 @@ picture need the map as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -33,7 +34,7 @@ FLAT = "flat"
 MASK = "action_mask"  # in every observation whose actions are candidates, whatever its kinds
 
 
-class Part(NamedTuple):
+class ObservationPart(NamedTuple):
     """One array of an observation of one game."""
 
     low: float | NDArray[Any]  # least value, or that of each element
@@ -49,7 +50,7 @@ class ObservationKind(Protocol):
 
     name: str
 
-    def parts(self, batch: GameBatch) -> dict[str, Part]:
+    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
         """The arrays that it adds, by key."""
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
@@ -71,9 +72,9 @@ def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
     }
 
 
-def mask_part(batch: GameBatch) -> Part:
+def mask_part(batch: GameBatch) -> ObservationPart:
     """Which candidates may be chosen."""
-    return Part(0, 1, (batch.candidates,), np.int8, by_candidate=True)
+    return ObservationPart(0, 1, (batch.candidates,), np.int8, by_candidate=True)
 
 
 class Features:
@@ -81,7 +82,7 @@ class Features:
 
     name = "features"
 
-    def parts(self, batch: GameBatch) -> dict[str, Part]:
+    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
         """One array per group of columns."""
         known, ghosts = bounds(batch), len(batch.config.clyde.ghosts)
         rows = {"candidates": (batch.candidates,), "ghosts": (ghosts,)}
@@ -90,7 +91,7 @@ class Features:
             low, high = np.array([known.get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
             shape = (*rows.get(key, ()), len(columns))
             low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
-            parts[key] = Part(low, high, shape, np.float32, columns, key == "candidates")
+            parts[key] = ObservationPart(low, high, shape, np.float32, columns, key == "candidates")
         if ghosts == 1:
             del parts["ghosts"]
         return parts
@@ -105,12 +106,12 @@ class Planner:
 
     name = "planner"
 
-    def parts(self, batch: GameBatch) -> dict[str, Part]:
+    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
         """Of each candidate, and of the whole."""
         shape = batch.candidates, len(CANDIDATE_FEATURES)
         return {
-            "planner_candidates": Part(-10.0, 10.0, shape, np.float32, by_candidate=True),
-            "planner_globals": Part(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
+            "planner_candidates": ObservationPart(-10.0, 10.0, shape, np.float32, by_candidate=True),
+            "planner_globals": ObservationPart(-50.0, 50.0, (len(GLOBAL_FEATURES),), np.float32),
         }
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
@@ -124,7 +125,7 @@ class Bearings:
 
     name = "bearings"
 
-    def parts(self, batch: GameBatch) -> dict[str, Part]:
+    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
         """The nearest pellets, every ghost."""
         pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
         return {
@@ -145,10 +146,10 @@ class Scan:
 
     name = "scan"
 
-    def parts(self, batch: GameBatch) -> dict[str, Part]:
+    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
         """The ranges, m."""
         config = batch.config.observation
-        return {"scan": Part(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32)}
+        return {"scan": ObservationPart(config.scan_minimum_m, config.scan_maximum_m, (config.scan_rays,), np.float32)}
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
         """From where the robots truly are."""
@@ -176,10 +177,10 @@ class Grid:
 
     name = "grid"
 
-    def parts(self, batch: GameBatch) -> dict[str, Part]:
+    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
         """The picture, 0 or 255."""
         size = batch.config.observation.grid_pixels
-        return {"grid": Part(0, 255, (size, size, CHANNELS), np.uint8)}
+        return {"grid": ObservationPart(0, 255, (size, size, CHANNELS), np.uint8)}
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
         """Around the believed poses."""
@@ -208,6 +209,7 @@ KINDS: Registry[Callable[[], ObservationKind]] = Registry(
     "pacman_env.observations",
     {kind.name: kind for kind in _OWN},
 )
+register_observation = KINDS.register
 
 
 def kinds_shown(config: ObservationConfig, action: str) -> list[str]:
@@ -246,7 +248,7 @@ class Observer:
             self._kinds = [KINDS.find(name)() for name in kinds_shown(config, action)]
         except PluginError as error:
             raise ConfigError(f"observation.kinds = {config.kinds!r}: {error}") from None
-        found: dict[str, Part] = {MASK: mask_part(batch)} if self._masked else {}
+        found: dict[str, ObservationPart] = {MASK: mask_part(batch)} if self._masked else {}
         for kind in self._kinds:
             for key, part in kind.parts(batch).items():
                 if key in found:
@@ -286,16 +288,16 @@ class Observer:
         rows = [array.reshape(len(array), -1) for array in observation.values()]
         return {FLAT: np.concatenate(rows, axis=1, dtype=np.float32)}
 
-    def _scale(self, key: str, part: Part) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    def _scale(self, key: str, part: ObservationPart) -> Callable[[NDArray[Any]], NDArray[Any]]:
         if part.columns:
             return Scale(part.columns, self._batch.config.time_limit_s)
         low, high = np.asarray(part.low, dtype=np.float32), np.asarray(part.high, dtype=np.float32)
         if part.dtype == np.uint8 or not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise ConfigError(f"observation.normalize: {key!r} has no bounds to divide by, or is a picture")
         middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))
-        return lambda array: np.clip((array - middle) / half, -1.0, 1.0).astype(np.float32)
+        return partial(_within_1, middle=middle, half=half)
 
-    def _flattened(self, parts: Mapping[str, Part]) -> Part:
+    def _flattened(self, parts: Mapping[str, ObservationPart]) -> ObservationPart:
         for key, part in parts.items():
             if part.dtype == np.uint8:
                 raise ConfigError(f"observation.flat: {key!r} is a picture, which is not laid out as numbers in a row")
@@ -303,17 +305,17 @@ class Observer:
             (np.broadcast_to(p.low, p.shape).ravel(), np.broadcast_to(p.high, p.shape).ravel()) for p in parts.values()
         ]
         low, high = (np.concatenate(side).astype(np.float32) for side in zip(*ends, strict=True))
-        return Part(low, high, low.shape, np.float32)
+        return ObservationPart(low, high, low.shape, np.float32)
 
 
-def _rows(count: int, columns: Columns) -> Part:
+def _rows(count: int, columns: Columns) -> ObservationPart:
     """So many rows of these columns."""
     low, high = np.array([limits for _, *limits, _ in columns], dtype=np.float32).T
     shape = count, len(columns)
-    return Part(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
+    return ObservationPart(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
 
 
-def _listed(part: Part, count: int) -> Part:
+def _listed(part: ObservationPart, count: int) -> ObservationPart:
     """A part with so many candidates, of which some may be nobody: 0."""
     if not part.by_candidate:
         return part
@@ -323,5 +325,9 @@ def _listed(part: Part, count: int) -> Part:
     return part._replace(low=np.broadcast_to(low, shape), high=np.broadcast_to(high, shape), shape=shape)
 
 
-def _unit(part: Part) -> Part:
+def _within_1(array: NDArray[Any], middle: NDArray[Any], half: NDArray[Any]) -> NDArray[np.float32]:
+    return np.clip((array - middle) / half, -1.0, 1.0).astype(np.float32)
+
+
+def _unit(part: ObservationPart) -> ObservationPart:
     return part._replace(low=-1.0, high=1.0, dtype=np.float32)

@@ -53,7 +53,11 @@ LAYOUT = Layout(
 
 @dataclass(frozen=True)
 class Situation:
-    """N situations with C candidates each."""
+    """N situations with C candidates and G ghosts each; m, rad and s in the map frame.
+
+    Arrays are (N,) per situation, (N, C) per candidate: ``kind``, ``mask``, ``path_robot``, ``path_clyde``, ``goal``;
+    ``position`` is (N, C, 2), ``robot`` (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5).
+    """
 
     time_s: NDArray[np.float64]  # (N,) since the round began
     robot: NDArray[np.float64]  # (N, 3) x, y, heading as believed

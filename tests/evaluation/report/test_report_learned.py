@@ -17,11 +17,11 @@ pytest.importorskip("sb3_contrib")
 from sb3_contrib import MaskablePPO
 
 from pacman_env.config import make_config
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.evaluation.replay.__main__ import main as replay
 from pacman_env.evaluation.report.__main__ import main
 from pacman_env.policies.metadata import read_planner
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.training.checkpoint import facts_path, load_network, write_facts
 from pacman_env.training.export import export_planner

@@ -2,7 +2,7 @@
 
 import math
 
-from pacman_env.game.ghosts import Behaviour, GhostView
+from pacman_env import Behaviour, GhostView
 
 
 def ambush(view: GhostView, parameters: tuple[float, ...]) -> tuple[float, float]:

@@ -1,23 +1,21 @@
 """An observation kind: where the nearest pellet is."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.observation.kinds import Part
-from pacman_env.sim.observation.robot_features import Observation
-from pacman_env.sim.observation.situation import PELLET, Situation
+from pacman_env import PELLET, GameBatch, ObservationPart, Situation
 
 
 class Compass:
-    """The straight way to the nearest pellet, in the map frame."""
+    """The vector to the nearest pellet, in the map frame."""
 
     name = "compass"
 
-    def parts(self, batch: GameBatch) -> dict[str, Part]:
+    def parts(self, batch: GameBatch) -> dict[str, ObservationPart]:
         """``compass`` (2,): east and north, m; zeros where no pellet may be chosen."""
-        return {"compass": Part(-100.0, 100.0, (2,), np.float32)}
+        return {"compass": ObservationPart(-100.0, 100.0, (2,), np.float32)}
 
-    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
+    def fill(self, batch: GameBatch, situation: Situation) -> dict[str, NDArray[np.float32]]:
         """(N, 2)."""
         away = situation.position - situation.robot[:, None, :2]
         shown = situation.mask & (situation.kind == PELLET)

@@ -3,12 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.policies.base import BasePolicy
-from pacman_env.sim.observation.situation import PELLET, Situation
+from pacman_env import PELLET, BasePolicy, Situation
 
 
 class Shy(BasePolicy):
-    """The pellet with the longest way from Clyde, ``haste`` times the robot's own way taken off."""
+    """The pellet with the longest path from Clyde, less ``haste`` times the robot's own path."""
 
     name = "shy"
 

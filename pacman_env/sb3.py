@@ -20,10 +20,12 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from ..sim.observation.robot_features import Observation
-from .arguments import check_render_mode
-from .pacmanbot_vector import PacManBotVectorEnv
-from .registration import LEARNERS_DEFAULTS
+from .envs.arguments import check_render_mode
+from .envs.pacmanbot_vector import PacManBotVectorEnv
+from .envs.registration import FLAT_DEFAULTS
+from .sim.observation.robot_features import Observation
+
+__all__ = ["PacManBotVecEnv"]
 
 _FINAL = ("final_obs", "final_info")
 _METHODS = ("action_masks", "render")  # those that a single environment has too
@@ -34,7 +36,7 @@ class PacManBotVecEnv(VecEnv):
     """Many games at once for Stable-Baselines3 and sb3-contrib.
 
     ```python
-    env = PacManBotVecEnv(8, version=1, map="generated", settings={"clyde.speed_mps": 0.35})
+    env = PacManBotVecEnv(8, flat=True, map="generated", settings={"clyde.speed_mps": 0.35})
     model = sb3_contrib.MaskablePPO("MlpPolicy", env)
     ```
 
@@ -42,39 +44,40 @@ class PacManBotVecEnv(VecEnv):
     environment's info and ``TimeLimit.truncated``; at the end of an episode, ``terminal_observation`` and
     ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s since this object was made). The games of a
     batch share their attributes, so an attribute can be set for all of them only. ``env_is_wrapped(Monitor)`` is true
-    because episodes are reported as by ``Monitor``.
+    because episodes are reported as by ``Monitor``; with ``monitor=False`` they are not, for SB3's ``VecMonitor``.
 
     With ``infos="ends"``, which saves time, ``infos[i]`` is empty but at the end of an episode, and holds no
     ``terminal_observation`` then.
     """
 
-    def __init__(self, env: PacManBotVectorEnv | int = 64, *, version: int = 0, **arguments: Any) -> None:
+    def __init__(
+        self, env: PacManBotVectorEnv | int = 64, *, flat: bool = False, monitor: bool = True, **arguments: Any
+    ) -> None:
         """Take a vector environment, or make one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
 
         Args:
             env: the environment, or the number of games.
-            version: 1: arguments that are not given are those of ``PacManBot-v1``.
+            flat: arguments that are not given are those of ``PacManBotFlat-v0``.
+            monitor: report ``episode`` at its end; False leaves that to a ``VecMonitor`` around this environment.
             arguments: of ``PacManBotVectorEnv``.
 
         Raises:
             TypeError: ``env`` is neither, or arguments come with an environment that is made already.
-            ValueError: the autoreset mode is not ``SAME_STEP``, there is no such version, or an argument cannot be
-                played.
+            ValueError: the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
         """
-        if version not in (0, 1):
-            raise ValueError(f"version = {version!r}: must be 0 or 1, as in PacManBot-v0 and PacManBot-v1")
         if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
-            defaults = {"autoreset_mode": AutoresetMode.SAME_STEP, **(LEARNERS_DEFAULTS if version else {})}
+            defaults = {"autoreset_mode": AutoresetMode.SAME_STEP, **(FLAT_DEFAULTS if flat else {})}
             env = PacManBotVectorEnv(int(env), **{**defaults, **arguments})
         elif not isinstance(env, PacManBotVectorEnv):
             raise TypeError(f"env = {env!r}: must be a number of games or a PacManBotVectorEnv")
-        elif arguments or version:
-            named = sorted(arguments | ({"version": version} if version else {}))
+        elif arguments or flat:
+            named = sorted(arguments | ({"flat": flat} if flat else {}))
             raise TypeError(f"{named} given with an environment that is made already")
         if env.autoreset_mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {env.autoreset_mode}: Stable-Baselines3 needs AutoresetMode.SAME_STEP")
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._monitor = monitor
         self._start = time.time()
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, dtype=np.int64)
@@ -113,7 +116,7 @@ class PacManBotVecEnv(VecEnv):
         self._returns += rewards
         self._lengths += 1
         cut = truncated & ~terminated
-        rows = _rows(infos, **{"TimeLimit.truncated": cut}) if self.env.tells_all else [{} for _ in dones]
+        rows = _rows(infos, **{"TimeLimit.truncated": cut}) if self.env.reports_all else [{} for _ in dones]
         if dones.any():
             self._end_episodes(np.flatnonzero(dones).tolist(), rows, infos, cut)
         return observations, rewards.astype(np.float32), dones, rows
@@ -128,9 +131,10 @@ class PacManBotVecEnv(VecEnv):
             row = rows[i]
             self.reset_infos[i] = {key: row[key] for key in row if key != "TimeLimit.truncated"}
             row.update(final[i])
-            if self.env.tells_all:
+            if self.env.reports_all:
                 row["terminal_observation"] = infos["final_obs"][i]
-            row["episode"] = {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": elapsed}
+            if self._monitor:
+                row["episode"] = {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": elapsed}
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
 
@@ -187,8 +191,8 @@ class PacManBotVecEnv(VecEnv):
         return [results[i] for i in self._indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Whether the wrapper is ``Monitor``, whose work is done here."""
-        return [wrapper_class is Monitor] * len(self._indices(indices))
+        """Whether the wrapper is ``Monitor`` and its work is done here."""
+        return [self._monitor and wrapper_class is Monitor] * len(self._indices(indices))
 
     def _of_games(self, method: str, *arguments: Any, **named: Any) -> Sequence[Any]:
         results = getattr(self.env, method)(*arguments, **named)

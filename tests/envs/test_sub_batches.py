@@ -1,4 +1,4 @@
-"""``send`` and ``recv``: the games in parts, one of which is stepped while somebody chooses for another."""
+"""``send`` and ``recv``: the games in sub-batches, one of which is stepped while somebody chooses for another."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def actions_of(env: PacManBotVectorEnv, rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("arguments", ARGUMENTS)
 @pytest.mark.parametrize("threads", [1, 3])
-def test_games_in_parts_are_the_same_games(arguments: dict[str, Any], threads: int) -> None:
+def test_games_in_sub_batches_are_the_same_games(arguments: dict[str, Any], threads: int) -> None:
     whole = PacManBotVectorEnv(6, **arguments)
     parts = PacManBotVectorEnv(6, batch_size=2, num_threads=threads, **arguments)
     assert parts.observation_space == whole.observation_space
@@ -59,7 +59,7 @@ def test_games_in_parts_are_the_same_games(arguments: dict[str, Any], threads: i
 
 
 @pytest.mark.parametrize("arguments", ARGUMENTS)
-def test_step_and_reset_of_all_parts_are_those_of_one_environment(arguments: dict[str, Any]) -> None:
+def test_step_and_reset_of_all_sub_batches_are_those_of_one_environment(arguments: dict[str, Any]) -> None:
     whole, parts = (PacManBotVectorEnv(4, batch_size=size, **arguments) for size in (None, 2))
     rng = np.random.default_rng(0)
     observation, info = parts.reset(seed=0)
@@ -75,7 +75,7 @@ def test_step_and_reset_of_all_parts_are_those_of_one_environment(arguments: dic
     parts.close()
 
 
-def test_without_a_batch_size_all_games_are_one_part() -> None:
+def test_without_a_batch_size_all_games_are_one_sub_batch() -> None:
     env = PacManBotVectorEnv(3, map="house")
     env.async_reset(seed=0)
     assert env.recv()[4]["env_id"].tolist() == [0, 1, 2]
@@ -84,7 +84,7 @@ def test_without_a_batch_size_all_games_are_one_part() -> None:
     env.close()
 
 
-def test_the_situation_is_that_of_the_part_received_last() -> None:
+def test_the_situation_is_that_of_the_sub_batch_received_last() -> None:
     env = PacManBotVectorEnv(4, map="house", batch_size=2)
     env.async_reset(seed=0)
     for _ in range(2):
@@ -98,17 +98,17 @@ def test_what_cannot_be_sent_is_refused_and_nothing_is_stepped() -> None:
     env = PacManBotVectorEnv(4, map="house", batch_size=2)
     with pytest.raises(gym.error.ResetNeeded, match=r"async_reset\(\) first"):
         env.send(np.zeros(2, dtype=np.int64))
-    with pytest.raises(ValueError, match=r"nothing is under way: send\(\) first"):
+    with pytest.raises(ValueError, match=r"nothing is being stepped: send\(\) first"):
         env.recv()
     env.async_reset(seed=0)
     env.recv()
-    with pytest.raises(ValueError, match=r"games \[2, 3\] are under way"):
+    with pytest.raises(ValueError, match=r"games \[2, 3\] are being stepped"):
         env.send(np.zeros(2, dtype=np.int64), np.array([2, 3]))
-    with pytest.raises(ValueError, match=r"env_id = .*must be the games of one part"):
+    with pytest.raises(ValueError, match=r"env_id = .*must be the games of one sub-batch"):
         env.send(np.zeros(2, dtype=np.int64), np.array([0, 2]))
     with pytest.raises(ValueError, match=r"choice 1000 of game 1: candidates are 0 to"):
         env.send(np.array([0, 1000]), np.array([0, 1]))
-    with pytest.raises(ValueError, match=r"1 parts are under way"):
+    with pytest.raises(ValueError, match=r"1 sub-batches are being stepped"):
         env.step(np.zeros(4, dtype=np.int64))
     env.recv()
     env.step(np.zeros(4, dtype=np.int64))
@@ -121,7 +121,7 @@ def test_a_batch_size_that_does_not_divide_the_games_is_refused(size: Any) -> No
         PacManBotVectorEnv(4, map="house", batch_size=size)
 
 
-def test_a_copy_of_parts_goes_on_alike() -> None:
+def test_a_copy_of_sub_batches_goes_on_alike() -> None:
     env = PacManBotVectorEnv(4, map="house", batch_size=2)
     env.reset(seed=0)
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""``pacman_env/PacManBot-v1``: the arguments that a learner likes best."""
+"""``pacman_env/PacManBotFlat-v0``: the arguments that a learner likes best."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from pacman_env.config import ConfigError
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.registration import LEARNERS_DEFAULTS, LEARNERS_ID
-from pacman_env.envs.sb3_vec_env import PacManBotVecEnv
+from pacman_env.envs.registration import FLAT_DEFAULTS, FLAT_ID
 from pacman_env.policies.registry import make_policy
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.observation.situation import PELLET
 
 MAPS = ("house", "maze", "loop", "open_plan", "generated", "generated:test", "generated:wide")
 
 
 def make(**arguments: Any) -> PacManBotEnv:
-    env = gym.make(LEARNERS_ID, **arguments).unwrapped
+    env = gym.make(FLAT_ID, **arguments).unwrapped
     assert isinstance(env, PacManBotEnv)
     return env
 
@@ -115,17 +115,17 @@ def test_a_time_out_is_an_end_with_its_reward() -> None:
 
 @pytest.mark.filterwarnings("ignore:You are trying to run PPO on the GPU")
 def test_a_model_that_was_trained_on_generated_houses_plays_on_any_map(tmp_path: Path) -> None:
-    envs = PacManBotVecEnv(2, map="generated", **LEARNERS_DEFAULTS)
+    envs = PacManBotVecEnv(2, map="generated", **FLAT_DEFAULTS)
     PPO("MlpPolicy", envs, n_steps=8, batch_size=16, n_epochs=1, seed=0).learn(16).save(tmp_path / "model.zip")
     for name in ("house", "maze"):
-        games = PacManBotVecEnv(2, map=name, **LEARNERS_DEFAULTS)
+        games = PacManBotVecEnv(2, map=name, **FLAT_DEFAULTS)
         model = PPO.load(tmp_path / "model.zip", env=games, device="cpu")
         actions, _ = model.predict(games.reset(), deterministic=True)
         games.step(actions)
 
 
 def test_gymnasium_s_vector_environment_takes_the_same_arguments() -> None:
-    games = gym.make_vec(LEARNERS_ID, num_envs=3, vectorization_mode="vector_entry_point", map="house")
+    games = gym.make_vec(FLAT_ID, num_envs=3, vectorization_mode="vector_entry_point", map="house")
     observation, _ = games.reset(seed=0)
     assert observation.shape == (3, *make(map="house").observation_space.shape)
     alone = make(map="house")
@@ -152,7 +152,7 @@ def test_arguments_that_do_not_fit_are_refused_by_name(arguments: dict[str, Any]
 
 
 def test_a_wrong_action_is_refused() -> None:
-    games = gym.make_vec(LEARNERS_ID, num_envs=2, vectorization_mode="vector_entry_point", map="house")
+    games = gym.make_vec(FLAT_ID, num_envs=2, vectorization_mode="vector_entry_point", map="house")
     games.reset(seed=0)
     with pytest.raises(ValueError, match="choice 99 of game 1: candidates are 0 to 6"):
         games.step(np.array([0, 99]))

@@ -1,4 +1,4 @@
-"""The games of a vector environment in parts, one of which is stepped while somebody chooses for another."""
+"""The games of a vector environment in sub-batches, one of which is stepped while a network chooses for another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .core import EnvCore
 Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class Part(Protocol):
+class SubBatch(Protocol):
     """A vector environment of its own."""
 
     num_envs: int
@@ -33,20 +33,20 @@ class Part(Protocol):
         """Actions as :meth:`step` takes them; raises ValueError for those that are none."""
 
 
-class Parts:
-    """Parts of equal size; each is stepped by a thread of its own and received in the order in which it was sent."""
+class SubBatches:
+    """Sub-batches of equal size; each is stepped by its own thread and received in the order in which it was sent."""
 
-    def __init__(self, envs: Sequence[Part]) -> None:
+    def __init__(self, envs: Sequence[SubBatch]) -> None:
         self.envs = envs
         self._size = envs[0].num_envs
         self._sent: collections.deque[tuple[int, Future[Step]]] = collections.deque()
         self._pool: ThreadPoolExecutor | None = None
         self._started = False
-        self.last = 0  # the part received last
+        self.last = 0  # the sub-batch received last
 
     def __getstate__(self) -> dict[str, Any]:
         if self._sent:
-            raise RuntimeError(f"{len(self._sent)} parts are under way: recv() them before a copy is made")
+            raise RuntimeError(f"{len(self._sent)} sub-batches are being stepped: recv() them before a copy is made")
         return {**self.__dict__, "_pool": None}
 
     def ids(self, part: int) -> NDArray[np.int64]:
@@ -54,7 +54,7 @@ class Parts:
         return np.arange(part * self._size, (part + 1) * self._size)
 
     def reset(self, seeds: Sequence[int | None], options: dict[str, Any] | None) -> None:
-        """Begin new rounds in all parts, as if they had been sent. What is under way is waited for and dropped."""
+        """Begin new rounds in all sub-batches, as if they had been sent. Steps that run are waited for and dropped."""
         self.close()
         for k, env in enumerate(self.envs):
             mine = [seeds[i] for i in self.ids(k)]
@@ -62,11 +62,11 @@ class Parts:
         self._started = True
 
     def send(self, actions: NDArray[Any], ids: NDArray[Any] | None) -> None:
-        """Step the part with these games, by default the one received last.
+        """Step the sub-batch with these games, by default the one received last.
 
         Raises:
             ResetNeeded: before the first reset.
-            ValueError: they are no part, it is under way already, or an action is none; nothing is stepped then.
+            ValueError: they are no sub-batch, it is being stepped, or an action is none; nothing is stepped then.
         """
         self._require_reset()
         part = self.last
@@ -74,45 +74,45 @@ class Parts:
             first = np.asarray(ids).ravel()[:1]
             part = int(first[0]) // self._size if len(first) else -1
             if not 0 <= part < len(self.envs) or not np.array_equal(ids, self.ids(part)):
-                raise ValueError(f"env_id = {ids!r}: must be the games of one part, as in the info of recv()")
+                raise ValueError(f"env_id = {ids!r}: must be the games of one sub-batch, as in the info of recv()")
         if any(part == other for other, _ in self._sent):
-            raise ValueError(f"games {self.ids(part)[[0, -1]].tolist()} are under way: recv() them first")
+            raise ValueError(f"games {self.ids(part)[[0, -1]].tolist()} are being stepped: recv() them first")
         env = self.envs[part]
         actions = env.check(actions).copy()  # whoever sent them may write to his own
         self._submit(part, partial(env.step, actions))
 
     def receive(self) -> Step:
-        """What came of the part that was sent first; its info has ``env_id``, the numbers of its games.
+        """What came of the sub-batch that was sent first; its info has ``env_id``, the numbers of its games.
 
         Raises:
             ValueError: nothing was sent.
         """
         if not self._sent:
-            raise ValueError("nothing is under way: send() first")
+            raise ValueError("nothing is being stepped: send() first")
         part, future = self._sent.popleft()
         observation, reward, terminated, truncated, info = future.result()
         self.last = part
         return observation, reward, terminated, truncated, {**info, "env_id": self.ids(part)}
 
     def all(self, actions: NDArray[Any]) -> Step:
-        """A step of every part; nothing may be under way."""
+        """A step of every sub-batch; none may be being stepped."""
         self._require_reset()
         if self._sent:
-            raise ValueError(f"{len(self._sent)} parts are under way: recv() them before step()")
+            raise ValueError(f"{len(self._sent)} sub-batches are being stepped: recv() them before step()")
         checked = [env.check(actions[self.ids(k)]) for k, env in enumerate(self.envs)]
         for k, env in enumerate(self.envs):
             self._submit(k, partial(env.step, checked[k]))
         return self.received()
 
     def received(self) -> Step:
-        """All parts, in the order of their games."""
+        """All sub-batches, in the order of their games."""
         steps = [self.receive() for _ in self.envs]
         observations, *numbers, infos = zip(*steps, strict=True)
         reward, terminated, truncated = map(np.concatenate, numbers)
         return _join(observations), reward, terminated, truncated, _join_infos(infos)
 
     def close(self) -> None:
-        """Wait for what is under way, and forget it."""
+        """Wait for steps that run, and drop their results."""
         while self._sent:
             self._sent.popleft()[1].exception()
         if self._pool is not None:
@@ -125,11 +125,11 @@ class Parts:
 
     def _submit(self, part: int, work: Callable[[], Step]) -> None:
         if self._pool is None:
-            self._pool = ThreadPoolExecutor(len(self.envs), thread_name_prefix="pacman_env-part")
+            self._pool = ThreadPoolExecutor(len(self.envs), thread_name_prefix="pacman_env-sub-batch")
         self._sent.append((part, self._pool.submit(work)))
 
 
-def _begun(env: Part, seeds: Sequence[int | None], options: dict[str, Any] | None) -> Step:
+def _begun(env: SubBatch, seeds: Sequence[int | None], options: dict[str, Any] | None) -> Step:
     observation, info = env.reset(seed=seeds, options=options)
     nothing = np.zeros(env.num_envs, dtype=np.bool_)
     return observation, np.zeros(env.num_envs), nothing, nothing.copy(), info
@@ -142,7 +142,7 @@ def _join(values: Sequence[Any]) -> Any:
 
 
 def _join_infos(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Gymnasium's layout; a key that only some parts have is empty in the others, and its mask False."""
+    """Gymnasium's layout; a key that only some sub-batches have is empty in the others, and its mask False."""
     result: dict[str, Any] = {}
     sizes = [len(info["env_id"]) for info in infos]
     for key in dict.fromkeys(key for info in infos for key in info):

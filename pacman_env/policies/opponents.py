@@ -1,0 +1,70 @@
+"""Policies for ghosts: a pool that gives each round one of many, and the behaviours of the environment as members."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
+from pacman_env.sim.core.parameters import draw_below
+from pacman_env.sim.observation.situation import Situation
+
+_OPPONENT = 32  # purpose of the draw, beside those of pacman_env/rng.py
+_SHARES = 1 << 20  # a share is drawn so finely
+
+
+class BehaviourOpponent(BasePolicy):
+    """A behaviour of the environment (``wander``, ``arcade``, ``chase``), for a ghost that a policy moves.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._number = BEHAVIOUR_NAMES.index(name)
+
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        """(N,) the choice beyond the candidates that stands for the behaviour."""
+        n, candidates = situation.mask.shape
+        return np.full(n, behaviour_choice(candidates - 1, self._number), dtype=np.int64)
+
+
+class Opponents(BasePolicy):
+    """A pool: each round is played by one of several, drawn from the round's seed.
+
+    Args:
+        members: none may need to remember anything.
+        shares: of the rounds, in proportion.
+
+    Raises:
+        ValueError: no members, not a share for each, a negative one, or none above 0.
+    """
+
+    name = "opponents"
+
+    def __init__(self, members: Sequence[Policy], shares: Sequence[float]) -> None:
+        if not members or len(members) != len(shares):
+            raise ValueError(f"{len(members)} members and {len(shares)} shares: must be as many, at least one")
+        weights = np.array(shares, dtype=np.float64)
+        if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.sum() > 0):
+            raise ValueError(f"shares = {list(shares)}: must be at least 0, one of them above")
+        self.members = tuple(members)
+        self._limits = np.cumsum(weights) / weights.sum()
+
+    def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
+        """(M,) number of the member who plays the round with each seed."""
+        share = (draw_below(seeds, _OPPONENT, _SHARES) + 0.5) / _SHARES
+        return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
+
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        """(N,) the choice of the member whose round it is."""
+        numbers = self.drawn(situation.seed)
+        chosen = np.empty(len(numbers), dtype=np.int64)
+        for number in np.unique(numbers).tolist():
+            rows = np.flatnonzero(numbers == number)
+            chosen[rows] = self.members[number].select(situation.rows(rows))
+        return chosen
