@@ -62,7 +62,7 @@ def test_the_script_says_what_a_decision_of_ours_is() -> None:
             worker.turn(1, 64, 1, 0.05)
         assert worker.turn(0, 1, 1, 0.05)["decisions_per_s"] > 0  # it goes on
     finally:
-        worker.end()
+        worker.close()
 
 
 def test_a_turn_counts_the_games_and_lasts_a_step_at_least() -> None:
@@ -124,7 +124,7 @@ class Fake(Worker):
             raise PeerError("ended with status -9: no memory")
         return {"decisions_per_s": 2000.0 * size * (2 if self.name == OURS else threads), "cores": float(threads)}
 
-    def end(self) -> None:
+    def close(self) -> None:
         pass
 
 
@@ -170,7 +170,7 @@ def test_a_process_that_dies_is_an_error_with_its_last_words(tmp_path: Path, mon
     worker._process.wait()
     with pytest.raises(PeerError, match="ended with status 0"):
         worker.turn(0, 1, 1, 0.1)
-    worker.end()
+    worker.close()
 
 
 def test_a_library_that_cannot_be_imported_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
