@@ -77,7 +77,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("cold_start", __doc__)
     parser.add_argument("--workers", type=whole_number(1), default=4, metavar="N", help="beside one (%(default)s)")
     parser.add_argument("--env", default="pacman_env/PacManBot-v1", metavar="ID", help="with goals (%(default)s)")

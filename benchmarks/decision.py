@@ -96,7 +96,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("decision", __doc__, "--policy", "--seed")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration")
     parser.add_argument("--decisions", type=whole_number(1), default=2000, metavar="N")

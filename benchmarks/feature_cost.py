@@ -92,7 +92,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("feature_cost", __doc__, "--rounds", "--seed")
     parser.add_argument("--games", type=whole_number(1), default=64)
     parser.add_argument("--steps", type=whole_number(1), default=600, help="decisions of each game per turn")

@@ -82,7 +82,6 @@ def turns(rounds: int, *alternatives: Callable[[], T]) -> list[tuple[T, ...]]:
 
 
 def median_and_range(values: Sequence[float]) -> tuple[float, float, float]:
-    """The median, the smallest and the largest."""
     return float(np.median(values)), min(values), max(values)
 
 

@@ -102,7 +102,6 @@ def busy(cores: int) -> Iterator[None]:
 
 
 def table(games: Sequence[Game]) -> list[str]:
-    """One line a game."""
     lines = ["| game | result | simulated s | real s | times real time | times time on a core | messages | hash |"]
     lines.append("|---|---|---|---|---|---|---|---|")
     for number, g in enumerate(games, 1):

@@ -120,7 +120,6 @@ def report(figures: dict[str, Any]) -> str:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure and print the table."""
     say = partial(print, file=sys.stderr)
     figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, say)
     print(report(figures))
@@ -128,7 +127,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("node_load", __doc__, "--policy", "--domain-id")
     parser.add_argument("--seconds", type=whole_number(1), default=60, metavar="S")
     return run_benchmark(parser, argv, run, "ros")

@@ -174,7 +174,6 @@ def drawn(space: Any) -> Iterator[Any]:
 
 
 def alone(env: Any) -> Step:
-    """Steps one Gymnasium environment."""
     env.reset(seed=SEED)
     actions = drawn(env.action_space)
 
@@ -198,7 +197,6 @@ def turn(step: Step, size: int, seconds: float) -> dict[str, float]:
 
 
 def reason(error: Exception) -> str:
-    """In one line."""
     if isinstance(error, ModuleNotFoundError):
         return f"{error.name} is not installed"
     return " ".join(f"{type(error).__name__}: {error}".split())

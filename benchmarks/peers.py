@@ -129,7 +129,6 @@ class Worker:
         return self._answer(json.dumps([task, size, threads, seconds]))
 
     def close(self) -> None:
-        """End the process."""
         self._process.kill()
         self._process.communicate()
         self._log.close()
@@ -288,7 +287,6 @@ def _report(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("peers", __doc__, "--rounds")
     parser.add_argument(
         "libraries", nargs="*", metavar="NAME", help=f"of {', '.join(PEERS)} (all of them)", type=_library

@@ -105,7 +105,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("start_stop", __doc__, "--policy", "--domain-id")
     parser.add_argument("before", nargs="?", type=Path, metavar="CHECKOUT", help="another version to measure beside")
     return run_benchmark(parser, argv, run, "ros")

@@ -76,7 +76,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("versions", __doc__, "--rounds")
     parser.add_argument("checkout", type=Path, help="folder of the other version")
     parser.add_argument("--seconds", type=finite_number(0), default=3.0, help="roughly what each figure may take")

@@ -288,7 +288,6 @@ def report(figures: dict[str, Any]) -> str:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure and print the figures."""
     viewers, seconds = (4, 2) if arguments.quick else (arguments.viewers, arguments.seconds)
     alone_s = max(1.0, min(30.0, seconds / 2))
     figures = measure(viewers, seconds, alone_s, arguments.map, partial(print, file=sys.stderr))
@@ -297,7 +296,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = benchmark_parser("web_load", __doc__)
     parser.add_argument("--viewers", type=whole_number(2), default=50, metavar="N", help="at once (%(default)s)")
     parser.add_argument("--seconds", type=whole_number(1), default=600, metavar="S", help="they look (%(default)s)")

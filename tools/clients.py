@@ -174,7 +174,6 @@ def run(client: Client) -> Result:
 
 
 def table(results: Sequence[Result]) -> str:
-    """In Markdown."""
     rows = ["| Library | Version | Works | Script | Seconds |", "| --- | --- | --- | --- | --- |"]
     for result in results:
         client = result.client

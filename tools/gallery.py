@@ -93,7 +93,6 @@ def corners(assets: MapAssets) -> NDArray[np.float64]:
 
 
 def draw_round() -> Image:
-    """A round on the way."""
     return render_frame(play(7, 70, map="house").batch, 0, height=600, title="clyde_aware")
 
 
@@ -115,7 +114,6 @@ def draw_ghosts() -> Image:
 
 
 def draw_maps() -> Image:
-    """The shipped maps."""
     names = shipped_maps()
     tiles = [map_assets(name, make_config()) for name in names]
     captions = [f"{name}: {assets.pellets} pellets" for name, assets in zip(names, tiles, strict=True)]

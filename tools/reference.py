@@ -50,7 +50,6 @@ EVENTS = {
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
@@ -78,7 +77,6 @@ def _named(field: str) -> str:
 
 
 def configuration() -> str:
-    """Every field of the configuration, by section."""
     sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
     default = Config()
 
@@ -185,7 +183,6 @@ def state() -> str:
 
 
 def maps() -> str:
-    """The shipped maps under the default configuration."""
     rows = []
     for name in shipped_maps():
         assets = map_assets(name, make_config())

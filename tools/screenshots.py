@@ -125,7 +125,6 @@ def compact(png: bytes) -> bytes:
 
 
 def shoot(browser: Any, name: str) -> bytes:
-    """One picture, as PNG."""
     width, height, ratio, scheme, prepare = SHOTS[name]
     game = SimulatedGame(Rules(), seed=_SEED)
     try:
@@ -150,7 +149,6 @@ def shoot(browser: Any, name: str) -> bytes:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Take the pictures that are named, or all."""
     parser = argparse.ArgumentParser(prog="python -m tools.screenshots", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SHOTS)}; all if none is given")
     parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")

@@ -19,7 +19,6 @@ class Parser(argparse.ArgumentParser):
     """Bad arguments are one line on stderr, as every other error."""
 
     def error(self, message: str) -> NoReturn:
-        """Print it and exit with status 2."""
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
 
 

@@ -9,7 +9,6 @@ from pacman_env.cli.command import finite_number, whole_number
 
 
 def add_web(commands: Any) -> None:
-    """Add the command to the subparsers of ``pacman-env``."""
     web = commands.add_parser("web", help="the page in a browser: see a game, play it, run it")
     web.add_argument(
         "--host", default="127.0.0.1", help="address to listen on; others than this machine need a token (%(default)s)"

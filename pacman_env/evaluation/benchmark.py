@@ -200,7 +200,6 @@ def thread_numbers(most: int) -> list[int]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = Parser(prog="pacman-env benchmark", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
     parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)

@@ -109,7 +109,6 @@ QUICK = Arguments(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Train or measure; returns the exit status."""
     return guarded(_PROG, lambda: _run(parse(sys.argv[1:] if argv is None else argv)), "train")
 
 

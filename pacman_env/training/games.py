@@ -88,7 +88,6 @@ class TrainingGames(VecEnvWrapper):
         self.groups = venv.groups if isinstance(venv, PartedGames) else [slice(0, venv.num_envs)]
 
     def reset(self) -> Observation:
-        """The first observations."""
         return self.venv.reset()  # type: ignore[return-value]
 
     def send(self, group: int, actions: NDArray[Any]) -> None:
@@ -99,11 +98,9 @@ class TrainingGames(VecEnvWrapper):
             self.venv.step_async(actions)
 
     def receive(self, group: int) -> VecEnvStepReturn:
-        """What came of it."""
         return self._scaled(self.venv.receive(group) if isinstance(self.venv, PartedGames) else self.venv.step_wait())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """One decision of all games."""
         return self._scaled(self.venv.step_wait())
 
     def _scaled(self, result: VecEnvStepReturn) -> VecEnvStepReturn:

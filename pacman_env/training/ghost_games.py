@@ -45,13 +45,11 @@ class GhostEnv(gym.Env[Any, Any]):
         self.action_space = spaces.Discrete(count)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Observation, dict[str, Any]]:
-        """Start a new round."""
         _, infos = self.game.reset(seed)
         self._robot.reset(np.ones(1, dtype=np.bool_))
         return self._observation(), infos[CLYDE]
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One decision of both players."""
         batch = self.game.batch
         situation = batch.situation()
         goal = allowed(situation, self._robot.select(situation), batch.hold)[0]
@@ -69,7 +67,6 @@ class GhostEnv(gym.Env[Any, Any]):
         return {"planner_candidates": candidates[0], "planner_globals": whole[0], "action_mask": mask}
 
     def close(self) -> None:
-        """Close the game."""
         self.game.close()
 
 

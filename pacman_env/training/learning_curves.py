@@ -159,7 +159,6 @@ def draw(figures: dict[str, Any], path: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Learn and draw; returns the exit status."""
     parser = Parser(prog="pacman-env learning-curves", description=__doc__)
     known = [f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE]
     parser.add_argument("--combinations", nargs="+", default=["planner/event"], metavar="NAME", help=" ".join(known))

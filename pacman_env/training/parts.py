@@ -110,12 +110,10 @@ class PartedGames(VecEnv):
         raise RuntimeError("no actions were sent to these games")
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Send all groups."""
         for k, rows in enumerate(self.groups):
             self.send(k, np.asarray(actions)[rows])
 
     def step_wait(self) -> VecEnvStepReturn:
-        """One decision in every game."""
         return _in_a_row(map(self.receive, range(len(self.groups))))
 
     def choices(self, policy: str) -> NDArray[np.int64]:

@@ -43,7 +43,6 @@ _PROG = "pacman-env train"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the training; returns the exit status."""
     return guarded(_PROG, lambda: run(parse(sys.argv[1:] if argv is None else argv)), "train")
 
 

@@ -139,7 +139,6 @@ class LearningRate:
         self.pair, self.progress = pair, 0.0
 
     def __call__(self, _: float) -> float:
-        """The rate now."""
         return _between(self.pair, self.progress)
 
 

@@ -64,7 +64,6 @@ class Tally:
     refusal: str = ""  # why the map is not played
 
     def line(self, name: str) -> str:
-        """One row of the table."""
         if self.refusal:
             return f"{name:28} refused: {self.refusal}"
         ends = "".join(f" {self.ends[outcome]:8d}" for outcome in OUTCOMES)
@@ -72,7 +71,6 @@ class Tally:
 
 
 def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
-    """Arguments of an environment, but for its map."""
     kinds = [kind for kind in ("features", "scan", "grid") if rng.random() < 0.5]
     behaviours = ("wander", "arcade", "chase")
     ghosts = tuple(str(rng.choice(behaviours)) for _ in range(rng.integers(1, 5)))

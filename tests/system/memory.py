@@ -36,7 +36,6 @@ class Fault(Exception):
 
 
 def resident_mib() -> float:
-    """Of this process."""
     return float(psutil.Process().memory_info().rss) / 2**20
 
 

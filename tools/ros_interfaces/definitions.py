@@ -25,7 +25,6 @@ class Package:
 
     @property
     def name(self) -> str:
-        """As it is imported."""
         return self.folder.name
 
     @property

@@ -53,7 +53,6 @@ class _KeptMaps(GeneratedMaps):
 
     @property
     def first(self) -> MapAssets:
-        """The map of the first level."""
         return self.prepare(self.start_level)
 
     def prepare(self, level: int) -> MapAssets:

@@ -47,7 +47,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Record the round; returns the exit status."""
     return run_command(_parser(), argv, _replay)
 
 

@@ -63,7 +63,6 @@ class RecordedGame:
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
         game = self._batch.games[0]
         return bool(game["end"] != RUNNING or game["round"] > MOST_ROUNDS)
 

@@ -80,7 +80,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Make the report; returns the exit status."""
     argv = sys.argv[1:] if argv is None else argv
     command = shlex.join(["pacman-env", "report", *argv])
     return run_command(_parser(), argv, lambda arguments: _report(arguments, command))

@@ -58,7 +58,6 @@ def _rng(plan: Plan) -> np.random.Generator:
 def _of_maps(
     plan: Plan, played: Results, policy: str, part: str = ROUNDS, speed: float | None = None
 ) -> dict[str, NDArray]:
-    """A policy's records by map."""
     speed = plan.speed if speed is None else speed
     return {name: played[Cell(part, name, policy, speed)][0] for name in plan.maps}
 

@@ -87,7 +87,6 @@ def percent(rate: float, sign: str = "") -> str:
 
 
 def percents(interval: Sequence[float], sign: str = "") -> str:
-    """An interval of rates as percent."""
     return f"{percent(interval[0], sign)} to {percent(interval[1], sign)}"
 
 
@@ -97,5 +96,4 @@ def number(value: float, digits: int = 1, sign: str = "") -> str:
 
 
 def numbers(interval: Sequence[float], sign: str = "") -> str:
-    """An interval of numbers."""
     return f"{number(interval[0], sign=sign)} to {number(interval[1], sign=sign)}"

@@ -58,7 +58,6 @@ class Played:
         self.verdict = verdict_on(plan)
 
     def play(self) -> Verdict:
-        """The verdict."""
         self._recorder.forget()
         transcript = Transcript(self._game)
         began_s = self._game.wall.now_s

@@ -165,11 +165,9 @@ class Recorder(BaseNode):
         )
 
     def start(self) -> Any:
-        """Ask for a game; the answer's future."""
         return self._start.call_async(self._start.srv_type.Request())
 
     def reset(self) -> Any:
-        """Ask for the menu; the answer's future."""
         return self._reset.call_async(self._reset.srv_type.Request())
 
     def halt(self) -> None:
@@ -179,7 +177,6 @@ class Recorder(BaseNode):
         self._velocity.publish(twist_message(0.0, 0.0, self.get_clock().now().to_msg()))
 
     def set_policy(self, policy: str) -> Any:
-        """Ask for another policy; the answer's future."""
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=policy)
         request = self._set.srv_type.Request(parameters=[ParameterMessage(name="policy", value=value)])
         return self._set.call_async(request)
@@ -189,11 +186,9 @@ class Recorder(BaseNode):
         self._base_speed.publish(topics.BASE_CLYDE_SPEED.type(data=speed_mps))
 
     def fault(self, words: str) -> None:
-        """Begin or end one."""
         self._fault.publish(FAULT.type(data=words))
 
     def interfere(self, kind: str) -> None:
-        """See ``interference``."""
         self._interference.act(kind)
 
 

@@ -40,7 +40,6 @@ class Verdict:
     outages: list[tuple[str, str, str]] = field(default_factory=list)  # kind, node and how long in which state
 
     def line(self) -> str:
-        """One row."""
         faults = [kind for kind in self.happened if kind in FAULTS]
         faults += [" ".join(one) for one in self.outages]
         others = sum(kind in INTERFERENCES for kind in self.happened)

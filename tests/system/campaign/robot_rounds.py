@@ -56,8 +56,6 @@ class Task:
 
 @dataclass(frozen=True)
 class RobotRound:
-    """One round of the nodes."""
-
     policy: str
     clyde_speed_mps: float
     end: str  # complete, dead, timeout or not started
@@ -173,7 +171,6 @@ def row(robot: Sequence[RobotRound], config: Config, source: str, policy: str, s
 
 
 def table(rows: Sequence[dict]) -> list[str]:
-    """The rows as lines of Markdown."""
     head = "policy", "Clyde m/s", "robot %", "simulator %", "inside", "difference", "pellets", "a completed round, s"
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for r in rows:
@@ -256,7 +253,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Play; returns the exit status."""
     parser = Parser(prog="python -m tests.system.campaign.robot_rounds", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
     parser.add_argument("--policies", nargs="+", default=["ppo", "clyde_aware"], metavar="POLICY")

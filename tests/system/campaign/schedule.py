@@ -101,7 +101,6 @@ def part_of_map(name: str, within_m: float) -> OccupancyMap:
 
 
 def schedule(seed: int) -> Schedule:
-    """The game of a seed."""
     rng = np.random.default_rng([seed, 0])
     calm = rng.random() < _CALM
     faults = _faults(rng, 0 if calm else int(rng.integers(1, 5)))

@@ -106,7 +106,6 @@ class Evidence:
     outages: list[Outage] = field(default_factory=list)
 
     def of(self, topic: str) -> list[Record]:
-        """The records of a topic, in order."""
         return sorted((r for r in self.records if r.topic == topic), key=lambda r: r.at)
 
     def last(self, topic: str, before: float = math.inf) -> Any:
