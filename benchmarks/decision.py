@@ -2,7 +2,7 @@
 
 One game is played with the policy's own choices, and each ``select`` is timed: features and network, without the
 simulator, one situation at a time, in one thread, as on a robot. The most memory that the process ever held counts the
-simulator as well. torch is not imported, and the figures say so.
+simulator as well. torch is not imported; the figures show that.
 """
 
 from __future__ import annotations

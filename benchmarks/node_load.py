@@ -29,7 +29,7 @@ SELECTOR_CPU_PERCENT, SELECTOR_MB, DECISION_MS, SYSTEM_CPU_PERCENT, LIGHT_MB = 5
 LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", "game_controller")
 
 
-def measure(map_source: str, policy: str, seconds: float, domain: int, say: Callable[[str], None]) -> dict[str, Any]:
+def measure(map_source: str, policy: str, seconds: float, domain: int, log: Callable[[str], None]) -> dict[str, Any]:
     """All figures of ``seconds`` of running rounds.
 
     Args:
@@ -37,7 +37,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
         policy: a name of the registry, or an .onnx file.
         seconds: how long the processes are watched.
         domain: ROS_DOMAIN_ID.
-        say: prints what is going on.
+        log: prints the progress.
 
     Raises:
         ValueError: a map or policy that cannot be played.
@@ -56,7 +56,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
     status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
     names = (SIMULATOR, *GAME, SELECTOR)
     with tempfile.TemporaryDirectory() as logs:
-        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), say)
+        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), log)
 
         def wait(condition: Callable[[], Any], what: str) -> None:
             end = time.monotonic() + PATIENCE_S
@@ -73,7 +73,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
             wait(lambda: status_line.ready and status_line.call(START_GAME), "the referee")
             wait(lambda: status_line.state == "running", "the round")
             wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
-            say(f"running, watched for {seconds:g} s")
+            log(f"running, watched for {seconds:g} s")
             found = {name: psutil.Process(number) for name, number in processes.ids().items()}
             before = {name: found[name].cpu_times() for name in names}
             began = time.monotonic()
@@ -120,8 +120,8 @@ def report(figures: dict[str, Any]) -> str:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    say = partial(print, file=sys.stderr)
-    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, say)
+    log = partial(print, file=sys.stderr)
+    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, log)
     print(report(figures))
     return figures
 

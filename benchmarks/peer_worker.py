@@ -1,8 +1,8 @@
 """Steps random actions in one library's environments and times them; :mod:`.peers` runs it as a script.
 
 It runs with the Python of the library's own venv, where this project is not installed: it imports the standard library
-and numpy, and the function of each library that library. It first says what it can play, then answers each line of
-standard input, all in JSON, one line each.
+and numpy, and the function of each library that library. It first prints what it can play, then answers each line
+of standard input, all in JSON, one line each.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Task(NamedTuple):
         simulated_s: simulated seconds of a decision.
         words: what else a decision is.
         sizes: how many games at once.
-        threaded: whether it steps with as many threads as it is told.
+        threaded: whether it steps with the given number of threads.
         make: makes it for so many games and threads; returns what steps all of them, ended ones anew.
     """
 
@@ -203,20 +203,20 @@ def reason(error: Exception) -> str:
 
 
 def main(library: str, map_source: str) -> None:
-    """Say the tasks, then measure what is asked for, until standard input ends."""
+    """Print the tasks, then measure what is asked for, until standard input ends."""
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # for what the library prints
 
-    def say(words: dict[str, Any]) -> None:
-        print(json.dumps(words), file=out, flush=True)
+    def answer(content: dict[str, Any]) -> None:
+        print(json.dumps(content), file=out, flush=True)
 
     try:
         tasks = LIBRARIES[library](map_source)
         version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)
     except Exception as error:
-        say({"error": reason(error)})
+        answer({"error": reason(error)})
         return
-    say({"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]})
+    answer({"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]})
     step: Step | None = None
     of_step: list[int] = []
     for line in sys.stdin:
@@ -227,9 +227,9 @@ def main(library: str, map_source: str) -> None:
                 step = None  # before the next: its threads would be in the way
                 step, of_step = tasks[number].make(size, threads), wanted
                 turn(step, size, seconds)  # to warm up
-            say(turn(step, size, seconds))
+            answer(turn(step, size, seconds))
         except Exception as error:
-            say({"error": reason(error)})
+            answer({"error": reason(error)})
 
 
 if __name__ == "__main__":

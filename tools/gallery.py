@@ -1,6 +1,6 @@
 """Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``.
 
-What a game looks like is ``pacman_env.render.frames``'s business; here are the scenes and how they are laid out.
+``pacman_env.render.frames`` draws a game; here are the scenes and their layout.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def draw_story() -> Image:
 
 
 def draw_ghosts() -> Image:
-    """Four ghosts, each with his behaviour."""
+    """Four ghosts, each with its behaviour."""
     env = play(5, 24, map="open_plan", ghosts=("wander", "chase", "arcade", "wander"))
     return render_frame(env.batch, 0, height=560, title="four ghosts")
 

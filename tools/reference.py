@@ -39,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[1]
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
 OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # of observation
-#: What rewards are given for: their names alone are all that the source says.
+#: What rewards are given for: the source has their names alone.
 EVENTS = {
     "pellet": "each pellet collected",
     "death": "the robot is caught",

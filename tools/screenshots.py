@@ -1,7 +1,7 @@
 """The screenshots of the operator's page in the documentation: ``python -m tools.screenshots``.
 
-A real browser (Chromium of the system, driven by Playwright) looks at the real server over the simulator. What moves is
-not drawn alike each time, so that no test compares these pictures.
+A real browser (Chromium of the system, driven by Playwright) shows the real server's page over the simulator. Moving
+things are not drawn alike each time, so no test compares these pictures.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _running(page: Any) -> None:
 
 
 def _playing(page: Any) -> None:
-    """Somebody plays the robot, the policy beside him."""
+    """A user plays the robot, beside the policy's own choice."""
     page.click("#tab-play")
     page.click("[data-seat=robot]")
     _wait(page, "state.seat === 'robot' && state.frame.shadow")

@@ -69,7 +69,7 @@ def _parser() -> Parser:
 
 
 def _add_map_group(commands: Any) -> None:
-    group = commands.add_parser("map", help="look at occupancy maps").add_subparsers(
+    group = commands.add_parser("map", help="check, list and generate occupancy maps").add_subparsers(
         metavar="SUBCOMMAND", required=True
     )
     check = group.add_parser("check", help="areas, pellets and warnings of one map")

@@ -50,7 +50,7 @@ def _report(robot: bool) -> int:
 
 
 def _compiler() -> str:
-    """A name for what Numba's cache tells apart: versions and the processor."""
+    """A name for what Numba's cache distinguishes: versions and the processor."""
     import numba
     from numba.core.registry import cpu_target
 

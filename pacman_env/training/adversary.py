@@ -1,7 +1,7 @@
 """Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
 
-Arguments, the rounds in order, the table of who completes against whom, and what is written down. Clyde's games are in
-``ghost_games``, those who play against the planner in ``opponents``.
+Arguments, the rounds in order, the table of completion for each pair, and the record. Clyde's games are in
+``ghost_games``, the planner's opponents in ``opponents``.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ class Alternation:
         print(f"written: {self.record}, {self._path(newest)}, {self._path(f'clyde-{arguments.rounds}')}")
 
     def _round(self, number: int, bar: Any) -> None:
-        """A Clyde against the planner, the planner against the pool, and how both fare."""
+        """A Clyde against the planner, the planner against the pool, and their results."""
         before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
         robot = partial(LearnedPlanner, self._path(before))
         games = make_ghost_games(_games(self.arguments, _CLYDE), number - 1, robot)
@@ -204,7 +204,7 @@ class Alternation:
                 "planner_seconds": round(planner_seconds, 1),
             }
         )
-        # Again, now that it is known how they fare.
+        # Again, with the results.
         shares = self.table.shares()
         self._export(_PLANNER, after, {f"completed_{rival}": share for rival, share in shares[after].items()})
         self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (before, after, *RULES)})
@@ -250,7 +250,7 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner,
     """The planner to begin with, ready to be trained in ``games``, and how many decisions it has been trained for.
 
     Raises:
-        ValueError: the file holds no planner for this version; said with its name.
+        ValueError: the file holds no planner for this version; the message names it.
     """
     hyper, path = _games(arguments, _PLANNER).hyper, arguments.start
     seeds = _seeds(arguments, _PLANNER, 0)

@@ -33,7 +33,7 @@ _GAMES = 128  # at once
 
 
 class BehaviourOpponent(BasePolicy):
-    """A behaviour of the environment's in Clyde's place.
+    """A behaviour of the environment's as Clyde's policy.
 
     Args:
         name: one of :data:`pacman_env.sim.core.ghosts.BEHAVIOUR_NAMES`.
@@ -72,12 +72,12 @@ class Opponents(BasePolicy):
         self._limits = np.cumsum(weights) / weights.sum()
 
     def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """(M,) number of the member who plays the round with each seed."""
+        """(M,) number of the member that plays the round with each seed."""
         share = (draw_below(seeds, _OPPONENT, _PARTS) + 0.5) / _PARTS
         return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) what the member says whose round it is."""
+        """(N,) each round's choice by the member that plays it."""
         numbers = self.drawn(situation.seed)
         chosen = np.empty(len(numbers), dtype=np.int64)
         for number in np.unique(numbers).tolist():
@@ -100,8 +100,8 @@ def completed_against(policy: Policy, clyde: str | Policy, arguments: Arguments,
     """Which of ``rounds`` on validation levels the robot's policy completes; the same rounds for all.
 
     Args:
-        policy: in the robot's seat.
-        clyde: a behaviour of the environment's, or the policy in his seat.
+        policy: of the robot.
+        clyde: a behaviour of the environment's, or Clyde's policy.
         arguments: the game that is trained on.
         rounds: how many.
 

@@ -88,7 +88,7 @@ def run(arguments: Arguments) -> None:
 def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, Learner]:
     """All segments that are left; the run's folder and the model as the last one left it.
 
-    ``after_segment`` is called with the record of each segment, those that a resumed run has behind it included; what
+    ``after_segment`` is called with the record of each segment, those before a resumed run included; what
     it raises ends the training.
 
     Raises:
@@ -182,9 +182,9 @@ def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
 
 
 class _HeldOut:
-    """Rounds that planners are judged in, on levels that are never trained on: games as in training, asked each tick.
+    """Rounds in which planners are evaluated: games as in training on other levels, with a decision each tick.
 
-    The levels stay prepared from one judgement to the next.
+    The levels stay prepared from one evaluation to the next.
     """
 
     def __init__(self, arguments: Arguments, test: bool) -> None:

@@ -1,8 +1,8 @@
-"""One training run: segments of PPO with a checkpoint after each, and what is written down on the way.
+"""One training run: segments of PPO with a checkpoint after each, and its record.
 
 A segment begins with new games and with random numbers of its own, drawn from the run's seed and the segment's
-number. So a run that was interrupted goes on from its last checkpoint to the same curve, bit for bit, and a checkpoint
-is nothing but tensors and a JSON file: what is read again is never unpickled.
+number. So an interrupted run continues from its last checkpoint with the same curve, bit for bit. Only tensors and JSON
+of a checkpoint are read; nothing is unpickled.
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ def _refused(env: PacManBotEnv, rng: np.random.Generator) -> None:
     except ValueError:
         _require(_state(env) == before, f"the refused action {action!r} changed the game")
         return
-    raise Fault(f"action {action!r} was taken")
+    raise Fault(f"action {action!r} was accepted")
 
 
 def _state(env: PacManBotEnv) -> list[bytes]:

@@ -175,7 +175,7 @@ def _pair(plan: Plan, played: Results) -> Numbers | None:
                     "command": replay_command(plan, map_name, seed),
                 }
                 sides[name].append((place, row))
-    # the first of each map, then the second of each: whoever reads only the beginning has seen every map
+    # the first of each map, then the second of each: the beginning of the list has every map
     mixed = {name: [row for _, row in sorted(rows, key=lambda pair: pair[0])] for name, rows in sides.items()}
     return {"policy": challenger, "baseline": plan.baseline, **mixed}
 

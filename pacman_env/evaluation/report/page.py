@@ -45,12 +45,12 @@ def headline(report: Numbers) -> str:
     pair = report["pair"]
     if pair is None:
         row = report["summary"][0]
-        return f"{row['policy']} completes {percent(row['all']['rate'])} % of its rounds. It was compared with nobody."
+        return f"{row['policy']} completes {percent(row['all']['rate'])} % of its rounds. It was not compared."
     rows = _by(report["summary"])
     ours, theirs = rows[pair["policy"]], rows[pair["baseline"]]
     low, high = ours["difference_ci"]
     verdict = "more" if low > 0 else "fewer" if high < 0 else ""
-    said = (
+    verdict = (
         f"{percent(abs(ours['difference']))} percentage points {verdict} (95 % interval"
         f" {percent(low, '+')} to {percent(high, '+')})"
         if verdict
@@ -59,7 +59,7 @@ def headline(report: Numbers) -> str:
     )
     return (
         f"{pair['policy']} completes {percent(ours['all']['rate'])} % of the rounds, {pair['baseline']}"
-        f" {percent(theirs['all']['rate'])} % of the same rounds: {said}."
+        f" {percent(theirs['all']['rate'])} % of the same rounds: {verdict}."
     )
 
 

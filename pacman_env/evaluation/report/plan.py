@@ -68,7 +68,7 @@ class Plan:
 
     @property
     def challenger(self) -> str | None:
-        """The name of the first policy that is not the baseline; the two are looked at round by round."""
+        """The name of the first policy that is not the baseline; the two are compared round by round."""
         return next((name for name in self.policies if name != self.baseline), None)
 
 
@@ -106,7 +106,7 @@ def check_single_rounds(config: Config, where: str = "") -> None:
     """Refuse what the report adds by itself, or cannot measure.
 
     Raises:
-        ConfigError: endless games, velocities, or ghosts that wait to be told.
+        ConfigError: endless games, velocities, or ghosts that need a policy object.
     """
     try:
         check_goals(config)

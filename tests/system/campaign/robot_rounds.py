@@ -131,14 +131,14 @@ def play_round(game: RecordedGame, policy: str, speed_mps: float, limit_s: float
         return recorder.state == "menu"
 
     wait(over, GAME_S + limit_s, "end of the game")
-    said = [record for record in recorder.records if record.at >= started]
-    states = [(r.at, r.value) for r in said if r.topic == topics.GAME_STATE.name]
+    recorded = [record for record in recorder.records if record.at >= started]
+    states = [(r.at, r.value) for r in recorded if r.topic == topics.GAME_STATE.name]
     words = [word for _, word in states]
     running = words.index("running") if "running" in words else -1
     if running < 0:
         return RobotRound(policy, speed_mps, "not started", 0, 0.0)
     begin, end = states[running][0], states[running + 1][0]
-    collected = max((r.value for r in said if r.topic == topics.PELLETS_COLLECTED.name), default=0)
+    collected = max((r.value for r in recorded if r.topic == topics.PELLETS_COLLECTED.name), default=0)
     how = "timeout" if late else {"complete": "complete", "dying": "dead"}.get(words[running + 1], "not started")
     return RobotRound(policy, speed_mps, how, int(collected), round((end - begin) * 1e-9, 3))
 

@@ -58,7 +58,7 @@ ENDED = frozenset({4, 5, 6})  # action_msgs/GoalStatus
 
 @dataclass(frozen=True)
 class Record:
-    """One message: when it left its publisher, ns of the simulated wall clock, its topic and what it said."""
+    """One message: when it left its publisher, ns of the simulated wall clock, its topic and its value."""
 
     at: int
     topic: str
@@ -184,7 +184,7 @@ def _was_reset(e: Evidence, at: int) -> bool:
 
 
 def _answered(away: Sequence[tuple[int, int]], asked: int, within: int) -> int:
-    """The last instant for an answer that takes so long, ns, from somebody who may be away meanwhile."""
+    """The last instant for an answer that takes so long, ns, from a node that may be away meanwhile."""
     latest = asked + within
     for since, until in away:
         if since <= latest and asked <= until:
@@ -197,7 +197,7 @@ def _overlaps(spans: Sequence[tuple[int, int]], begin: int, end: int) -> bool:
 
 
 def waits(state: str | None, condition: Mapping[str, Any], clyde_moved_m: float) -> bool:
-    """Whether the planner holds on purpose: a Clyde that stays at the last pellets lets nobody collect them.
+    """Whether the planner holds on purpose: a Clyde that stays at the last pellets lets no robot collect them.
 
     Args:
         state: of the game.
@@ -210,7 +210,7 @@ def waits(state: str | None, condition: Mapping[str, Any], clyde_moved_m: float)
 def violations(evidence: Evidence) -> list[str]:
     """Everything that was wrong, one line each."""
     if not evidence.states():
-        return ["the game's state was never heard"]
+        return ["the game's state was never received"]
     checks = (_transitions, _shows, _goals, _motion, _turns, _spawned, _scores, _results)
     return [line for check in checks for line in check(evidence)]
 
@@ -265,11 +265,11 @@ def _goals(e: Evidence) -> Iterator[str]:
             since, until = e.time_s(max(begin, stood)), e.time_s(min(end, drove))
             free = until - max([since, *(b for a, b in troubles if b >= since and a <= until)])
             if free > CANCEL_S:
-                yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
+                yield f"a goal was pursued for {until - since:.1f} s while no node may drive"
 
 
 def _motion(e: Evidence) -> Iterator[str]:
-    """The robot stands where nobody drives; each goal that is accepted late moves it once more."""
+    """The robot stands while no node drives; each goal that is accepted late moves it once more."""
     goals = sorted(_first_seen(e).values())
     away = e.away(*MOVERS)
     for begin, end in _without(e.intervals(NEXT.keys() - DRIVING), away):
@@ -280,7 +280,7 @@ def _motion(e: Evidence) -> Iterator[str]:
         starts = [begin, *(at for at in goals if begin <= at < end)]
         stops = len(starts) * (FASTEST_MPS * TICK_S + BRAKING_M)
         if moved > stops + STANDING_M:
-            yield f"the robot moved {moved:.2f} m while nobody was to drive"
+            yield f"the robot moved {moved:.2f} m while no node may drive"
 
 
 def _without(intervals: Sequence[tuple[int, int]], left_out: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
@@ -341,7 +341,7 @@ def _spawned(e: Evidence) -> Iterator[str]:
         forged = any(at <= record.at for at in e.forged_reports)
         right = record.value in (0, own) or (forged and record.value > own) or _near_forged(e, record.at)
         if record.at > e.started and not right and not _inside(record.at, late):
-            yield f"{record.value} pellets were said to be spawned, there are {own}"
+            yield f"{record.value} pellets were reported as spawned, there are {own}"
 
 
 def _scores(e: Evidence) -> Iterator[str]:
