@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
 
 from pacman_env import __version__
 from pacman_env.files import replaced, write_json
@@ -130,6 +132,12 @@ def restore(model: MaskablePPO, path: Path) -> None:
         model.policy.optimizer.load_state_dict(optimizer)
     except Exception as error:  # a torn or foreign file may fail anywhere
         raise ValueError(f"{path}: cannot be restored: {error}") from None
+
+
+def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
+    """A bar over all decisions of a training, on stderr."""
+    kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
+    return tqdm(total=decisions, initial=done, disable=not shown, **kind)
 
 
 class LearningRate:
