@@ -64,7 +64,7 @@ def parts(situation: Situation, speed_mps: float, repeats: int) -> dict[str, flo
     encounter = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
     scorer = _microseconds(lambda: _score_all(s.robot, s.clyde, s.position, _SCORER, terms), n, repeats)
     return {
-        "prediction of Clyde, clearance and direction of ways": encounter,
+        "prediction of Clyde, clearance and direction of paths": encounter,
         "the handcrafted score": scorer,
         "path lengths, margins, other pellets, globals": max(whole - encounter - scorer, 0.0),
         "all features": whole,

@@ -262,7 +262,9 @@ def table(figures: dict[str, Any]) -> str:
             f"{_rounded(row['simulated_s_per_s']):>15}{simulated:>9}{row['cores']:>7.2f}"
         )
     lines += ["", "a decision:"]
-    lines += [f"  {title}: {task['simulated_s']:.3g} s, {task['words']}" for title, task in figures["steps"].items()]
+    lines += [
+        f"  {title}: {task['simulated_s']:.3g} s, {task['description']}" for title, task in figures["steps"].items()
+    ]
     lines += [f"not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
     if figures["failed"] and not figures["venvs"]:
         lines.append("  (--venvs DIR installs them there)")

@@ -65,8 +65,8 @@ def sheet(pictures: Sequence[Image], columns: int, captions: Sequence[str] = ())
             x = left + (widths[c] - picture.shape[1]) // 2
             page[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
             if captions:
-                words = text(captions[r * columns + c], 9.5, False, INK, PAGE)
-                paste(page, left + (widths[c] - words.shape[1]) / 2, top + heights[r] - below / 2, words)
+                caption = text(captions[r * columns + c], 9.5, False, INK, PAGE)
+                paste(page, left + (widths[c] - caption.shape[1]) / 2, top + heights[r] - below / 2, caption)
             left += widths[c] + _GAP
         top += heights[r] + _GAP
     return page

@@ -1,7 +1,7 @@
 """The tables of the documentation, written from the code that they describe: ``python -m tools.reference``.
 
 A page marks a place with ``<!-- table: NAME -->`` and ``<!-- end -->``; what stands between is written here. The
-words around it are written by people.
+text around it is written by hand.
 """
 
 from __future__ import annotations
@@ -163,9 +163,9 @@ def actions() -> str:
         if isinstance(space, spaces.Box):
             names = ("v", "omega") if unit else ("v, m/s", "omega, rad/s")
             limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
-            words = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
+            bounds = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
             given = f'action="{action}"' + (', action_range="unit"' if unit else "")
-            rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", words])
+            rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", bounds])
         else:
             rows.append([f'`action="{action}"`', f"`Discrete({space.n})`", "number of a candidate, the last is hold"])
     return table(("Argument", "Space", "Values"), rows)

@@ -63,8 +63,8 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_group in GROUPS:
         add_group(commands)
-    for name, (_, words) in MODULES.items():
-        commands.add_parser(name, help=words)  # its arguments are its module's
+    for name, (_, purpose) in MODULES.items():
+        commands.add_parser(name, help=purpose)  # its arguments are its module's
     return parser
 
 

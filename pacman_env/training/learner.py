@@ -42,7 +42,7 @@ class Choices(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """What an update learns from."""
+    """The B choices that an update learns from."""
 
     choices: Choices
     advantages: torch.Tensor  # (B,)
@@ -50,7 +50,10 @@ class Rollout(NamedTuple):
 
 
 class Learner(MaskablePPO):
-    """MaskablePPO over ``TrainingGames``, where no ending is bootstrapped, with an ``EntityPolicy``."""
+    """MaskablePPO over ``TrainingGames``, where no ending is bootstrapped, with an ``EntityPolicy``.
+
+    It replaces ``collect_rollouts`` and ``train``; schedules, callbacks, logging and saving are Stable-Baselines3's.
+    """
 
     threads = 1  # 0: one for each core
     rollout_buffer: Rollout

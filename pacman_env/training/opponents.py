@@ -1,6 +1,6 @@
 """The Clydes that a planner is trained against: a pool that gives each game one of many, a table of results.
 
-The rules are the environment's own behaviours (``game/ghosts.py``), here for a ghost whom another policy may move in
+The rules are the environment's own behaviours (``game/ghosts.py``), here for a ghost that another policy may move in
 every game.
 """
 

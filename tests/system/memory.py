@@ -82,7 +82,7 @@ class Watch:
             )
 
     def growth(self) -> str:
-        """What became of it, in words."""
+        """How it grew, as text."""
         return f"{self.part}: {resident_mib() - self.base_mib:+.1f} MiB since the first tenth"
 
 

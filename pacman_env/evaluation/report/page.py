@@ -41,7 +41,7 @@ def render_page(report: Numbers) -> str:
 
 
 def headline(report: Numbers) -> str:
-    """The result in words: the first policy against the baseline."""
+    """The result as text: the first policy against the baseline."""
     pair = report["pair"]
     if pair is None:
         row = report["summary"][0]

@@ -8,7 +8,7 @@ repeated with ``--only`` is the same game, message for message: those before it 
 Its transcript is a hash of all messages that a node has handled. Needs ROS.
 
 A game hangs when nothing has been wrong for two minutes, no fault and no show, and there is no progress: neither
-another state, nor a pellet, nor half a metre of motion, unless the planner waits for a Clyde who stands. One that is
+another state, nor a pellet, nor half a metre of motion, unless the planner waits for a Clyde that stands. One that is
 not over 600 s after its last fault is broken off with ``game/reset``, which must lead to the menu. All times are
 simulated.
 """

@@ -128,7 +128,7 @@ class Evidence:
         return self.track[max(index, 0)].time_s if self.track else 0.0
 
     def states(self) -> list[tuple[int, str]]:
-        """The beginning of each state, without repetitions; the words that are states only."""
+        """The beginning of each state, without repetitions; only words that are states."""
         states: list[tuple[int, str]] = []
         for record in self.of("game_state"):
             if record.value in NEXT and (not states or states[-1][1] != record.value):
@@ -168,14 +168,14 @@ class Evidence:
 def outcome(evidence: Evidence) -> str:
     """The end of the game: ``complete``, ``lost``, ``reset``, ``home failed`` before it began, or ``never`` begun."""
     states = evidence.states()
-    words = [state for _, state in states]
-    ends = [k for k in range(1, len(states)) if words[k] == "menu"]
+    names = [state for _, state in states]
+    ends = [k for k in range(1, len(states)) if names[k] == "menu"]
     if not ends:
         return "never"
-    at, before = states[ends[-1]][0], words[ends[-1] - 1]
+    at, before = states[ends[-1]][0], names[ends[-1] - 1]
     if _was_reset(evidence, at) or before != "returning_home":
         return "reset"
-    return next((how for how in OUTCOMES if _SEEN[how] in words), "home failed")
+    return next((how for how in OUTCOMES if _SEEN[how] in names), "home failed")
 
 
 def _was_reset(e: Evidence, at: int) -> bool:
@@ -353,7 +353,7 @@ def _scores(e: Evidence) -> Iterator[str]:
             perhaps.add(pellet)
             if any(begin <= record.at < end for begin, end in running):
                 sure.add(pellet)
-    words = [state for _, state in e.states()]
+    names = [state for _, state in e.states()]
     counted = _last_before_end(e, "game/pellets_collected")
     away = e.away(SELECTOR, REFEREE, SIMULATOR)
     if outcome(e) == "reset" and any(_overlaps(away, *one) for one in running):
@@ -361,10 +361,10 @@ def _scores(e: Evidence) -> Iterator[str]:
     if not len(sure) <= counted <= len(perhaps):
         yield f"{counted} pellets were counted, {len(sure)} to {len(perhaps)} were collected"
     most = max((r.value for r in e.of("game/score") if r.at > e.started), default=e.score)
-    if "running" in words and most != max(e.score + counted, e.score):
+    if "running" in names and most != max(e.score + counted, e.score):
         yield f"the score went up to {most}, from {e.score} with {counted} pellets"
     known = not any(_near_forged(e, at) for at, state in e.states() if state == "complete")
-    if ("complete" in words or outcome(e) == "complete") and known and counted != len(e.own_pellets):
+    if ("complete" in names or outcome(e) == "complete") and known and counted != len(e.own_pellets):
         yield f"the round was complete with {counted} of {len(e.own_pellets)} pellets"
 
 
