@@ -138,7 +138,7 @@ class Table:
                 row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """By policy, by Clyde."""
+        """Share of rounds completed, by policy and by Clyde."""
         return {
             policy: {clyde: float(ended.mean()) for clyde, ended in row.items()}
             for policy, row in self.completed.items()

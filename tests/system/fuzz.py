@@ -156,7 +156,7 @@ def _legal(env: PacManBotEnv, rng: np.random.Generator) -> Any:
 
 
 def _refused(env: PacManBotEnv, rng: np.random.Generator) -> None:
-    """Send what is no action."""
+    """Send an invalid action, which must be refused."""
     illegal: list[Any] = [None, "go", np.array(["a", "b"]), np.zeros((1, 2)), np.zeros(3), [], np.nan]
     if isinstance(env.action_space, spaces.Box):
         illegal += [0.1, (0.1, np.nan), (np.inf, 0.0), (0.1, -np.inf), (True, False), (0.1, 0.1j), np.zeros((2, 1))]

@@ -45,7 +45,7 @@ def spaces_alive() -> int:
 
 
 def threads_alive() -> int:
-    """Of environments, beside the callers'."""
+    """Threads of environments, without their callers."""
     return sum(thread.name.startswith("pacman_env-") for thread in threading.enumerate())
 
 

@@ -30,7 +30,6 @@ Results = Mapping[Cell, Played]
 
 
 def numbers(plan: Plan, played: Results) -> Numbers:
-    """Every number of the page."""
     return {
         "summary": [_summary(plan, played, policy) for policy in plan.policies],
         "curve": [_point(plan, played, policy, v) for policy in plan.policies for v in plan.speeds],

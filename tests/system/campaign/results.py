@@ -25,8 +25,6 @@ _WIDTH = 34  # of the names in the table
 
 @dataclass
 class Verdict:
-    """The result of one game."""
-
     seed: int
     arena: str
     policy: str

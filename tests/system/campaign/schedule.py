@@ -69,8 +69,6 @@ class Step:
 
 @dataclass(frozen=True)
 class Schedule:
-    """One game."""
-
     seed: int
     policy: str
     clyde_speed_mps: float  # in round 1
@@ -79,7 +77,6 @@ class Schedule:
 
     @property
     def kinds(self) -> frozenset[str]:
-        """All that may happen."""
         return frozenset(step.kind for step in self.steps)
 
 

@@ -114,12 +114,12 @@ class Evidence:
 
     @property
     def score(self) -> int:
-        """That it began with."""
+        """The score at the beginning of the game."""
         return int(self.last("game/score", self.started) or 0)
 
     @property
     def round(self) -> int:
-        """That it was played as."""
+        """The number of the round at the beginning of the game."""
         return int(self.last("game/round", self.started) or 1)
 
     def time_s(self, at: int) -> float:
