@@ -1,31 +1,30 @@
 """How long workers that start together take until they play: ``python -m benchmarks.cold_start --workers 4``.
 
 First with an empty cache, as on a new machine, where kernels have to be compiled; then with what that left. Each worker
-is a process of its own, that makes an environment, resets it and takes a few steps. Wall seconds are from the start of
-the first to the end of the last; CPU seconds are of all of them, and say how often the same was compiled.
+is a process of its own. Wall seconds are from the start of the first to the end of the last; CPU seconds are the sum of
+all of them, and show how often the same kernel was compiled.
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.files import prepare, write_json
+from benchmarks.harness import ROOT, benchmark_parser, in_checkout, run_benchmark
+from pacman_env.cli.command import whole_number
 
 STEPS = 20
 
 
 def play(env_id: str, map_source: str) -> None:
-    """What a worker does first."""
+    """Make an environment, reset it and take a few steps, as a worker does first."""
     import gymnasium as gym
     import numpy as np
 
@@ -48,39 +47,22 @@ def seconds(workers: int, cache: Path, env_id: str, map_source: str) -> tuple[fl
         map_source: a YAML file or the name of a map.
 
     Raises:
-        ValueError: a worker failed; it has said on stderr why.
+        ValueError: a worker failed; its error is on stderr.
     """
-    context = multiprocessing.get_context("spawn")
-    processes = [context.Process(target=play, args=(env_id, map_source)) for _ in range(workers)]
+    code = f"from benchmarks.cold_start import play; play({env_id!r}, {map_source!r})"
+    command = in_checkout(ROOT, "-c", code, PACMAN_ENV_CACHE=str(cache))
     began, before = time.monotonic(), os.times()
-    with _cache_in(cache):
-        for process in processes:
-            process.start()
-    for process in processes:
-        process.join()
-    if any(process.exitcode for process in processes):
+    processes = [subprocess.Popen(**command) for _ in range(workers)]
+    statuses = [process.wait() for process in processes]
+    if any(statuses):
         raise ValueError(f"{env_id} on {map_source} cannot be played")
     after = os.times()
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
     return time.monotonic() - began, cpu
 
 
-@contextmanager
-def _cache_in(folder: Path) -> Iterator[None]:
-    before = os.environ.get("PACMAN_ENV_CACHE")
-    os.environ["PACMAN_ENV_CACHE"] = str(folder)
-    try:
-        yield
-    finally:
-        del os.environ["PACMAN_ENV_CACHE"]
-        if before is not None:
-            os.environ["PACMAN_ENV_CACHE"] = before
-
-
-def run(arguments: argparse.Namespace) -> None:
-    """Measure one worker and several in turns, tell, and write."""
-    if arguments.json:
-        prepare(arguments.json)
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure one worker and several in turns and print the table."""
     rows = []
     print(f"{arguments.env} on {arguments.map}, {STEPS} steps\n{'':>7} {'cold':>15} {'warm':>15}")
     print(f"{'workers':>7} {'wall s':>7} {'CPU s':>7} {'wall s':>7} {'CPU s':>7}")
@@ -91,18 +73,14 @@ def run(arguments: argparse.Namespace) -> None:
         rows.append({"workers": workers, **dict(zip(names, (*cold, *warm), strict=True))})
         print(f"{workers:>7}" + "".join(f" {value:7.1f}" for value in (*cold, *warm)), flush=True)
     print(f"{workers} beside one, cold: {rows[-1]['cold_s'] / rows[0]['cold_s']:.2f} of the wall's seconds")
-    if arguments.json:
-        write_json(arguments.json, {"version": __version__, "env": arguments.env, "map": arguments.map, "rows": rows})
+    return {"env": arguments.env, "rows": rows}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.cold_start", description=__doc__)
+    parser = benchmark_parser("cold_start", __doc__)
     parser.add_argument("--workers", type=whole_number(1), default=4, metavar="N", help="beside one (%(default)s)")
     parser.add_argument("--env", default="pacman_env/PacManBotFlat-v0", metavar="ID", help="with goals (%(default)s)")
-    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME", help="(%(default)s)")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
-    return run_command(parser, argv, run)
+    return run_benchmark(parser, argv, run)
 
 
 if __name__ == "__main__":

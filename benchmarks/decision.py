@@ -2,7 +2,7 @@
 
 One game is played with the policy's own choices, and each ``select`` is timed: features and network, without the
 simulator, one situation at a time, in one thread, as on a robot. The most memory that the process ever held counts the
-simulator as well. torch is not imported, and the figures say so.
+simulator as well. torch is not imported; the figures show that.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
+from benchmarks.harness import benchmark_parser, run_benchmark
+from pacman_env.cli.command import whole_number
 from pacman_env.config import Config, make_config, parse_settings
-from pacman_env.files import prepare, write_json
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
@@ -59,56 +58,48 @@ def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisio
     return times[WARM_UP:]
 
 
-def run(spec: str, map_source: str, settings: Sequence[str], decisions: int, seed: int) -> dict[str, Any]:
-    """All figures.
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Time the decisions and print the figures.
 
     Raises:
         ValueError: no such policy, or a map or setting that cannot be played with.
     """
-    config = make_config("robot", **parse_settings(settings))
-    policy = make_policy(spec)
-    assets = map_assets(map_source, config)
-    times = decision_times_ms(policy, assets, config, decisions, seed)
+    config = make_config("robot", **parse_settings(arguments.set))
+    policy = make_policy(arguments.policy)
+    assets = map_assets(arguments.map, config)
+    times = decision_times_ms(policy, assets, config, arguments.decisions, arguments.seed)
     p50, p99 = np.percentile(times, [50, 99]).tolist()
+    name, candidates, memory, torch = (
+        assets.occupancy.name,
+        len(assets.goal_xy) + 1,
+        peak_memory_mb(),
+        "torch" in sys.modules,
+    )
+    print(f"{policy.name} on {name}: {assets.pellets} pellets, {candidates} candidates")
+    print(
+        f"  one decision: median {p50:.3f} ms, 99 % within {p99:.3f} ms, longest of {len(times)}: {max(times):.3f} ms"
+    )
+    print(f"  memory, simulator included: {memory:.0f} MB at most; torch {'' if torch else 'not '}imported")
     return {
         "policy": policy.name,
-        "map": assets.occupancy.name,
+        "map": name,
         "map_hash": assets.occupancy.hash,
         "pellets": assets.pellets,
-        "candidates": len(assets.goal_xy) + 1,
-        "decisions": decisions,
+        "candidates": candidates,
+        "decisions": len(times),
         "p50_ms": p50,
         "p99_ms": p99,
         "longest_ms": max(times),
-        "peak_memory_mb": peak_memory_mb(),
-        "torch_imported": "torch" in sys.modules,
-        "version": __version__,
+        "peak_memory_mb": memory,
+        "torch_imported": torch,
     }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.decision", description=__doc__)
-    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
-    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
+    parser = benchmark_parser("decision", __doc__, "--policy", "--seed")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration")
     parser.add_argument("--decisions", type=whole_number(1), default=2000, metavar="N")
-    parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
-    return run_command(parser, argv, _report)
-
-
-def _report(arguments: argparse.Namespace) -> None:
-    if arguments.json:
-        prepare(arguments.json)
-    figures = run(arguments.policy, arguments.map, arguments.set, arguments.decisions, arguments.seed)
-    print(f"{figures['policy']} on {figures['map']}: {figures['pellets']} pellets, {figures['candidates']} candidates")
-    print(f"  one decision: median {figures['p50_ms']:.3f} ms, 99 % within {figures['p99_ms']:.3f} ms,", end=" ")
-    print(f"longest of {figures['decisions']}: {figures['longest_ms']:.3f} ms")
-    torch = "imported" if figures["torch_imported"] else "not imported"
-    print(f"  memory, simulator included: {figures['peak_memory_mb']:.0f} MB at most; torch {torch}")
-    if arguments.json:
-        write_json(arguments.json, figures)
+    return run_benchmark(parser, argv, run)
 
 
 if __name__ == "__main__":

@@ -9,10 +9,13 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from pacman_env.cli.command import Parser, run_command, whole_number
+from benchmarks.harness import benchmark_parser, run_benchmark, turns
+from pacman_env.cli.command import whole_number
 from pacman_env.engine.jit import kernel
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.evaluation.benchmark import make_vector
@@ -61,37 +64,38 @@ def parts(situation: Situation, speed_mps: float, repeats: int) -> dict[str, flo
     encounter = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
     scorer = _microseconds(lambda: _score_all(s.robot, s.clyde, s.position, _SCORER, terms), n, repeats)
     return {
-        "prediction of Clyde, clearance and direction of ways": encounter,
+        "prediction of Clyde, clearance and direction of paths": encounter,
         "the handcrafted score": scorer,
         "path lengths, margins, other pellets, globals": max(whole - encounter - scorer, 0.0),
         "all features": whole,
     }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.feature_cost", description=__doc__)
-    parser.add_argument("--map", default="house", help="name, YAML file or generated")
-    parser.add_argument("--games", type=whole_number(1), default=64)
-    parser.add_argument("--steps", type=whole_number(1), default=600, help="decisions of each game per turn")
-    parser.add_argument("--rounds", type=whole_number(1), default=5, help="turns")
-    return run_command(parser, argv, _report)
-
-
-def _report(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure the environments in turns and the parts, and print the figures."""
     levels = {"num_levels": arguments.games} if arguments.map.startswith("generated") else {}
     envs = [make_vector(arguments.games, arguments.map, observation=kinds, **levels) for kinds in KINDS]
-    rng = np.random.default_rng(0)
-    for env in envs:
-        _rate(env, rng, arguments.steps)  # compilation, caches, houses
-    rates = np.array([[_rate(env, rng, arguments.steps) for env in envs] for _ in range(arguments.rounds)])
+    rng = np.random.default_rng(arguments.seed)
+    measures = [partial(_rate, env, rng, arguments.steps) for env in envs]
+    turns(1, *measures)  # compilation, caches, houses
+    rates = np.median(turns(arguments.rounds, *measures), axis=0).tolist()
     print(f"map {arguments.map}, {arguments.games} games, one thread, median of {arguments.rounds} turns")
-    for kinds, rate in zip(KINDS, np.median(rates, axis=0), strict=True):
-        print(f"  observation {' and '.join(kinds):<20}{rate:9,.0f} decisions/s")
+    by_kind = {" and ".join(kinds): rate for kinds, rate in zip(KINDS, rates, strict=True)}
+    for kinds, rate in by_kind.items():
+        print(f"  observation {kinds:<20}{rate:9,.0f} decisions/s")
     env = envs[1]
+    costs = parts(env.situation, env.config.robot.speed_mps, 20 * arguments.rounds)
     print("us per decision:")
-    for name, cost in parts(env.situation, env.config.robot.speed_mps, 20 * arguments.rounds).items():
+    for name, cost in costs.items():
         print(f"  {name:<50}{cost:6.2f}")
+    return {"games": arguments.games, "decisions_per_s": by_kind, "us_per_decision": costs}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = benchmark_parser("feature_cost", __doc__, "--rounds", "--seed")
+    parser.add_argument("--games", type=whole_number(1), default=64)
+    parser.add_argument("--steps", type=whole_number(1), default=600, help="decisions of each game per turn")
+    return run_benchmark(parser, argv, run)
 
 
 if __name__ == "__main__":

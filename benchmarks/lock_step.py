@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 import subprocess
 import sys
 import tempfile
@@ -18,11 +17,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.files import prepare, write_json
+from benchmarks.harness import CORES, benchmark_parser, run_benchmark
+from pacman_env.cli.command import whole_number
 
-DIFFERENT = 1  # exit status
 LIMIT_S = 3600.0  # of simulated time, for a game
 
 
@@ -105,7 +102,6 @@ def busy(cores: int) -> Iterator[None]:
 
 
 def table(games: Sequence[Game]) -> list[str]:
-    """One line a game."""
     lines = ["| game | result | simulated s | real s | times real time | times time on a core | messages | hash |"]
     lines.append("|---|---|---|---|---|---|---|---|")
     for number, g in enumerate(games, 1):
@@ -115,10 +111,8 @@ def table(games: Sequence[Game]) -> list[str]:
     return lines
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Play, print, and write; the exit status."""
-    if arguments.json:
-        prepare(arguments.json)
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Play and print the tables; ``reproducible``: whether the seed, and nothing else, decides the games."""
     given = arguments.map, arguments.policy
     first = play(*given, arguments.seed, arguments.games)
     print(*table(first), sep="\n")
@@ -130,25 +124,17 @@ def run(arguments: argparse.Namespace) -> int:
     differs = other[0].hash != first[0].hash
     print(f"\nthe same seed: {'equal' if same else 'DIFFERENT'}; seed {arguments.seed + 1}: ", end="")
     print("another game" if differs else "THE SAME GAME")
-    if arguments.json:
-        facts = {"version": __version__, "map": arguments.map, "policy": arguments.policy, "seed": arguments.seed}
-        series = {"idle": first, "busy": again, "other": other}
-        write_json(arguments.json, {**facts, **{name: [asdict(g) for g in games] for name, games in series.items()}})
-    return 0 if same and differs else DIFFERENT
+    series = {"idle": first, "busy": again, "other": other}
+    games = {name: [asdict(g) for g in games] for name, games in series.items()}
+    return {"policy": arguments.policy, "reproducible": same and differs, **games}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Play; the exit status: 1 where a seed does not decide the games."""
-    parser = Parser(prog="python -m benchmarks.lock_step", description=__doc__)
-    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
-    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
+    parser = benchmark_parser("lock_step", __doc__, "--policy", "--seed")
     parser.add_argument("--games", type=whole_number(1), default=10, metavar="N")
-    parser.add_argument("--seed", type=whole_number(0), default=0, metavar="S")
-    parser.add_argument(
-        "--busy", type=whole_number(0), default=os.cpu_count() or 1, metavar="N", help="cores, the 2nd time"
-    )
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write every game")
-    return run_command(parser, argv, run, "ros")
+    parser.add_argument("--busy", type=whole_number(0), default=CORES, metavar="N", help="cores, the 2nd time")
+    return run_benchmark(parser, argv, run, "ros", failed=lambda figures: not figures["reproducible"])
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """The load of the game's nodes on a computer: ``python -m benchmarks.node_load``.
 
 The whole game is started as ``pacman-env ros up --sim`` starts it, in real time, and watched while a round runs: time
-on the processor and memory of every process, and the goal selector's own decision times, from the look at the pose to
-the goal handed to the middleware. The simulated robot stands for base, lidar, AMCL and Nav2, and is counted apart.
+on the processor and memory of every process, and the goal selector's own decision times, from reading the pose to
+handing the goal to the middleware. The simulated robot stands for base, lidar, AMCL and Nav2, and is counted apart.
 """
 
 from __future__ import annotations
@@ -19,18 +19,17 @@ from typing import Any
 
 import psutil
 
-from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.files import prepare, write_json
+from benchmarks.harness import benchmark_parser, run_benchmark
+from pacman_env.cli.command import whole_number
 from pacman_env.world.maps.occupancy import load_map
 
 PATIENCE_S = 300.0  # the first start compiles
-#: Promised of the goal selector, of a decision, of all nodes together, and of those that only pass words on.
+#: Promised of the goal selector, of a decision, of all nodes together, and of those that only pass messages on.
 SELECTOR_CPU_PERCENT, SELECTOR_MB, DECISION_MS, SYSTEM_CPU_PERCENT, LIGHT_MB = 5.0, 250.0, 20.0, 25.0, 75.0
 LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", "game_controller")
 
 
-def measure(map_source: str, policy: str, seconds: float, domain: int, say: Callable[[str], None]) -> dict[str, Any]:
+def measure(map_source: str, policy: str, seconds: float, domain: int, log: Callable[[str], None]) -> dict[str, Any]:
     """All figures of ``seconds`` of running rounds.
 
     Args:
@@ -38,7 +37,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
         policy: a name of the registry, or an .onnx file.
         seconds: how long the processes are watched.
         domain: ROS_DOMAIN_ID.
-        say: told what is going on.
+        log: prints the progress.
 
     Raises:
         ValueError: a map or policy that cannot be played.
@@ -57,7 +56,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
     status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
     names = (SIMULATOR, *GAME, SELECTOR)
     with tempfile.TemporaryDirectory() as logs:
-        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), say)
+        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), log)
 
         def wait(condition: Callable[[], Any], what: str) -> None:
             end = time.monotonic() + PATIENCE_S
@@ -74,7 +73,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
             wait(lambda: status_line.ready and status_line.call(START_GAME), "the referee")
             wait(lambda: status_line.state == "running", "the round")
             wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
-            say(f"running, watched for {seconds:g} s")
+            log(f"running, watched for {seconds:g} s")
             found = {name: psutil.Process(number) for name, number in processes.ids().items()}
             before = {name: found[name].cpu_times() for name in names}
             began = time.monotonic()
@@ -98,7 +97,6 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, say: Call
         "nodes": nodes,
         "system_cpu_percent": sum(node["cpu_percent"] for name, node in nodes.items() if name != SIMULATOR),
         "decisions": decisions,
-        "version": __version__,
     }
 
 
@@ -121,25 +119,17 @@ def report(figures: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.node_load", description=__doc__)
-    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
-    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
-    parser.add_argument("--seconds", type=whole_number(1), default=60, metavar="S")
-    parser.add_argument("--domain-id", type=whole_number(1), default=77, metavar="N", help="ROS_DOMAIN_ID of the game")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
-    return run_command(parser, argv, _report, "ros")
-
-
-def _report(arguments: argparse.Namespace) -> None:
-    if arguments.json:
-        prepare(arguments.json)
-    say = partial(print, file=sys.stderr)
-    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, say)
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    log = partial(print, file=sys.stderr)
+    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, log)
     print(report(figures))
-    if arguments.json:
-        write_json(arguments.json, figures)
+    return figures
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = benchmark_parser("node_load", __doc__, "--policy", "--domain-id")
+    parser.add_argument("--seconds", type=whole_number(1), default=60, metavar="S")
+    return run_benchmark(parser, argv, run, "ros")
 
 
 if __name__ == "__main__":

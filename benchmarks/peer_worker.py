@@ -1,8 +1,8 @@
 """Steps random actions in one library's environments and times them; :mod:`.peers` runs it as a script.
 
 It runs with the Python of the library's own venv, where this project is not installed: it imports the standard library
-and numpy, and the function of each library that library. It first says what it can play, then answers each line of
-standard input, all in JSON, one line each.
+and numpy, and the function of each library that library. It first prints what it can play, then answers each line
+of standard input, all in JSON, one line each.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ class Task(NamedTuple):
     Attributes:
         name: as its library calls it.
         simulated_s: simulated seconds of a decision.
-        words: what else a decision is.
+        description: what else a decision is.
         sizes: how many games at once.
-        threaded: whether it steps with as many threads as it is told.
+        threaded: whether it steps with the given number of threads.
         make: makes it for so many games and threads; returns what steps all of them, ended ones anew.
     """
 
     name: str
     simulated_s: float
-    words: str
+    description: str
     sizes: tuple[int, ...]
     threaded: bool
     make: Callable[[int, int], Step]
@@ -66,11 +66,11 @@ def ours(map_source: str) -> list[Task]:
         return lambda: env.step(next(actions))
 
     (numbers,) = space.shape or ()
-    words = (
+    description = (
         f"{round(tick_s / step_s)} Chipmunk steps of a robot among walls, navigation and localization as on the robot, "
         f"Clyde without a body; {numbers} numbers, the planner's features among them"
     )
-    return [Task("PacManBotFlat-v0", tick_s, words, BATCHES, False, make)]
+    return [Task("PacManBotFlat-v0", tick_s, description, BATCHES, False, make)]
 
 
 def of_envpool(_: str) -> list[Task]:
@@ -96,7 +96,7 @@ def of_envpool(_: str) -> list[Task]:
 
 
 def of_vmas(_: str) -> list[Task]:
-    """Its navigation scenario on the CPU; what begins anew is up to who uses it."""
+    """Its navigation scenario on the CPU; its user begins ended games anew."""
     import torch
     from vmas import make_env
 
@@ -117,10 +117,10 @@ def of_vmas(_: str) -> list[Task]:
 
         return step
 
-    words = (
+    description = (
         "2 substeps of 4 discs that collide, the actions of all 4 one decision; 18 numbers each, 12 of them a lidar's"
     )
-    return [Task("navigation", 0.1, words, BATCHES, True, make)]
+    return [Task("navigation", 0.1, description, BATCHES, True, make)]
 
 
 def of_mpe2(_: str) -> list[Task]:
@@ -139,8 +139,10 @@ def of_mpe2(_: str) -> list[Task]:
 
         return step
 
-    words = "one step of 4 discs among 2 obstacles in Python, the actions of all 4 one decision; 14 or 16 numbers each"
-    return [Task("simple_tag_v3", 0.1, words, ONE, False, make)]
+    description = (
+        "one step of 4 discs among 2 obstacles in Python, the actions of all 4 one decision; 14 or 16 numbers each"
+    )
+    return [Task("simple_tag_v3", 0.1, description, ONE, False, make)]
 
 
 def of_highway_env(_: str) -> list[Task]:
@@ -151,10 +153,10 @@ def of_highway_env(_: str) -> list[Task]:
     def maker(name: str) -> Callable[[int, int], Step]:
         return lambda size, threads: alone(gym.make(name))
 
-    words = "{} steps of {} cars in Python that drive by models of drivers; 5 x 5 numbers"
+    description = "{} steps of {} cars in Python that drive by models of drivers; 5 x 5 numbers"
     return [
-        Task("highway-v0", 1.0, words.format(15, 51), ONE, False, maker("highway-v0")),
-        Task("highway-fast-v0", 1.0, words.format(5, 21), ONE, False, maker("highway-fast-v0")),
+        Task("highway-v0", 1.0, description.format(15, 51), ONE, False, maker("highway-v0")),
+        Task("highway-fast-v0", 1.0, description.format(5, 21), ONE, False, maker("highway-fast-v0")),
     ]
 
 
@@ -174,7 +176,6 @@ def drawn(space: Any) -> Iterator[Any]:
 
 
 def alone(env: Any) -> Step:
-    """Steps one Gymnasium environment."""
     env.reset(seed=SEED)
     actions = drawn(env.action_space)
 
@@ -198,27 +199,26 @@ def turn(step: Step, size: int, seconds: float) -> dict[str, float]:
 
 
 def reason(error: Exception) -> str:
-    """In one line."""
     if isinstance(error, ModuleNotFoundError):
         return f"{error.name} is not installed"
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def main(library: str, map_source: str) -> None:
-    """Say the tasks, then measure what is asked for, until standard input ends."""
+    """Print the tasks, then measure what is asked for, until standard input ends."""
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # for what the library prints
 
-    def say(words: dict[str, Any]) -> None:
-        print(json.dumps(words), file=out, flush=True)
+    def answer(content: dict[str, Any]) -> None:
+        print(json.dumps(content), file=out, flush=True)
 
     try:
         tasks = LIBRARIES[library](map_source)
         version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)
     except Exception as error:
-        say({"error": reason(error)})
+        answer({"error": reason(error)})
         return
-    say({"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]})
+    answer({"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]})
     step: Step | None = None
     of_step: list[int] = []
     for line in sys.stdin:
@@ -229,9 +229,9 @@ def main(library: str, map_source: str) -> None:
                 step = None  # before the next: its threads would be in the way
                 step, of_step = tasks[number].make(size, threads), wanted
                 turn(step, size, seconds)  # to warm up
-            say(turn(step, size, seconds))
+            answer(turn(step, size, seconds))
         except Exception as error:
-            say({"error": reason(error)})
+            answer({"error": reason(error)})
 
 
 if __name__ == "__main__":

@@ -16,15 +16,14 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import pacman_env
-from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.files import prepare, write_json
+from benchmarks.harness import CORES, ROOT, benchmark_parser, median_and_range, run_benchmark, turns
 
 Turn = dict[str, float]  # decisions_per_s and cores
 
@@ -37,7 +36,6 @@ PEERS = {
     "highway-env": ("highway-env==1.12.1", "gymnasium==1.4.0", "numpy==2.4.6"),
 }
 SCRIPT = Path(__file__).with_name("peer_worker.py")
-CORES = len(os.sched_getaffinity(0))
 LIMIT_S = 600.0  # for an answer; the first may have to wait for kernels
 NOTE = """\
 Compared: how fast random actions are answered, each with an observation and a reward, ended episodes begun anew, after
@@ -82,8 +80,7 @@ def _environment(bare: bool) -> dict[str, str]:
     """Of a process: with this project first on its path, or for another venv without any path."""
     found = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     if not bare:
-        here = str(Path(pacman_env.__file__).parents[1])
-        found["PYTHONPATH"] = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
+        found["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     return found
 
 
@@ -99,7 +96,7 @@ class Worker:
     def __init__(self, name: str, map_source: str, python: Path | None = None) -> None:
         """Start it, with the present Python if none is given; raises PeerError if it cannot play."""
         self.name = name
-        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  # until end()
+        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  # until close()
         self._process = subprocess.Popen(
             [python or sys.executable, "-P", SCRIPT, name, map_source],
             stdin=subprocess.PIPE,
@@ -109,12 +106,12 @@ class Worker:
             env=_environment(bare=python is not None),
         )
         try:
-            said = self._answer()
+            found = self._answer()
         except BaseException:
-            self.end()
+            self.close()
             raise
-        self.version: str = said["version"]
-        self.tasks: list[dict[str, Any]] = said["tasks"]
+        self.version: str = found["version"]
+        self.tasks: list[dict[str, Any]] = found["tasks"]
 
     def title(self, task: int) -> str:
         """A task's name, after the library's."""
@@ -131,8 +128,7 @@ class Worker:
         """Decisions per second and cores in use, of one turn; raises PeerError."""
         return self._answer(json.dumps([task, size, threads, seconds]))
 
-    def end(self) -> None:
-        """End the process."""
+    def close(self) -> None:
         self._process.kill()
         self._process.communicate()
         self._log.close()
@@ -154,12 +150,12 @@ class Worker:
         if not line:
             status = process.wait()
             self._log.seek(0)
-            last = [words for words in self._log.read().splitlines() if words.strip()][-1:]
+            last = [line for line in self._log.read().splitlines() if line.strip()][-1:]
             raise PeerError(": ".join([f"ended with status {status}", *last]))
-        said: dict[str, Any] = json.loads(line)
-        if "error" in said:
-            raise PeerError(said["error"])
-        return said
+        answer: dict[str, Any] = json.loads(line)
+        if "error" in answer:
+            raise PeerError(answer["error"])
+        return answer
 
 
 @contextmanager
@@ -191,37 +187,31 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
     turns_of_ours: dict[int, list[Turn]] = {}
     with _ours_plays():
         own = Worker(OURS, map_source)
-    try:
+
+    @_ours_plays()
+    def own_turn(size: int) -> Turn:
+        return own.turn(0, size, 1, seconds / rounds)
+
+    with closing(own):
         steps[own.title(0)] = own.tasks[0]
         for name in names:
             try:
-                peer = Worker(name, map_source, python_of(name, venvs) if venvs else None)
+                with closing(Worker(name, map_source, python_of(name, venvs) if venvs else None)) as peer:
+                    for task, size, threads in peer.cases():
+                        steps[peer.title(task)] = peer.tasks[task]
+                        print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
+                        peer_turn = partial(peer.turn, task, size, threads, seconds / rounds)
+                        pairs = turns(rounds, partial(own_turn, size), peer_turn)
+                        turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
+                        row = _row(peer, task, size, threads, [turn for _, turn in pairs])
+                        simulated = peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]
+                        rows.append(row | _ratios(pairs, simulated))
             except PeerError as error:
                 failed[name] = str(error)
-                continue
-            try:
-                for task, size, threads in peer.cases():
-                    steps[peer.title(task)] = peer.tasks[task]
-                    print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
-                    pairs = []
-                    for _ in range(rounds):
-                        with _ours_plays():
-                            beside = own.turn(0, size, 1, seconds / rounds)
-                        pairs.append((beside, peer.turn(task, size, threads, seconds / rounds)))
-                    turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
-                    row = _row(peer, task, size, threads, [turn for _, turn in pairs])
-                    rows.append(row | _ratios(pairs, peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]))
-            except PeerError as error:
-                failed[name] = str(error)
-            finally:
-                peer.end()
-        first = []
-        for task, size, threads in own.cases():
-            with _ours_plays():
-                turns = turns_of_ours.get(size) or [own.turn(task, size, 1, seconds / rounds) for _ in range(rounds)]
-            first.append(_row(own, task, size, threads, turns))
-    finally:
-        own.end()
+        first = [
+            _row(own, task, size, threads, turns_of_ours.get(size) or [own_turn(size) for _ in range(rounds)])
+            for task, size, threads in own.cases()
+        ]
     return {
         "rows": first + rows,
         "steps": steps,
@@ -229,9 +219,6 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
         "map": map_source,
         "rounds": rounds,
         "venvs": venvs is not None,
-        "version": pacman_env.__version__,
-        "python": platform.python_version(),
-        "processor": platform.processor() or platform.machine(),
         "cores": CORES,
     }
 
@@ -250,19 +237,14 @@ def _row(worker: Worker, task: int, size: int, threads: int, turns: Sequence[Tur
     }
 
 
-def _ratios(pairs: Sequence[tuple[Turn, Turn]], simulated: float) -> dict[str, Any]:
-    """To ours, of turns side by side; ``simulated``: as many seconds does a decision simulate for one of ours."""
-    ratios = np.array([turn["decisions_per_s"] / beside["decisions_per_s"] for beside, turn in pairs])
-    ratio = float(np.median(ratios))
-    return {
-        "ratio": ratio,
-        "ratio_range": [float(ratios.min()), float(ratios.max())],
-        "simulated_ratio": ratio * simulated,
-    }
+def _ratios(pairs: Sequence[tuple[Turn, ...]], simulated: float) -> dict[str, Any]:
+    """To ours, of turns side by side; ``simulated``: simulated seconds of a decision by those of ours."""
+    ratio, low, high = median_and_range([turn["decisions_per_s"] / own["decisions_per_s"] for own, turn in pairs])
+    return {"ratio": ratio, "ratio_range": [low, high], "simulated_ratio": ratio * simulated}
 
 
 def table(figures: dict[str, Any]) -> str:
-    """The figures, what a decision is in each, what was not measured and why, and what they say."""
+    """The figures, what a decision is in each, what was not measured and why, and the note."""
     head = f"{'':<27}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}"
     lines = [
         f"map {figures['map']}, {figures['rounds']} turns of each, {figures['cores']} cores",
@@ -280,7 +262,9 @@ def table(figures: dict[str, Any]) -> str:
             f"{_rounded(row['simulated_s_per_s']):>15}{simulated:>9}{row['cores']:>7.2f}"
         )
     lines += ["", "a decision:"]
-    lines += [f"  {title}: {task['simulated_s']:.3g} s, {task['words']}" for title, task in figures["steps"].items()]
+    lines += [
+        f"  {title}: {task['simulated_s']:.3g} s, {task['description']}" for title, task in figures["steps"].items()
+    ]
     lines += [f"not measured: {name}: {reason}" for name, reason in figures["failed"].items()]
     if figures["failed"] and not figures["venvs"]:
         lines.append("  (--venvs DIR installs them there)")
@@ -291,36 +275,29 @@ def _rounded(rate: float) -> str:
     return f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.peers", description=__doc__)
-    parser.add_argument(
-        "libraries", nargs="*", metavar="NAME", help=f"of {', '.join(PEERS)} (all of them)", type=_library
-    )
-    parser.add_argument("--map", default="house", help="name or YAML file of what ours is played on (%(default)s)")
-    parser.add_argument("--rounds", type=whole_number(1), default=5, help="turns for each figure (%(default)s)")
-    parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take (%(default)s)")
-    parser.add_argument("--json", type=Path, help="write the figures here")
-    parser.add_argument(
-        "--venvs", type=Path, metavar="DIR", help="install each of them there, in a venv of its own, if it is not yet"
-    )
-    return run_command(parser, argv, _report)
-
-
 def _library(name: str) -> str:
     if name not in PEERS:
         raise argparse.ArgumentTypeError(f"unknown library {name!r} (choose from {', '.join(PEERS)})")
     return name
 
 
-def _report(arguments: argparse.Namespace) -> None:
-    if arguments.json:
-        prepare(arguments.json)
+def _report(arguments: argparse.Namespace) -> dict[str, Any]:
     names = list(dict.fromkeys(arguments.libraries or PEERS))
     figures = run(names, arguments.venvs, arguments.map, arguments.rounds, arguments.seconds)
     print(table(figures))
-    if arguments.json:
-        write_json(arguments.json, figures)
+    return figures
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = benchmark_parser("peers", __doc__, "--rounds")
+    parser.add_argument(
+        "libraries", nargs="*", metavar="NAME", help=f"of {', '.join(PEERS)} (all of them)", type=_library
+    )
+    parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take (%(default)s)")
+    parser.add_argument(
+        "--venvs", type=Path, metavar="DIR", help="install each of them there, in a venv of its own, if it is not yet"
+    )
+    return run_benchmark(parser, argv, _report)
 
 
 if __name__ == "__main__":

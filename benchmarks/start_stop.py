@@ -1,14 +1,13 @@
 """How long a game takes to start and to stop: ``python -m benchmarks.start_stop``, also beside another checkout.
 
 ``pacman-env ros up --sim --start`` runs as a process of its own, without a start show: first with an empty cache, as on
-a new machine, then with the cache that it has left. Watched from outside: the first word that it prints, the menu, the
+a new machine, then with the cache that it has left. Watched from outside: the first line that it prints, the menu, the
 robot's first motion, and the time from Ctrl-C to its end.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import subprocess
 import sys
@@ -19,14 +18,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import pacman_env
-from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.files import prepare, write_json
+from benchmarks.harness import ROOT, benchmark_parser, in_checkout, run_benchmark
 
-ROOT = Path(pacman_env.__file__).resolve().parents[1]
 PATIENCE_S = 600.0
 DRIVES_MPS = 0.05
-COLUMNS = ("first word", "menu", "drives", "stop")
+COLUMNS = ("first line", "menu", "drives", "stop")
 
 
 def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) -> dict[str, float]:
@@ -60,15 +56,12 @@ def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) 
 
     ODOMETRY.subscription(status_line, on_odometry)
     with tempfile.TemporaryDirectory() as logs:
-        words = ["--map", map_source, "--policy", policy, "--sim", "--start", "--set", "show.start_s=0", "--logs", logs]
-        command = [sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words, "--domain-id", str(domain)]
-        environment = {**os.environ, "PYTHONPATH": str(root), "PACMAN_ENV_CACHE": str(cache)}
-        pipe = subprocess.PIPE
-        with subprocess.Popen(
-            command, cwd=root, env=environment, stdout=pipe, stderr=subprocess.STDOUT, text=True
-        ) as process:
-            said: list[str] = []
-            reader = threading.Thread(target=_read, args=(process, said, lambda: note("first word")), daemon=True)
+        options = ["--map", map_source, "--policy", policy, "--sim", "--start", "--set", "show.start_s=0"]
+        options += ["--logs", logs, "--domain-id", str(domain)]
+        game = in_checkout(root, "-m", "pacman_env.cli.main", "ros", "up", *options, PACMAN_ENV_CACHE=str(cache))
+        with subprocess.Popen(**game, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+            output: list[str] = []
+            reader = threading.Thread(target=_read, args=(process, output, lambda: note("first line")), daemon=True)
             reader.start()
             try:
                 while "drives" not in moments:
@@ -76,7 +69,7 @@ def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) 
                     if status_line.state is not None:
                         note("menu")
                     if process.poll() is not None or time.monotonic() - began > PATIENCE_S:
-                        raise ValueError(f"the game of {root} does not drive: {' '.join(said[-3:])}")
+                        raise ValueError(f"the game of {root} does not drive: {' '.join(output[-3:])}")
                 asked = time.monotonic()
                 process.send_signal(signal.SIGINT)
                 process.wait(PATIENCE_S)
@@ -89,17 +82,15 @@ def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) 
     return moments
 
 
-def _read(process: subprocess.Popen[str], said: list[str], word: Callable[[], None]) -> None:
+def _read(process: subprocess.Popen[str], output: list[str], on_line: Callable[[], None]) -> None:
     assert process.stdout is not None
     for line in process.stdout:
-        word()
-        said.append(line.strip())
+        on_line()
+        output.append(line.strip())
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Measure every checkout in turns, tell, and write."""
-    if arguments.json:
-        prepare(arguments.json)
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure every checkout in turns and print the table."""
     roots = {"this": ROOT} | ({"before": arguments.before} if arguments.before else {})
     rows: list[dict[str, Any]] = []
     print(f"{'checkout':<9} {'cache':<6}" + "".join(f" {name:>11}" for name in COLUMNS) + "   s")
@@ -110,19 +101,13 @@ def run(arguments: argparse.Namespace) -> None:
                 moments = measure(root, place, arguments.map, arguments.policy, arguments.domain_id)
                 rows.append({"checkout": name, "cache": cache, **moments})
                 print(f"{name:<9} {cache:<6}" + "".join(f" {moments[column]:11.1f}" for column in COLUMNS), flush=True)
-    if arguments.json:
-        write_json(arguments.json, {"version": pacman_env.__version__, "map": arguments.map, "rows": rows})
+    return {"policy": arguments.policy, "rows": rows}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.start_stop", description=__doc__)
+    parser = benchmark_parser("start_stop", __doc__, "--policy", "--domain-id")
     parser.add_argument("before", nargs="?", type=Path, metavar="CHECKOUT", help="another version to measure beside")
-    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
-    parser.add_argument("--policy", default="ppo", help="a name or an .onnx file")
-    parser.add_argument("--domain-id", type=whole_number(1), default=78, metavar="N", help="ROS_DOMAIN_ID of the game")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
-    return run_command(parser, argv, run, "ros")
+    return run_benchmark(parser, argv, run, "ros")
 
 
 if __name__ == "__main__":

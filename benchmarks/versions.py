@@ -1,33 +1,27 @@
 """The speed of this version beside another: ``python -m benchmarks.versions ../before``, a checkout of that one.
 
-Both run their throughput benchmark in turns, in processes of their own, with the packages of this Python; the ratio is
-the median over the rounds of figures measured one after the other. So a machine that is slow for a while is slow for
-both. More than 1 is faster than the other.
+Both run their throughput benchmark in turns, in processes of their own, with the packages of this Python. A ratio is
+the median over the rounds; more than 1 is faster than the other.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-import pacman_env
-from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
-
-ROOT = Path(pacman_env.__file__).resolve().parents[1]
-ROUNDS = 5
+from benchmarks.harness import ROOT, benchmark_parser, in_checkout, median_and_range, run_benchmark, turns
+from pacman_env.cli.command import finite_number
 
 
 def benchmark_module(root: Path) -> str:
-    """The benchmark below a folder of Python packages, by the name that ``python -m`` knows there.
+    """The throughput benchmark of a checkout, as ``python -m`` names it; older versions have it elsewhere.
 
     Raises:
         ValueError: there is none.
@@ -48,20 +42,14 @@ def measure(root: Path, map_source: str, seconds: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "figures.json"
         options = ["--map", map_source, "--rounds", "3", "--seconds", str(seconds), "--json", str(file)]
-        done = subprocess.run(
-            [sys.executable, "-m", module, *options],
-            cwd=root,
-            env={**os.environ, "PYTHONPATH": str(root)},
-            capture_output=True,
-            text=True,
-        )
+        done = subprocess.run(**in_checkout(root, "-m", module, *options), capture_output=True)
         if done.returncode != 0:
             raise ValueError(f"{module} in {root} failed: {done.stderr.strip()}")
         figures: dict[str, Any] = json.loads(file.read_text())
         return figures
 
 
-def ratios(here: list[dict[str, Any]], there: list[dict[str, Any]]) -> dict[str, list[float]]:
+def ratios(here: Sequence[dict[str, Any]], there: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
     """Per figure, this version's over the other's in each round."""
     pairs = list(zip(here, there, strict=True))
     sizes = here[0]["decisions_per_s"]
@@ -71,30 +59,27 @@ def ratios(here: list[dict[str, Any]], there: list[dict[str, Any]]) -> dict[str,
     return result
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.versions", description=__doc__)
-    parser.add_argument("checkout", type=Path, help="folder of the other version")
-    parser.add_argument("--map", default="house", help="name or YAML file; generated houses are measured as well")
-    parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
-    parser.add_argument("--seconds", type=finite_number(0), default=3.0, help="roughly what each figure may take")
-    return run_command(parser, argv, _report)
-
-
-def _report(arguments: argparse.Namespace) -> None:
-    other = arguments.checkout.resolve()
-    benchmark_module(other)
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure both checkouts in turns and print the ratios."""
+    roots = ROOT, arguments.checkout.resolve()
     map_source = str(Path(arguments.map).resolve()) if Path(arguments.map).exists() else arguments.map
-    for root in (ROOT, other):  # compiled and prepared before anything counts
+    for root in roots[::-1]:  # compiled and prepared before anything counts
         measure(root, map_source, 0.1)
-    here, there = [], []
-    for _ in range(arguments.rounds):
-        here.append(measure(ROOT, map_source, arguments.seconds))
-        there.append(measure(other, map_source, arguments.seconds))
+    rounds = turns(arguments.rounds, *(partial(measure, root, map_source, arguments.seconds) for root in roots))
+    here, there = zip(*rounds, strict=True)
     versions = f"version {here[0]['version']} beside {there[0]['version']}"
     print(f"map {here[0]['map']}: {versions}, {arguments.rounds} rounds")
-    for name, values in ratios(here, there).items():
-        print(f"  {name}: {np.median(values):.2f} ({min(values):.2f} to {max(values):.2f})")
+    found = ratios(here, there)
+    for name, values in found.items():
+        print("  {}: {:.2f} ({:.2f} to {:.2f})".format(name, *median_and_range(values)))
+    return {"beside": there[0]["version"], "ratios": found}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = benchmark_parser("versions", __doc__, "--rounds")
+    parser.add_argument("checkout", type=Path, help="folder of the other version")
+    parser.add_argument("--seconds", type=finite_number(0), default=3.0, help="roughly what each figure may take")
+    return run_benchmark(parser, argv, run)
 
 
 if __name__ == "__main__":

@@ -20,16 +20,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
 import psutil
 
-from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.files import prepare, write_json
+from benchmarks.harness import benchmark_parser, run_benchmark
+from pacman_env.cli.command import whole_number
 
 #: Promised of the server, of a core, and of frames, ms.
 SERVER_PERCENT, LATENCY_MS = 30.0, 150.0
@@ -102,8 +100,6 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str, say: Ca
     if not ages_ms:
         raise ValueError("the viewers saw no frame")
     return {
-        "version": __version__,
-        "map": game_map,
         "viewers": viewers,
         "seconds": seconds,
         "frames_per_s": len(ages_ms) / (viewers - 1) / seconds,
@@ -291,26 +287,20 @@ def report(figures: dict[str, Any]) -> str:
     return "\n".join(" ".join(words) for words in lines)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
-    parser = Parser(prog="python -m benchmarks.web_load", description=__doc__)
-    parser.add_argument("--viewers", type=whole_number(2), default=50, metavar="N", help="at once (%(default)s)")
-    parser.add_argument("--seconds", type=whole_number(1), default=600, metavar="S", help="they look (%(default)s)")
-    parser.add_argument("--map", default="house", metavar="FILE_OR_NAME")
-    parser.add_argument("--quick", action="store_true", help="a few viewers for a few seconds: does it work at all?")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures")
-    return run_command(parser, argv, _report, "web")
-
-
-def _report(arguments: argparse.Namespace) -> None:
-    if arguments.json:
-        prepare(arguments.json)
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
     viewers, seconds = (4, 2) if arguments.quick else (arguments.viewers, arguments.seconds)
     alone_s = max(1.0, min(30.0, seconds / 2))
     figures = measure(viewers, seconds, alone_s, arguments.map, partial(print, file=sys.stderr))
     print(report(figures))
-    if arguments.json:
-        write_json(arguments.json, figures)
+    return figures
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = benchmark_parser("web_load", __doc__)
+    parser.add_argument("--viewers", type=whole_number(2), default=50, metavar="N", help="at once (%(default)s)")
+    parser.add_argument("--seconds", type=whole_number(1), default=600, metavar="S", help="they look (%(default)s)")
+    parser.add_argument("--quick", action="store_true", help="a few viewers for a few seconds: does it work at all?")
+    return run_benchmark(parser, argv, run, "web")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,10 @@ from pacman_env.cli.main import MODULES, main
 from tools.clients import examples
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 EXAMPLES = [
     pytest.param(example, id=f"{page.stem}-{number}") for page in PAGES for number, example in enumerate(examples(page))
 ]

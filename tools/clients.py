@@ -25,7 +25,7 @@ PAGE = ROOT / "docs" / "use_with" / "README.md"
 CACHE = ROOT / ".clients"
 HERE = ""  # the environment that this is run in
 LIMIT_S = 900.0  # for a script that hangs; each takes about a minute
-TIMED_OUT = 124  # as timeout(1) says it
+TIMED_OUT = 124  # as of timeout(1)
 _BLOCK = re.compile(r"(<!-- clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
@@ -142,7 +142,7 @@ def examples(page: Path) -> list[str]:
 
 
 def run(client: Client) -> Result:
-    """Run its script and its page's examples; what they say is in ``.clients/NAME.log``, at a failure its end printed.
+    """Run its script and its page's examples; their output is in ``.clients/NAME.log``, its end is printed on failure.
 
     Raises:
         subprocess.CalledProcessError: its library cannot be installed.
@@ -174,7 +174,6 @@ def run(client: Client) -> Result:
 
 
 def table(results: Sequence[Result]) -> str:
-    """In Markdown."""
     rows = ["| Library | Version | Works | Script | Seconds |", "| --- | --- | --- | --- | --- |"]
     for result in results:
         client = result.client

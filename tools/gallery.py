@@ -1,6 +1,6 @@
 """Every picture of the documentation, drawn from seeds: ``python -m tools.gallery``.
 
-What a game looks like is ``pacman_env.render.frames``'s business; here are the scenes and how they are laid out.
+``pacman_env.render.frames`` draws a game; here are the scenes and their layout.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def sheet(pictures: Sequence[Image], columns: int, captions: Sequence[str] = ())
             x = left + (widths[c] - picture.shape[1]) // 2
             page[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
             if captions:
-                words = text(captions[r * columns + c], 9.5, False, INK, PAGE)
-                paste(page, left + (widths[c] - words.shape[1]) / 2, top + heights[r] - below / 2, words)
+                caption = text(captions[r * columns + c], 9.5, False, INK, PAGE)
+                paste(page, left + (widths[c] - caption.shape[1]) / 2, top + heights[r] - below / 2, caption)
             left += widths[c] + _GAP
         top += heights[r] + _GAP
     return page
@@ -93,7 +93,6 @@ def corners(assets: MapAssets) -> NDArray[np.float64]:
 
 
 def draw_round() -> Image:
-    """A round on the way."""
     return render_frame(play(7, 70, map="house").batch, 0, height=600, title="clyde_aware")
 
 
@@ -109,13 +108,12 @@ def draw_story() -> Image:
 
 
 def draw_ghosts() -> Image:
-    """Four ghosts, each with his behaviour."""
+    """Four ghosts, each with its behaviour."""
     env = play(5, 24, map="open_plan", ghosts=("wander", "chase", "arcade", "wander"))
     return render_frame(env.batch, 0, height=560, title="four ghosts")
 
 
 def draw_maps() -> Image:
-    """The shipped maps."""
     names = shipped_maps()
     tiles = [map_assets(name, make_config()) for name in names]
     captions = [f"{name}: {assets.pellets} pellets" for name, assets in zip(names, tiles, strict=True)]

@@ -1,7 +1,7 @@
 """The tables of the documentation, written from the code that they describe: ``python -m tools.reference``.
 
 A page marks a place with ``<!-- table: NAME -->`` and ``<!-- end -->``; what stands between is written here. The
-words around it are written by people.
+text around it is written by hand.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[1]
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
 OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # of observation
-#: What rewards are given for: their names alone are all that the source says.
+#: What rewards are given for: the source has their names alone.
 EVENTS = {
     "pellet": "each pellet collected",
     "death": "the robot is caught",
@@ -50,7 +50,6 @@ EVENTS = {
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
@@ -78,7 +77,6 @@ def _named(field: str) -> str:
 
 
 def configuration() -> str:
-    """Every field of the configuration, by section."""
     sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
     default = Config()
 
@@ -165,9 +163,9 @@ def actions() -> str:
         if isinstance(space, spaces.Box):
             names = ("v", "omega") if unit else ("v, m/s", "omega, rad/s")
             limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
-            words = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
+            bounds = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
             given = f'action="{action}"' + (', action_range="unit"' if unit else "")
-            rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", words])
+            rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", bounds])
         else:
             rows.append([f'`action="{action}"`', f"`Discrete({space.n})`", "number of a candidate, the last is hold"])
     return table(("Argument", "Space", "Values"), rows)
@@ -185,7 +183,6 @@ def state() -> str:
 
 
 def maps() -> str:
-    """The shipped maps under the default configuration."""
     rows = []
     for name in shipped_maps():
         assets = map_assets(name, make_config())

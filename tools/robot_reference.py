@@ -80,7 +80,7 @@ def describe(name: str) -> Described:
 
 @contextmanager
 def _noted_actions() -> Iterator[list[tuple[str, str, str, str]]]:
-    """The ends of actions that are made meanwhile: rclpy does not tell an action's name afterwards."""
+    """The ends of actions that are made meanwhile: rclpy does not know an action's name afterwards."""
     noted: list[tuple[str, str, str, str]] = []
     before = {name: getattr(RosAction, name) for name in _ENDS_OF_ACTIONS}
 
@@ -135,7 +135,6 @@ def _qos(profile: Any) -> str:
 
 
 def page() -> str:
-    """The whole page."""
     context_arguments = ["--ros-args", "-r", "__ns:=/robot", "-p", "map_yaml:=house", "--disable-external-lib-logs"]
     context_arguments += ["-p", f'settings:=["clyde.ghosts={",".join(4 * ["wander"])}"]', "--log-level", "fatal"]
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -194,7 +193,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _write(arguments: argparse.Namespace) -> int:
     before = arguments.page.read_text(encoding="utf-8") if arguments.page.is_file() else ""
-    complaint = "is not what the nodes say: run scripts/robot_reference"
+    complaint = "is not what the nodes declare: run scripts/robot_reference"
     return update(arguments.page, before, page(), arguments.check, complaint)
 
 

@@ -1,7 +1,7 @@
 """The screenshots of the operator's page in the documentation: ``python -m tools.screenshots``.
 
-A real browser (Chromium of the system, driven by Playwright) looks at the real server over the simulator. What moves is
-not drawn alike each time, so that no test compares these pictures.
+A real browser (Chromium of the system, driven by Playwright) shows the real server's page over the simulator. Moving
+things are not drawn alike each time, so no test compares these pictures.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _running(page: Any) -> None:
 
 
 def _playing(page: Any) -> None:
-    """Somebody plays the robot, the policy beside him."""
+    """A user plays the robot, beside the policy's own choice."""
     page.click("#tab-play")
     page.click("[data-seat=robot]")
     _wait(page, "state.seat === 'robot' && state.frame.shadow")
@@ -125,7 +125,6 @@ def compact(png: bytes) -> bytes:
 
 
 def shoot(browser: Any, name: str) -> bytes:
-    """One picture, as PNG."""
     width, height, ratio, scheme, prepare = SHOTS[name]
     game = SimulatedGame(Rules(), seed=_SEED)
     try:
@@ -150,7 +149,6 @@ def shoot(browser: Any, name: str) -> bytes:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Take the pictures that are named, or all."""
     parser = argparse.ArgumentParser(prog="python -m tools.screenshots", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SHOTS)}; all if none is given")
     parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")

@@ -19,7 +19,6 @@ class Parser(argparse.ArgumentParser):
     """Bad arguments are one line on stderr, as every other error."""
 
     def error(self, message: str) -> NoReturn:
-        """Print it and exit with status 2."""
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
 
 
@@ -51,12 +50,12 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
     """The exit status of ``work``; what it cannot do becomes one line on stderr and 2, Ctrl-C one line and 130."""
     try:
         status = work() or 0
-        sys.stdout.flush()  # here, where a failure can still be said
+        sys.stdout.flush()  # here, where a failure can still be reported
         return status
     except KeyboardInterrupt:
         print(f"{prog}: stopped", file=sys.stderr)
         return STOPPED_STATUS
-    except BrokenPipeError:  # who read the output has enough of it
+    except BrokenPipeError:  # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except ModuleNotFoundError as error:

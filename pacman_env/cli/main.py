@@ -63,13 +63,13 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_group in GROUPS:
         add_group(commands)
-    for name, (_, words) in MODULES.items():
-        commands.add_parser(name, help=words)  # its arguments are its module's
+    for name, (_, purpose) in MODULES.items():
+        commands.add_parser(name, help=purpose)  # its arguments are its module's
     return parser
 
 
 def _add_map_group(commands: Any) -> None:
-    group = commands.add_parser("map", help="look at occupancy maps").add_subparsers(
+    group = commands.add_parser("map", help="check, list and generate occupancy maps").add_subparsers(
         metavar="SUBCOMMAND", required=True
     )
     check = group.add_parser("check", help="areas, pellets and warnings of one map")

@@ -1,4 +1,4 @@
-"""A dataclass of settings as options of a command: names, types and defaults are its fields', help the words below."""
+"""A dataclass of settings as options of a command: the string below a field is the option's help."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, d
 
 
 def _add_options(parser: argparse.ArgumentParser, default: Any) -> None:
-    words, hints = _help(type(default)), typing.get_type_hints(type(default))
+    texts, hints = _help(type(default)), typing.get_type_hints(type(default))
     for name, value in _values(default).items():
         if dataclasses.is_dataclass(value):
             _add_options(parser, value)
             continue
         shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
-        text = f"{words.get(name, '')} ({shown})".lstrip().replace("%", "%%")
+        text = f"{texts.get(name, '')} ({shown})".lstrip().replace("%", "%%")
         parser.add_argument(f"--{name.replace('_', '-')}", default=value, help=text, **_kind(hints[name]))
 
 
@@ -83,8 +83,8 @@ def _help(kind: type) -> dict[str, str]:
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(node, ast.ClassDef)
     return {
-        field.target.id: " ".join(inspect.cleandoc(words.value.value).split())
-        for field, words in itertools.pairwise(node.body)
+        field.target.id: " ".join(inspect.cleandoc(text.value.value).split())
+        for field, text in itertools.pairwise(node.body)
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-        if isinstance(words, ast.Expr) and isinstance(words.value, ast.Constant) and isinstance(words.value.value, str)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
     }

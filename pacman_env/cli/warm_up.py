@@ -25,7 +25,6 @@ _KINDS = ("features", "planner", "scan", "grid")
 
 
 def add_warm_up(commands: Any) -> None:
-    """Add the command to the subparsers of ``pacman-env``."""
     parser = commands.add_parser("warm-up", help="compile beforehand, where the first use would (images, new machines)")
     parser.add_argument("--robot", action="store_true", help="also what the ROS nodes need; ROS is not imported")
     parser.set_defaults(run=lambda arguments: _report(arguments.robot))
@@ -51,7 +50,7 @@ def _report(robot: bool) -> int:
 
 
 def _compiler() -> str:
-    """A name for what Numba's cache tells apart: versions and the processor."""
+    """A name for what Numba's cache distinguishes: versions and the processor."""
     import numba
     from numba.core.registry import cpu_target
 

@@ -9,7 +9,6 @@ from pacman_env.cli.command import finite_number, whole_number
 
 
 def add_web(commands: Any) -> None:
-    """Add the command to the subparsers of ``pacman-env``."""
     web = commands.add_parser("web", help="the page in a browser: see a game, play it, run it")
     web.add_argument(
         "--host", default="127.0.0.1", help="address to listen on; others than this machine need a token (%(default)s)"
@@ -25,7 +24,7 @@ def add_web(commands: Any) -> None:
         "--map", default="house", metavar="FILE_OR_NAME", help="as for 'map check', or 'generated' (%(default)s)"
     )
     game.add_argument("--preset", default="robot", help="robot or ideal (%(default)s)")
-    game.add_argument("--policy", default="ppo", help="who picks the goals: a name or an .onnx file (%(default)s)")
+    game.add_argument("--policy", default="ppo", help="the policy: a name or an .onnx file (%(default)s)")
     game.add_argument("--second", default="clyde_aware", help="the policy that is asked beside it (%(default)s)")
     game.add_argument("--ghosts", nargs="+", default=["wander"], metavar="BEHAVIOUR", help="of each ghost (wander)")
     game.add_argument("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")

@@ -57,7 +57,7 @@ def single_rate(env: PacManBotEnv, rng: np.random.Generator, steps: int) -> floa
 def bare_rate(env: PacManBotVectorEnv, steps: int) -> float:
     """Decisions per second if a decision were physics steps and nothing else, from where the games are now.
 
-    All robots are in one space of Chipmunk's, stepped from Python, as somebody would who has nothing but pymunk.
+    All robots are in one space of Chipmunk's, stepped from Python, as with pymunk alone.
     """
     robot = env.config.robot
     step = bare_stepper(
@@ -200,7 +200,6 @@ def thread_numbers(most: int) -> list[int]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure; returns the exit status."""
     parser = Parser(prog="pacman-env benchmark", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
     parser.add_argument("--rounds", type=whole_number(1), default=ROUNDS)
@@ -214,7 +213,7 @@ def _report(arguments: argparse.Namespace) -> None:
         prepare(arguments.json)
     figures = run(arguments.map, arguments.rounds, arguments.seconds)
     rates = figures["decisions_per_s"]
-    print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread if no number is told")
+    print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread unless a number is given")
     for n in ("1", "64", "1024"):
         print(f"  N = {n:>4}: {rates[n]:9,.0f} decisions/s")
     low, high = figures["bare_ratio_64_range"]

@@ -1,7 +1,7 @@
 """Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
 
-Arguments, the rounds in order, the table of who completes against whom, and what is written down. Clyde's games are in
-``ghost_games``, those who play against the planner in ``opponents``.
+Arguments, the rounds in order, the table of completion for each pair, and the record. Clyde's games are in
+``ghost_games``, the planner's opponents in ``opponents``.
 """
 
 from __future__ import annotations
@@ -16,11 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
-import torch
-from onnx import numpy_helper
 from stable_baselines3.common.utils import set_random_seed
-from tqdm import tqdm
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
@@ -29,23 +25,19 @@ from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative
 from pacman_env.files import write_json
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, load_network, read_facts
-from pacman_env.training.export import export_planner, model_bytes
+from pacman_env.training.export import export_planner, network_of
 from pacman_env.training.games import TrainingGames, make_games
 from pacman_env.training.ghost_games import make_ghost_games
 from pacman_env.training.imitation import imitate
 from pacman_env.training.learner import Learner, new_model, use_device
-from pacman_env.training.network import EntityNetwork
 from pacman_env.training.opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from pacman_env.training.run import LearningRate, TrainingCallback, facts_of, restore
+from pacman_env.training.run import LearningRate, TrainingCallback, facts_of, progress_bar, restore
 
 _PROG = "pacman-env adversary"
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
-#: Layers in the order in which ``export`` writes them; what the first and third read comes in two halves.
-_LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")
 
 
 @dataclass(frozen=True)
@@ -109,7 +101,6 @@ QUICK = Arguments(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Train or measure; returns the exit status."""
     return guarded(_PROG, lambda: _run(parse(sys.argv[1:] if argv is None else argv)), "train")
 
 
@@ -160,14 +151,8 @@ class Alternation:
             ValueError: the file to begin with holds no planner for this version.
         """
         arguments, began = self.arguments, time.perf_counter()
-        with tqdm(
-            total=arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions),
-            unit="decision",
-            unit_scale=True,
-            mininterval=1.0,
-            disable=not arguments.progress,
-            file=sys.stderr,
-        ) as bar:
+        decisions = arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions)
+        with progress_bar(decisions, arguments.progress) as bar:
             games = make_games(_games(arguments, _PLANNER), 0)
             self._models[_PLANNER], self._decisions[_PLANNER] = starting_model(arguments, games)
             games.close()
@@ -183,7 +168,7 @@ class Alternation:
         print(f"written: {self.record}, {self._path(newest)}, {self._path(f'clyde-{arguments.rounds}')}")
 
     def _round(self, number: int, bar: Any) -> None:
-        """A Clyde against the planner, the planner against the pool, and how both fare."""
+        """A Clyde against the planner, the planner against the pool, and their results."""
         before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
         robot = partial(LearnedPlanner, self._path(before))
         games = make_ghost_games(_games(self.arguments, _CLYDE), number - 1, robot)
@@ -205,7 +190,7 @@ class Alternation:
                 "planner_seconds": round(planner_seconds, 1),
             }
         )
-        # Again, now that it is known how they fare.
+        # Again, with the results.
         shares = self.table.shares()
         self._export(_PLANNER, after, {f"completed_{rival}": share for rival, share in shares[after].items()})
         self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (before, after, *RULES)})
@@ -251,7 +236,7 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner,
     """The planner to begin with, ready to be trained in ``games``, and how many decisions it has been trained for.
 
     Raises:
-        ValueError: the file holds no planner for this version; said with its name.
+        ValueError: the file holds no planner for this version; the message names it.
     """
     hyper, path = _games(arguments, _PLANNER).hyper, arguments.start
     seeds = _seeds(arguments, _PLANNER, 0)
@@ -277,38 +262,6 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner,
     restore(model, path)
     facts = facts_path(path)
     return model, read_facts(facts).training.decisions if facts.exists() else 0
-
-
-def network_of(path: Path) -> EntityNetwork:
-    """The network that ``pacman_env.training.export`` wrote to an ONNX file.
-
-    Raises:
-        ValueError: no planner for this version, or a graph that ``pacman_env.training.export`` does not write.
-    """
-    LearnedPlanner(path)  # refuses weights in other files, and what does not run
-    metadata, content = read_planner(path)
-    network = EntityNetwork(
-        len(CANDIDATE_FEATURES),
-        len(GLOBAL_FEATURES),
-        metadata.width,
-        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_features],
-        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_kinds],
-    )
-    graph = onnx.load_model_from_string(content).graph
-    arrays = (numpy_helper.to_array(tensor) for tensor in graph.initializer)
-    left = [torch.tensor(array) for array in arrays if array.dtype == np.float32 and array.ndim > 0]
-    state = {"shown": network.shown}
-    try:
-        for k, name in enumerate(_LAYERS):
-            weight, bias = left.pop(0).T, left.pop(0)
-            state |= {f"{name}.weight": torch.cat([left.pop(0).T, weight], dim=1) if k in (0, 2) else weight}
-            state |= {f"{name}.bias": bias}
-        network.load_state_dict(state)
-    except (IndexError, RuntimeError) as error:
-        raise ValueError(f"{path}: no graph that pacman-env export writes: {error}") from None
-    if onnx.load_model_from_string(model_bytes(network)).graph != graph:
-        raise ValueError(f"{path}: no graph that pacman-env export writes")
-    return network
 
 
 def _games(arguments: Arguments, side: int) -> GameArguments:

@@ -24,7 +24,7 @@ class Hyperparameters(Checked):
     decisions: AtLeastOne
     """Decisions of PPO in all games together."""
     cycles: AtLeastOne
-    """So often the learning rate and the weight of entropy go from their first to their last value."""
+    """How often the learning rate and the weight of entropy go from their first to their last value."""
     segment: AtLeastOne
     """Decisions between two checkpoints; each segment is played on houses of its own."""
     games: AtLeastOne
@@ -53,7 +53,7 @@ class Hyperparameters(Checked):
     imitation: Count
     """Decisions of the rule ``lookahead`` that are imitated before PPO begins; 0: PPO from random weights."""
     decide: Literal["tick", "event"]
-    """When the planner is asked in training: at every tick, or when there is something to decide."""
+    """When the planner decides in training: at every tick, or when there is something to decide."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,14 +68,14 @@ class Hyperparameters(Checked):
         return self.games * self.n_steps
 
     def progress(self, decisions: int) -> float:
-        """Within a cycle, above 0 and at most 1, when so many decisions are taken."""
+        """Within a cycle, above 0 and at most 1, after this number of decisions."""
         cycle = self.decisions / self.cycles
         decisions = min(decisions, self.decisions)
         return (decisions - (math.ceil(decisions / cycle) - 1) * cycle) / cycle
 
     @property
     def segments(self) -> int:
-        """Number of segments: at least ``decisions`` are taken."""
+        """Number of segments: they have at least ``decisions`` decisions."""
         return -(-self.decisions // self.segment)
 
 
@@ -95,9 +95,9 @@ class Arguments(Checked):
     randomize: bool = False
     """Draw localization errors, Nav2's delay and aborts for each round as well."""
     curriculum: bool = False
-    """Begin with slow Clydes: his highest speed grows over the first half of the run."""
+    """Begin with slow Clydes: the highest speed grows over the first half of the run."""
     without: tuple[Part, ...] = ()
-    """Ablations: candidates or features that the network is not given."""
+    """Ablations: candidates or features that the network does not have."""
     threads: Count = 2
     """That compute an update, step games and play rounds; 0: one for each core."""
     device: str = "cpu"
@@ -112,7 +112,7 @@ def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
     """Read a section of a YAML file.
 
     Raises:
-        ValueError: the file or the section does not fit, said with names.
+        ValueError: the file or the section does not fit; the message names them.
     """
     try:
         content = yaml.safe_load(path.read_text())

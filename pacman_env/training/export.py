@@ -27,13 +27,15 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path
+from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path, read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
 
 OPSET, IR_VERSION = 17, 8  # known to every onnxruntime since 1.13
 TOLERANCE = 1e-5  # between torch and the file
+#: In the order in which their weights are written; the weights of the first and the third are in two halves.
+_LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")
 
 
 class _Graph:
@@ -155,6 +157,38 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
         _compare(network, LearnedPlanner(new_model))
 
 
+def network_of(path: Path) -> EntityNetwork:
+    """The network that :func:`export_planner` wrote to an ONNX file.
+
+    Raises:
+        ValueError: no planner for this version, or a graph that :func:`export_planner` does not write.
+    """
+    LearnedPlanner(path)  # refuses weights in other files, and what does not run
+    metadata, content = read_planner(path)
+    network = EntityNetwork(
+        len(CANDIDATE_FEATURES),
+        len(GLOBAL_FEATURES),
+        metadata.width,
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_features],
+        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_kinds],
+    )
+    graph = onnx.load_model_from_string(content).graph
+    arrays = (numpy_helper.to_array(tensor) for tensor in graph.initializer)
+    left = [torch.tensor(array) for array in arrays if array.dtype == np.float32 and array.ndim > 0]
+    state = {"shown": network.shown}
+    try:
+        for k, name in enumerate(_LAYERS):
+            weight, bias = left.pop(0).T, left.pop(0)
+            state |= {f"{name}.weight": torch.cat([left.pop(0).T, weight], dim=1) if k in (0, 2) else weight}
+            state |= {f"{name}.bias": bias}
+        network.load_state_dict(state)
+    except (IndexError, RuntimeError) as error:
+        raise ValueError(f"{path}: no graph that pacman-env export writes: {error}") from None
+    if onnx.load_model_from_string(model_bytes(network)).graph != graph:
+        raise ValueError(f"{path}: no graph that pacman-env export writes")
+    return network
+
+
 def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
     """Raise ValueError where the file and torch differ on random inputs."""
     rng = np.random.default_rng(0)
@@ -185,7 +219,6 @@ def _commit() -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Export; returns the exit status."""
     parser = Parser(prog="pacman-env export", description=__doc__)
     parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="as Stable-Baselines3 saved it")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its metadata goes beside it")

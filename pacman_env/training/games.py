@@ -16,9 +16,9 @@ from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.generated import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training.arguments import Arguments, Hyperparameters
-from pacman_env.training.parts import PartedGames
+from pacman_env.training.sub_batches import SubBatchedGames
 
-_PARTS = 4  # few houses at a time stay in the processor's cache
+_SUB_BATCHES = 4  # few houses at a time stay in the processor's cache
 VALIDATION_LEVEL = 900_000  # training levels from here on are never trained on: runs are chosen on them
 #: Ranges of --randomize, around what the real trials had.
 _DOMAIN: dict[str, Any] = {
@@ -69,7 +69,7 @@ def clyde_limit(arguments: Arguments, segment: int) -> float | None:
 
 
 def dropped(arguments: Arguments) -> dict[str, Any]:
-    """Columns that the network of an ablation is not shown, and of the kinds it may not choose."""
+    """Columns that the network of an ablation does not see, and columns of the kinds it may not choose."""
     without = arguments.without
     names = (_PATHS if "paths" in without else ()) + (_PREDICTION if "prediction" in without else ())
     kinds = [kind for kind, part in (("is_refuge", "refuges"), ("is_hold", "hold")) if part in without]
@@ -80,30 +80,29 @@ def dropped(arguments: Arguments) -> dict[str, Any]:
 
 
 class TrainingGames(VecEnvWrapper):
-    """Rewards scaled; the time limit is an ending like any other: hiding until then is a way to lose."""
+    """Rewards scaled; the time limit is a termination: hiding until then loses."""
 
     def __init__(self, venv: VecEnv, scale: float) -> None:
         super().__init__(venv)
         self._scale = np.float32(scale)
-        self.groups = venv.groups if isinstance(venv, PartedGames) else [slice(0, venv.num_envs)]
+        self.groups = venv.groups if isinstance(venv, SubBatchedGames) else [slice(0, venv.num_envs)]
 
     def reset(self) -> Observation:
-        """The first observations."""
         return self.venv.reset()  # type: ignore[return-value]
 
     def send(self, group: int, actions: NDArray[Any]) -> None:
         """Have the games of a group take their next decision; other groups may be sent before it is received."""
-        if isinstance(self.venv, PartedGames):
+        if isinstance(self.venv, SubBatchedGames):
             self.venv.send(group, actions)
         else:
             self.venv.step_async(actions)
 
     def receive(self, group: int) -> VecEnvStepReturn:
-        """What came of it."""
-        return self._scaled(self.venv.receive(group) if isinstance(self.venv, PartedGames) else self.venv.step_wait())
+        return self._scaled(
+            self.venv.receive(group) if isinstance(self.venv, SubBatchedGames) else self.venv.step_wait()
+        )
 
     def step_wait(self) -> VecEnvStepReturn:
-        """One decision of all games."""
         return self._scaled(self.venv.step_wait())
 
     def _scaled(self, result: VecEnvStepReturn) -> VecEnvStepReturn:
@@ -114,10 +113,10 @@ class TrainingGames(VecEnvWrapper):
 
 
 def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None) -> TrainingGames:
-    """The games of a segment, in houses of its own; ``ghosts`` fill the seats in place of a wandering Clyde.
+    """The games of a segment, in houses of its own; ``ghosts`` replace a wandering Clyde.
 
-    They are dealt into parts with houses of their own. The houses of the last part are twice as wide, its pellets
-    twice as far apart.
+    They are divided into sub-batches with houses of their own. The houses of the last sub-batch are twice as wide, its
+    pellets twice as far apart.
 
     Raises:
         ValueError: more levels than there are to train on, or a configuration that cannot be played.
@@ -127,23 +126,23 @@ def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None)
         raise ValueError(f"levels = {hyper.levels}: there are {VALIDATION_LEVEL} to train on")
     first = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
     threads = arguments.threads or cores()  # of which each of two groups has half: more would wait for one another
-    parts = min(_PARTS, hyper.games, hyper.levels)
-    levels, games = (np.linspace(0, count, parts + 1).astype(int).tolist() for count in (hyper.levels, hyper.games))
+    count = min(_SUB_BATCHES, hyper.games, hyper.levels)
+    levels, games = (np.linspace(0, total, count + 1).astype(int).tolist() for total in (hyper.levels, hyper.games))
     settings = game_settings(arguments, clyde_limit(arguments, segment))
     wide = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m}
     made = [
         PacManBotVecEnv(
             games[k + 1] - games[k],
-            map="generated:wide" if k == _PARTS - 1 else "generated",
+            map="generated:wide" if k == _SUB_BATCHES - 1 else "generated",
             start_level=first + levels[k],
             num_levels=levels[k + 1] - levels[k],
             preset=arguments.preset,
             execution=arguments.execution,
-            settings=settings | (wide if k == _PARTS - 1 else {}),
+            settings=settings | (wide if k == _SUB_BATCHES - 1 else {}),
             ghosts=ghosts,
             num_threads=max(threads // 2, 1),
             infos="ends",
         )
-        for k in range(parts)
+        for k in range(count)
     ]
-    return TrainingGames(PartedGames(made, background=threads != 1), hyper.reward_scale)
+    return TrainingGames(SubBatchedGames(made, background=threads != 1), hyper.reward_scale)

@@ -1,7 +1,7 @@
-"""Clyde's side of the game for Stable-Baselines3: he learns where to go while a policy drives the robot.
+"""Clyde's side of the game for Stable-Baselines3: it learns where to go while a policy drives the robot.
 
-Each game is a PettingZoo environment of its own, so that Clyde learns in the game that others may play him in. Who he
-learns against, and for how long, is decided in ``adversary``.
+Each game is a PettingZoo environment of its own, so Clyde learns in the game that other libraries play.
+``adversary`` decides against which planner it learns, and for how long.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Observation = dict[str, NDArray[Any]]
 
 
 class GhostEnv(gym.Env[Any, Any]):
-    """A game in which the agent is Clyde: planner features as he sees it, the reward of the environment's ``clyde``.
+    """A game in which the agent is Clyde: planner features from its side, the reward of the environment's ``clyde``.
 
     Args:
         game: in which ``clyde`` is the only ghost from outside; its choices are Clyde's actions.
@@ -45,13 +45,11 @@ class GhostEnv(gym.Env[Any, Any]):
         self.action_space = spaces.Discrete(count)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Observation, dict[str, Any]]:
-        """Start a new round."""
         _, infos = self.game.reset(seed)
         self._robot.reset(np.ones(1, dtype=np.bool_))
         return self._observation(), infos[CLYDE]
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One decision of both players."""
         batch = self.game.batch
         situation = batch.situation()
         goal = allowed(situation, self._robot.select(situation), batch.hold)[0]
@@ -69,7 +67,6 @@ class GhostEnv(gym.Env[Any, Any]):
         return {"planner_candidates": candidates[0], "planner_globals": whole[0], "action_mask": mask}
 
     def close(self) -> None:
-        """Close the game."""
         self.game.close()
 
 
@@ -90,7 +87,7 @@ def make_ghost_games(arguments: Arguments, segment: int, robot: Callable[[], Pol
     hyper = arguments.hyper
     each = max(hyper.levels // hyper.games, 1)
     first = segment % (VALIDATION_LEVEL // (each * hyper.games)) * each * hyper.games
-    # The robot's policy reads the situation: what its agent would observe is built for nobody.
+    # The robot's policy reads the situation: its agent's observation is not needed.
     settings = game_settings(arguments) | {"observation.kinds": ("features",)}
     envs = [
         PacManBotParallelEnv(

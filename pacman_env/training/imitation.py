@@ -1,4 +1,4 @@
-"""A first policy by imitation: the network learns what a rule chooses, and what the rule's rounds are worth.
+"""A first policy by imitation: the network learns what a rule chooses, and the returns of the rule's rounds.
 
 PPO from random weights hides from Clyde for its first half million decisions; from here it begins where the rule ends.
 """
@@ -21,10 +21,10 @@ _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.1  # keeps the choices from becoming certain, so that PPO has something to compare
 
 
-class _Lesson(NamedTuple):
-    """What the teacher says of situations."""
+class _Labels(NamedTuple):
+    """The teacher's choices in situations, and the returns."""
 
-    slots: torch.Tensor  # (B,) his choices, as the situations have them
+    slots: torch.Tensor  # (B,) its choices, as the situations have them
     returns: torch.Tensor  # (B,) discounted
     known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time
 
@@ -36,16 +36,16 @@ class _Lesson(NamedTuple):
         entropy = -(log_probs.exp() * log_probs).sum()
         error = ((values - self.returns[rows]).square() * self.known[rows]).sum()
         taught = slots < situations.counts  # what the network of an ablation may not choose teaches it nothing
-        told = log_probs.gather(1, torch.where(taught, slots, 0)[:, None])[:, 0]
-        return (0.5 * error - (told * taught).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
+        labelled = log_probs.gather(1, torch.where(taught, slots, 0)[:, None])[:, 0]
+        return (0.5 * error - (labelled * taught).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
 
 
 def imitate(model: Learner, games: TrainingGames, teacher: str, decisions: int, seed: int) -> dict[str, float]:
     """Fit the model's policy to what the teacher, a registered policy, would choose in ``decisions`` situations.
 
-    In the first of four rounds the teacher plays, in the others the model does and the teacher says what he would do,
-    so that the model also learns the way out of situations that the teacher does not get into (DAgger: Ross, Gordon,
-    Bagnell, 2011).
+    In the first of four rounds the teacher plays, in the others the model does and the teacher labels the situations,
+    so that the model also learns in situations that the teacher does not get into
+    (DAgger: Ross, Gordon, Bagnell, 2011).
 
     Returns:
         Share of choices that agree in the last round.
@@ -53,13 +53,13 @@ def imitate(model: Learner, games: TrainingGames, teacher: str, decisions: int, 
     steps = max(decisions // games.num_envs // _ROUNDS, 1)
     optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
-    met, lessons = Row(_ROUNDS * steps * games.num_envs), list[_Lesson]()
+    met, labelled = Row(_ROUNDS * steps * games.num_envs), list[_Labels]()
     agreement = 0.0
     observation = games.reset()
     for number in range(_ROUNDS):
-        observation, lesson, agreement = _play(model, games, teacher, steps, observation, number > 0, met)
-        lessons.append(lesson)
-        _fit(model, optimizer, met.situations(), lessons, generator)
+        observation, labels, agreement = _play(model, games, teacher, steps, observation, number > 0, met)
+        labelled.append(labels)
+        _fit(model, optimizer, met.situations(), labelled, generator)
     return {"agreement": agreement}
 
 
@@ -67,11 +67,11 @@ def _fit(
     model: Learner,
     optimizer: torch.optim.Optimizer,
     met: Packed,
-    lessons: list[_Lesson],
+    labelled: list[_Labels],
     generator: torch.Generator,
 ) -> None:
     model.policy.set_training_mode(True)
-    whole = _Lesson(*map(torch.cat, zip(*lessons, strict=True)))
+    whole = _Labels(*map(torch.cat, zip(*labelled, strict=True)))
     with model.workers() as pool:
         for _ in range(_EPOCHS):
             for rows in torch.randperm(len(whole.slots), generator=generator).to(model.device).split(_BATCH):
@@ -80,24 +80,24 @@ def _fit(
 
 def _play(
     model: Learner, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool, met: Row
-) -> tuple[Observation, _Lesson, float]:
+) -> tuple[Observation, _Labels, float]:
     """Play on, the teacher or (``alone``) the model, and add the situations to those ``met``.
 
-    Returns the last observation, the lesson, and how often they agreed.
+    Returns the last observation, the labels, and how often they agreed.
     """
     n = games.num_envs
     slots: list[torch.Tensor] = []
     rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
     agreed = 0.0
     for t in range(steps):
-        told = games.venv.choices(teacher)  # type: ignore[attr-defined]
+        labels = games.venv.choices(teacher)  # type: ignore[attr-defined]
         choices, own = model.choose(observation, deterministic=True)
-        agreed += float((own == told).mean()) / steps
+        agreed += float((own == labels).mean()) / steps
         met.add(choices.situations)
-        slots.append((choices.order == torch.as_tensor(told, device=model.device)[:, None]).byte().argmax(dim=1))
-        observation, rewards[t], dones[t], _ = games.step(own if alone else told)  # type: ignore[assignment]
+        slots.append((choices.order == torch.as_tensor(labels, device=model.device)[:, None]).byte().argmax(dim=1))
+        observation, rewards[t], dones[t], _ = games.step(own if alone else labels)  # type: ignore[assignment]
     flat = (torch.from_numpy(array.ravel()).to(model.device) for array in discounted(rewards, dones, model.gamma))
-    return observation, _Lesson(torch.cat(slots), *flat), agreed
+    return observation, _Labels(torch.cat(slots), *flat), agreed
 
 
 def discounted(

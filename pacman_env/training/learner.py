@@ -1,8 +1,8 @@
-"""PPO as sb3-contrib's MaskablePPO learns it, laid out for speed.
+"""The algorithm of sb3-contrib's MaskablePPO, arranged for speed.
 
-Games come in groups: while the ones are stepped, the network chooses for the others. Situations are laid out once, when
-they are met (``network.Packed``). A minibatch goes through the network in pieces that stay in the processor's cache,
-shared out to threads; their gradients are added in the pieces' order, so the number of threads changes nothing.
+Games come in groups: while one is stepped, the network chooses for the other. Situations are packed once, when they
+are met (``network.Packed``). A minibatch goes through the network in pieces that stay in the processor's cache, divided
+among threads; gradients are added in the pieces' order, so the number of threads changes nothing.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from pacman_env.training.games import TrainingGames
 from pacman_env.training.network import Packed, Row
 from pacman_env.training.policy import EntityPolicy
 
-#: The loss of the situations with these numbers, and what is to be added up beside it.
+#: The loss of the situations with these numbers, and measures of it.
 Loss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 _PIECE = 512  # situations
 _MEASURES = ("policy_gradient_loss", "value_loss", "entropy_loss", "approx_kl", "clip_fraction")
 
 
 class Choices(NamedTuple):
-    """Situations and what the network thought of them."""
+    """Situations and the network's outputs."""
 
     situations: Packed
     order: torch.Tensor  # (B, C) of candidates in them
@@ -42,7 +42,7 @@ class Choices(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """What an update learns from."""
+    """The B choices that an update learns from."""
 
     choices: Choices
     advantages: torch.Tensor  # (B,)
@@ -50,7 +50,10 @@ class Rollout(NamedTuple):
 
 
 class Learner(MaskablePPO):
-    """MaskablePPO over ``TrainingGames``, where no ending is worth something after it, with an ``EntityPolicy``."""
+    """MaskablePPO over ``TrainingGames``, where no ending is bootstrapped, with an ``EntityPolicy``.
+
+    It replaces ``collect_rollouts`` and ``train``; schedules, callbacks, logging and saving are Stable-Baselines3's.
+    """
 
     threads = 1  # 0: one for each core
     rollout_buffer: Rollout
@@ -59,7 +62,7 @@ class Learner(MaskablePPO):
 
     @torch.inference_mode()
     def choose(self, observation: Observation, deterministic: bool = False) -> tuple[Choices, Any]:
-        """For each situation, drawn or (``deterministic``) the likeliest; and the numbers of the candidates chosen.
+        """A choice for each situation, drawn or (``deterministic``) the likeliest, and the chosen candidates' numbers.
 
         Raises:
             FloatingPointError: the network gives no numbers any more.
@@ -78,7 +81,7 @@ class Learner(MaskablePPO):
     def collect_rollouts(  # type: ignore[no-untyped-def]
         self, env, callback, rollout_buffer, n_rollout_steps: int, use_masking: bool = True
     ) -> bool:
-        """Play on; the callback is asked for each group of games."""
+        """Collect a rollout; the callback is called after each step of a group of games."""
         del rollout_buffer, use_masking
         assert isinstance(env, TrainingGames)
         self.policy.set_training_mode(False)
@@ -155,12 +158,12 @@ class Learner(MaskablePPO):
         entropy = -(log_probs.exp() * log_probs).sum()
         log_ratio = log_probs.gather(1, choices.slots[rows, None])[:, 0] - choices.log_probs[rows]
         ratio, gain = log_ratio.exp(), gains[rows]
-        worth = torch.min(gain * ratio, gain * ratio.clamp(1 - clip, 1 + clip)).sum()
+        objective = torch.min(gain * ratio, gain * ratio.clamp(1 - clip, 1 + clip)).sum()
         error = (values - returns[rows]).square().sum()
         with torch.no_grad():
             clipped, divergence = ((ratio - 1).abs() > clip).sum(), (ratio - 1 - log_ratio).sum()
-            measures = torch.stack([-worth, error, -entropy, divergence, clipped]) / count
-        return (self.vf_coef * error - worth - self.ent_coef * entropy) / count, measures
+            measures = torch.stack([-objective, error, -entropy, divergence, clipped]) / count
+        return (self.vf_coef * error - objective - self.ent_coef * entropy) / count, measures
 
     def workers(self) -> ThreadPoolExecutor:
         """The threads that share a minibatch; they end with the ``with`` block that they are used in."""
@@ -174,7 +177,7 @@ class Learner(MaskablePPO):
         rows: torch.Tensor,
         counts: torch.Tensor,
     ) -> torch.Tensor:
-        """One step of the optimizer by the losses of a minibatch's pieces, added up; what else they added up.
+        """One step of the optimizer by the sum of the losses of a minibatch's pieces; returns the sum of measures.
 
         Args:
             pool: :meth:`workers`.
@@ -208,7 +211,7 @@ def advantages(
         values: (T + 1, N) before each step and after the last.
         dones: (T, N) 1 where the round ended with the step.
         gamma: discount per step.
-        gae_lambda: of the average over how far is looked ahead.
+        gae_lambda: of the average over horizons.
     """
     found, running = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
     for t in reversed(range(len(rewards))):
@@ -219,7 +222,7 @@ def advantages(
 
 
 def use_device(name: str) -> str:
-    """The device, known to be there; torch is set up so that the same training gives the same bits.
+    """Set torch up so that the same training gives the same bits; returns the device's name.
 
     Raises:
         ValueError: there is no such device, or it cannot be used here.

@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     """
     torch.set_num_threads(1)  # networks this small are fastest on one core
     for combination in options.combinations:
-        environment(combination, options.map).close()  # said before the first has learned
+        environment(combination, options.map).close()  # an error before the first has learned
     libraries = (gymnasium, stable_baselines3, sb3_contrib, torch)
     figures: dict[str, Any] = {
         "version": __version__,
@@ -159,7 +159,6 @@ def draw(figures: dict[str, Any], path: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Learn and draw; returns the exit status."""
     parser = Parser(prog="pacman-env learning-curves", description=__doc__)
     known = [f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE]
     parser.add_argument("--combinations", nargs="+", default=["planner/event"], metavar="NAME", help=" ".join(known))
@@ -174,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--json", type=Path, default=Path("results/learning_curves.json"), metavar="OUT")
     parser.add_argument("--plot", type=Path, default=Path("results/learning_curves.png"), metavar="OUT")
-    parser.add_argument("--quick", action="store_true", help="a look at it all: 256 decisions, 8 rounds")
+    parser.add_argument("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds")
     return run_command(parser, argv, _report, "train")
 
 

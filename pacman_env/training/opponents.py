@@ -38,8 +38,8 @@ def completed_against(policy: Policy, clyde: str | Policy, arguments: Arguments,
     """Which of ``rounds`` on validation levels the robot's policy completes; the same rounds for all.
 
     Args:
-        policy: in the robot's seat.
-        clyde: a behaviour of the environment's, or the policy in his seat.
+        policy: of the robot.
+        clyde: a behaviour of the environment's, or Clyde's policy.
         arguments: the game that is trained on.
         rounds: how many.
 
@@ -76,7 +76,7 @@ class Table:
                 row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """By policy, by Clyde."""
+        """Share of rounds completed, by policy and by Clyde."""
         return {
             policy: {clyde: float(ended.mean()) for clyde, ended in row.items()}
             for policy, row in self.completed.items()

@@ -103,5 +103,5 @@ class EntityPolicy(MaskableActorCriticPolicy):
         return self._evaluate(obs, action_masks)[0]
 
     def predict_values(self, obs: Any) -> torch.Tensor:
-        """(B, 1)."""
+        """Values (B, 1)."""
         return self._evaluate(obs, None)[1][:, None]

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
-from tqdm import tqdm
 
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
@@ -33,7 +32,7 @@ from pacman_env.training.export import export_planner
 from pacman_env.training.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
 from pacman_env.training.imitation import imitate
 from pacman_env.training.learner import Learner, new_model, use_device
-from pacman_env.training.run import LearningRate, Run, TrainingCallback, restore
+from pacman_env.training.run import LearningRate, Run, TrainingCallback, progress_bar, restore
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
@@ -43,7 +42,6 @@ _PROG = "pacman-env train"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the training; returns the exit status."""
     return guarded(_PROG, lambda: run(parse(sys.argv[1:] if argv is None else argv)), "train")
 
 
@@ -89,7 +87,7 @@ def run(arguments: Arguments) -> None:
 def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, Learner]:
     """All segments that are left; the run's folder and the model as the last one left it.
 
-    ``after_segment`` is called with the record of each segment, those that a resumed run has behind it included; what
+    ``after_segment`` is called with the record of each segment, those before a resumed run included; what
     it raises ends the training.
 
     Raises:
@@ -98,15 +96,7 @@ def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tu
     device = use_device(arguments.device)
     folder = Run(arguments)
     hyper = arguments.hyper
-    bar = tqdm(
-        total=hyper.segments * hyper.segment,
-        initial=len(folder.segments) * hyper.segment,
-        unit="decision",
-        unit_scale=True,
-        mininterval=1.0,
-        disable=not arguments.progress,
-        file=sys.stderr,
-    )
+    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, len(folder.segments) * hyper.segment)
     after_segment = after_segment or (lambda record: None)
     for record in folder.segments:
         after_segment(record)
@@ -183,9 +173,9 @@ def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
 
 
 class _HeldOut:
-    """Rounds that planners are judged in, on levels that are never trained on: games as in training, asked each tick.
+    """Rounds in which planners are evaluated: games as in training on other levels, with a decision each tick.
 
-    The levels stay prepared from one judgement to the next.
+    The levels stay prepared from one evaluation to the next.
     """
 
     def __init__(self, arguments: Arguments, test: bool) -> None:

@@ -1,20 +1,22 @@
-"""One training run: segments of PPO with a checkpoint after each, and what is written down on the way.
+"""One training run: segments of PPO with a checkpoint after each, and its record.
 
 A segment begins with new games and with random numbers of its own, drawn from the run's seed and the segment's
-number. So a run that was interrupted goes on from its last checkpoint to the same curve, bit for bit, and a checkpoint
-is nothing but tensors and a JSON file: what is read again is never unpickled.
+number. So an interrupted run continues from its last checkpoint with the same curve, bit for bit. Only tensors and JSON
+of a checkpoint are read; nothing is unpickled.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
 
 from pacman_env import __version__
 from pacman_env.files import replaced, write_json
@@ -132,6 +134,12 @@ def restore(model: MaskablePPO, path: Path) -> None:
         raise ValueError(f"{path}: cannot be restored: {error}") from None
 
 
+def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
+    """A bar over all decisions of a training, on stderr."""
+    kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
+    return tqdm(total=decisions, initial=done, disable=not shown, **kind)
+
+
 class LearningRate:
     """By the decisions taken so far; Stable-Baselines3's own progress begins anew with each segment."""
 
@@ -139,7 +147,6 @@ class LearningRate:
         self.pair, self.progress = pair, 0.0
 
     def __call__(self, _: float) -> float:
-        """The rate now."""
         return _between(self.pair, self.progress)
 
 

@@ -73,7 +73,6 @@ class Study(Checked):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns the exit status."""
     parser = Parser(prog="pacman-env tune", description=Study.__doc__)
     return guarded(parser.prog, lambda: _search(parse_options(parser, argv, Study())), "train")
 
@@ -125,7 +124,6 @@ def hyperparameters(section: Hyperparameters, params: dict[str, Any]) -> Hyperpa
 
 
 def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number: int) -> None:
-    """One trial, from its proposal to its result."""
     seed = np.random.SeedSequence(settings.seed, spawn_key=(number,)).generate_state(1)[0]
     study.sampler = optuna.samplers.TPESampler(n_startup_trials=_STARTUP, seed=int(seed))
     trial = study.ask(SPACE)

@@ -22,7 +22,7 @@ SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.1"]
 FAKE = """
 import json, sys
 print(json.dumps({"version": "1.0", "tasks": [
-    {"name": "Easy-v0", "simulated_s": 0.25, "words": "a bit", "sizes": [1, 64], "threaded": True}]}), flush=True)
+    {"name": "Easy-v0", "simulated_s": 0.25, "description": "a bit", "sizes": [1, 64], "threaded": True}]}), flush=True)
 for line in sys.stdin:
     task, size, threads, seconds = json.loads(line)
     print(json.dumps({"decisions_per_s": 1000.0 * size * threads, "cores": 1.0}), flush=True)
@@ -55,14 +55,14 @@ def test_the_script_says_what_a_decision_of_ours_is() -> None:
     worker = Worker(OURS, "loop")
     try:
         (task,) = worker.tasks
-        assert task["words"].startswith("10 Chipmunk steps")
+        assert task["description"].startswith("10 Chipmunk steps")
         assert list(worker.cases()) == [(0, 1, 1), (0, 64, 1)]
         assert worker.turn(0, 64, 1, 0.05)["decisions_per_s"] > 0
         with pytest.raises(PeerError, match="list index out of range"):
             worker.turn(1, 64, 1, 0.05)
         assert worker.turn(0, 1, 1, 0.05)["decisions_per_s"] > 0  # it goes on
     finally:
-        worker.end()
+        worker.close()
 
 
 def test_a_turn_counts_the_games_and_lasts_a_step_at_least() -> None:
@@ -115,16 +115,20 @@ class Fake(Worker):
         if name == "envpool":
             raise PeerError("envpool is not installed")
         self.name, self.version = name, "1.0"
-        self.tasks = [{"name": "Easy-v0", "simulated_s": 0.25, "words": "a bit", "sizes": [1, 64], "threaded": True}]
+        self.tasks = [
+            {"name": "Easy-v0", "simulated_s": 0.25, "description": "a bit", "sizes": [1, 64], "threaded": True}
+        ]
         if name == OURS:
-            self.tasks = [{"name": "Ours-v1", "simulated_s": 0.5, "words": "more", "sizes": [1, 64], "threaded": False}]
+            self.tasks = [
+                {"name": "Ours-v1", "simulated_s": 0.5, "description": "more", "sizes": [1, 64], "threaded": False}
+            ]
 
     def turn(self, task: int, size: int, threads: int, seconds: float) -> dict[str, float]:
         if self.name == "vmas" and size == 64:
             raise PeerError("ended with status -9: no memory")
         return {"decisions_per_s": 2000.0 * size * (2 if self.name == OURS else threads), "cores": float(threads)}
 
-    def end(self) -> None:
+    def close(self) -> None:
         pass
 
 
@@ -170,7 +174,7 @@ def test_a_process_that_dies_is_an_error_with_its_last_words(tmp_path: Path, mon
     worker._process.wait()
     with pytest.raises(PeerError, match="ended with status 0"):
         worker.turn(0, 1, 1, 0.1)
-    worker.end()
+    worker.close()
 
 
 def test_a_library_that_cannot_be_imported_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

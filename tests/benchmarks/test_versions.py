@@ -82,9 +82,9 @@ def test_versions_are_measured_in_turns_in_processes_of_their_own(
 def test_this_versions_benchmark_takes_what_it_is_asked_and_gives_what_is_compared(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def run(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
-        assert command[1:3] == ["-m", throughput.__name__]
-        return subprocess.CompletedProcess(command, throughput.main(command[3:]), "", "")
+    def run(args: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
+        assert args[1:3] == ["-m", throughput.__name__]
+        return subprocess.CompletedProcess(args, throughput.main(args[3:]), "", "")
 
     said = {
         "map": "loop",

@@ -210,4 +210,4 @@ def test_a_workspace_of_links_can_be_built_again(workspaces: dict[str, Workspace
     build = workspaces["links"].build()
     said, _ = build.communicate()
     assert build.returncode == 0, said
-    assert (workspaces["links"].folder / "build" / "pacman_env" / "maps").is_symlink()
+    assert (workspaces["links"].folder / "build" / "pacman_env" / "train").is_symlink()

@@ -64,7 +64,6 @@ class Tally:
     refusal: str = ""  # why the map is not played
 
     def line(self, name: str) -> str:
-        """One row of the table."""
         if self.refusal:
             return f"{name:28} refused: {self.refusal}"
         ends = "".join(f" {self.ends[outcome]:8d}" for outcome in OUTCOMES)
@@ -72,7 +71,6 @@ class Tally:
 
 
 def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
-    """Arguments of an environment, but for its map."""
     kinds = [kind for kind in ("features", "scan", "grid") if rng.random() < 0.5]
     behaviours = ("wander", "arcade", "chase")
     ghosts = tuple(str(rng.choice(behaviours)) for _ in range(rng.integers(1, 5)))
@@ -158,7 +156,7 @@ def _legal(env: PacManBotEnv, rng: np.random.Generator) -> Any:
 
 
 def _refused(env: PacManBotEnv, rng: np.random.Generator) -> None:
-    """Send what is no action."""
+    """Send an invalid action, which must be refused."""
     illegal: list[Any] = [None, "go", np.array(["a", "b"]), np.zeros((1, 2)), np.zeros(3), [], np.nan]
     if isinstance(env.action_space, spaces.Box):
         illegal += [0.1, (0.1, np.nan), (np.inf, 0.0), (0.1, -np.inf), (True, False), (0.1, 0.1j), np.zeros((2, 1))]
@@ -172,7 +170,7 @@ def _refused(env: PacManBotEnv, rng: np.random.Generator) -> None:
     except ValueError:
         _require(_state(env) == before, f"the refused action {action!r} changed the game")
         return
-    raise Fault(f"action {action!r} was taken")
+    raise Fault(f"action {action!r} was accepted")
 
 
 def _state(env: PacManBotEnv) -> list[bytes]:

@@ -1,6 +1,6 @@
 """Whether long runs keep their memory and threads change nothing: ``python -m tests.system.memory``.
 
-Resident memory is looked at again and again; what it grows by after the first tenth of a part is bounded. Chipmunk's
+Resident memory is measured again and again; its growth after the first tenth of a part is bounded. Chipmunk's
 spaces are counted, and none may be left of an environment that is gone.
 """
 
@@ -36,7 +36,6 @@ class Fault(Exception):
 
 
 def resident_mib() -> float:
-    """Of this process."""
     return float(psutil.Process().memory_info().rss) / 2**20
 
 
@@ -46,7 +45,7 @@ def spaces_alive() -> int:
 
 
 def threads_alive() -> int:
-    """Of environments, beside the callers'."""
+    """Threads of environments, without their callers."""
     return sum(thread.name.startswith("pacman_env-") for thread in threading.enumerate())
 
 
@@ -62,7 +61,7 @@ class Watch:
     began_s: float = field(default_factory=time.monotonic)
     _next: int = 0
 
-    def look(self, done: int) -> None:
+    def measure(self, done: int) -> None:
         """Print now and then; raises Fault where memory has grown."""
         if done < self._next and done < self.total:
             return
@@ -83,7 +82,7 @@ class Watch:
             )
 
     def growth(self) -> str:
-        """What became of it, in words."""
+        """How it grew, as text."""
         return f"{self.part}: {resident_mib() - self.base_mib:+.1f} MiB since the first tenth"
 
 
@@ -114,7 +113,7 @@ def make_and_close(makes: int) -> tuple[float, float]:
         del env
         if (k + 1) % max(1, makes // 10) == 0:
             _nothing_left("makes", before)
-        watch.look(k + 1)
+        watch.measure(k + 1)
     return watch.base_mib, resident_mib()
 
 
@@ -138,7 +137,7 @@ def _decisions(arguments: argparse.Namespace) -> str:
     rng, watch = np.random.default_rng(0), Watch("decisions", arguments.decisions)
     for done in range(GAMES, arguments.decisions + GAMES, GAMES):
         _step(env, rng, 1)
-        watch.look(done)
+        watch.measure(done)
     return watch.growth()
 
 
@@ -151,7 +150,7 @@ def _houses(arguments: argparse.Namespace) -> str:
         env.reset(seed=done, options={"level": np.arange(done, done + 2)})
         _step(env, rng, 20)
         done += 2
-        watch.look(done)
+        watch.measure(done)
     return f"{watch.growth()}; {done} houses"
 
 
@@ -174,7 +173,7 @@ def _runs(arguments: argparse.Namespace) -> str:
         found = digest(arguments.threads)
         if found != expected:
             raise Fault(f"runs: run {k} of {arguments.threads} threads gave {found[:12]}, one thread {expected[:12]}")
-        watch.look(k + 1)
+        watch.measure(k + 1)
     return f"{watch.growth()}; {arguments.runs} times {expected[:12]}"
 
 

@@ -94,7 +94,7 @@ class Restless(PacManBotEnv):
     [
         (NotFinite, "not finite"),
         (OutOfSpace, "not in its space"),
-        (Lenient, "was taken"),
+        (Lenient, "was accepted"),
         (Changed, "changed the game"),
         (Restless, "went on after its end"),
     ],

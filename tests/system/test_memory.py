@@ -17,9 +17,9 @@ def test_a_short_run_of_all_parts(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--short"]) == 0
     lines = capsys.readouterr().out.splitlines()
     for part in PARTS:
-        told = [line for line in lines if line.startswith(part)]
-        assert len(told) >= 3
-        assert "since the first tenth" in told[-1]
+        summary = [line for line in lines if line.startswith(part)]
+        assert len(summary) >= 3
+        assert "since the first tenth" in summary[-1]
 
 
 def test_spaces_are_counted() -> None:
@@ -60,7 +60,7 @@ def test_the_digest_tells_runs_apart() -> None:
 def test_the_last_look_is_always_taken() -> None:
     watch = Watch("runs", 3, quiet=True)
     for done in range(1, 4):
-        watch.look(done)
+        watch.measure(done)
     assert watch.base_mib > 0
 
 

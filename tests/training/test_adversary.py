@@ -19,11 +19,11 @@ import pacman_env
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.policies.registry import make_policy
-from pacman_env.training.adversary import Arguments, main, network_of, new_model, parse, starting_model
+from pacman_env.training.adversary import Arguments, main, new_model, parse, starting_model
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, write_facts
-from pacman_env.training.export import model_bytes
+from pacman_env.training.export import model_bytes, network_of
 from pacman_env.training.games import TrainingGames, make_games
 from tests.training.planners import FACTS, random_network, random_planner
 

@@ -69,7 +69,7 @@ def test_returns_of_a_hand_made_sequence() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def lesson(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, list[imitation._Lesson]]:
+def labels(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, list[imitation._Labels]]:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
     observation = games.reset()
     column = CANDIDATE_FEATURES.index(kind)
@@ -78,7 +78,7 @@ def lesson(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, lis
     met, _ = model.choose(observation)
     slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
     nothing = torch.zeros(len(choices))
-    return met.situations, [imitation._Lesson(slots, nothing, nothing)]
+    return met.situations, [imitation._Labels(slots, nothing, nothing)]
 
 
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
@@ -91,7 +91,7 @@ def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
     model = pupil(games, **dropped(tiny(without=("refuges",))))
     before = {name: value.clone() for name, value in model.policy.state_dict().items()}
     optimizer = torch.optim.Adam(model.policy.parameters(), lr=1e-3)
-    imitation._fit(model, optimizer, *lesson(model, games, kind), torch.Generator().manual_seed(0))
+    imitation._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
     same = all(torch.equal(value, before[name]) for name, value in model.policy.state_dict().items())
     assert same != learns
 

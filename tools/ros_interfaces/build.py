@@ -128,7 +128,6 @@ def _try(package: Package, out: Path) -> None:
 
 
 def _installed() -> set[str]:
-    """Packages that an earlier run has installed."""
     try:
         files = metadata.files(NAME) or ()
     except metadata.PackageNotFoundError:

@@ -25,7 +25,6 @@ class Package:
 
     @property
     def name(self) -> str:
-        """As it is imported."""
         return self.folder.name
 
     @property
@@ -35,7 +34,7 @@ class Package:
 
 
 def find_packages(folder: Path) -> list[Package]:
-    """All packages ``folder/PACKAGE/{msg,srv,action}/*``, in order of name; other things in it are not looked at.
+    """All packages ``folder/PACKAGE/{msg,srv,action}/*``, in order of name; other things in it are ignored.
 
     Raises:
         BadDefinition: there is none.

@@ -38,10 +38,10 @@ def command(arguments: Iterable[object]) -> None:
     Raises:
         BuildError: it failed; with the end of its output.
     """
-    words = [str(argument) for argument in arguments]
-    done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+    line = [str(argument) for argument in arguments]
+    done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     if done.returncode:
-        raise BuildError(f"{' '.join(words[:3])} ... failed with {done.returncode}:\n{done.stdout[-4000:]}")
+        raise BuildError(f"{' '.join(line[:3])} ... failed with {done.returncode}:\n{done.stdout[-4000:]}")
 
 
 def used_packages(definitions: Iterable[Path]) -> list[str]:
@@ -74,8 +74,8 @@ def compile_package(name: str, out: Path, executor: Executor) -> Callable[[], No
             # of the extension modules only the one for the type support that chooses among the others
             if "_s.ep." in source.name and not source.name.endswith(".rosidl_typesupport_c.c"):
                 continue
-            words = [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
-            jobs.append(executor.submit(command, words))
+            line = [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
+            jobs.append(executor.submit(command, line))
 
     def wait() -> None:
         for job in jobs:

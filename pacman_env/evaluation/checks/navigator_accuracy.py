@@ -128,7 +128,6 @@ def unreachable_goal_status(source: str, seed: int, preset: str = "ideal") -> in
 
 
 def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
-    """The figures over all maps."""
     status = np.concatenate([t.status for t in trials])
     path = np.concatenate([t.path_m for t in trials])
     time = np.concatenate([t.time_s for t in trials])
@@ -148,7 +147,6 @@ def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Drive; returns the exit status."""
     parser = Parser(prog="pacman-env navigation", description=__doc__)
     parser.add_argument("--map", nargs="+", default=["house", "loop", "maze", "open_plan"], help="names or YAML files")
     parser.add_argument("--goals", type=whole_number(1), default=1000, help="in all, shared among the maps")

@@ -88,8 +88,6 @@ def run(source: str, episodes: int, seed: int, workers: int) -> list[tuple[Varia
 
 
 def table(results: list[tuple[Variant, Row]]) -> str:
-    """A Markdown table."""
-
     def percent(rate: float, interval: list[float]) -> str:
         return f"{100 * rate:.1f} [{100 * interval[0]:.1f}, {100 * interval[1]:.1f}]"
 
@@ -114,7 +112,6 @@ def table(results: list[tuple[Variant, Row]]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Play every variant; returns the exit status."""
     parser = Parser(prog="pacman-env validation", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
     parser.add_argument("--episodes", type=whole_number(1), default=1000)

@@ -61,7 +61,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the comparison; returns the exit status."""
     return run_command(_parser(), argv, _compare)
 
 

@@ -9,7 +9,7 @@ from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.sim.maps.generated import TEST_LEVEL
 
-LEVELS_PLAYED = 200  # of a split, unless said otherwise
+LEVELS_PLAYED = 200  # of a split by default
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
@@ -42,7 +42,7 @@ def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
-    """The arguments that say what is played on and by which rules.
+    """The arguments for maps, levels and rules.
 
     Args:
         parser: gets the arguments.
@@ -76,7 +76,7 @@ def check_goals(config: Config) -> None:
     """A game can be played by policies that name goals.
 
     Raises:
-        ConfigError: it takes velocities, or has ghosts that wait to be told.
+        ConfigError: it takes velocities, or has ghosts that need a policy object.
     """
     for name, value, wrong in (
         ("action", config.action, config.action != "goal"),

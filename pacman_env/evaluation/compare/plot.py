@@ -14,7 +14,7 @@ from pacman_env.evaluation.compare.rows import Row
 from pacman_env.evaluation.compare.table import group_title, groups, short_name
 from pacman_env.files import replaced
 
-# Okabe and Ito's palette, told apart by the colour-blind too
+# Okabe and Ito's palette, which the colour-blind can distinguish too
 _COMPLETE, _ALL_BUT_ONE = "#0072B2", "#56B4E9"
 _ENDS = (
     ("completion_rate", "complete", "#0072B2"),

@@ -14,7 +14,7 @@ _FILES = (".onnx", ".zip")
 
 
 def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str], order: str) -> None:
-    """``--policies``; ``order`` says what the order means."""
+    """``--policies``; ``order`` is the meaning of their order."""
     names = f"names ({', '.join(policy_names())}), .onnx files, checkpoints of a training (.zip)"
     words = f"{order}; {names}; without: {' '.join(default)}"
     parser.add_argument("--policies", nargs="+", default=list(default), metavar="POLICY", help=words)

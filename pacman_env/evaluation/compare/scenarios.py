@@ -53,7 +53,6 @@ class _KeptMaps(GeneratedMaps):
 
     @property
     def first(self) -> MapAssets:
-        """The map of the first level."""
         return self.prepare(self.start_level)
 
     def prepare(self, level: int) -> MapAssets:
@@ -132,7 +131,7 @@ def named_scenarios(wanted: Sequence[Scenario], configs: Sequence[Config]) -> di
     for scenario in wanted:
         name, *_ = [scenario_name(scenario, config) for config in configs]
         if name in named:
-            raise ValueError(f"two maps are called {name}: the results could not be told apart")
+            raise ValueError(f"two maps are called {name}: the results could not be distinguished")
         named[name] = scenario
     return named
 

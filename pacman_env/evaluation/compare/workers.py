@@ -37,8 +37,6 @@ Played = tuple[NDArray, NDArray[np.float64]]
 
 
 class _Piece(NamedTuple):
-    """A part of a block."""
-
     number: int  # of the block
     part: int
     rounds: NDArray[np.int64]  # which of the block's

@@ -1,6 +1,6 @@
 """One round again, every policy side by side: ``pacman-env replay SEED`` and the comparison's arguments.
 
-Writes a film, or a page with the film in it, and tells what happened and when each policy changed its goal.
+Writes a film, or a page with the film in it, and prints what happened and when each policy changed its goal.
 """
 
 from __future__ import annotations
@@ -47,7 +47,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Record the round; returns the exit status."""
     return run_command(_parser(), argv, _replay)
 
 

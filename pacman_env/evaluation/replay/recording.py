@@ -63,7 +63,6 @@ class RecordedGame:
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
         game = self._batch.games[0]
         return bool(game["end"] != RUNNING or game["round"] > MOST_ROUNDS)
 
@@ -106,7 +105,7 @@ class RecordedGame:
         return render_frame(self._batch, 0, height=height, title=self.name)
 
     def outcome(self) -> str:
-        """The result of the game, in words."""
+        """The result of the game as text."""
         batch, game = self._batch, self._batch.games[0]
         seconds = self._before_s + game["step"] * batch.config.physics_step_s
         if batch.config.endless:
@@ -149,7 +148,7 @@ def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
 
 
 def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:
-    """A candidate in words: pellets and refuges are counted from 0."""
+    """A candidate as text: pellets and refuges are counted from 0."""
     kind = int(situation.kind[0, candidate])
     if kind == HOLD:
         return KIND_NAMES[HOLD]

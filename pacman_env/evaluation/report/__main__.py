@@ -55,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_policy_arguments(parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
     add = parser.add_argument
-    add("--baseline", default="clyde_aware", metavar="POLICY", help="whom the others are compared with (%(default)s)")
+    add("--baseline", default="clyde_aware", metavar="POLICY", help="the others are compared with it (%(default)s)")
     add_scenario_arguments(parser, several=True)
     add_rule_arguments(parser)
     add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="of all but the curve, m/s (0.25)")
@@ -80,7 +80,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Make the report; returns the exit status."""
     argv = sys.argv[1:] if argv is None else argv
     command = shlex.join(["pacman-env", "report", *argv])
     return run_command(_parser(), argv, lambda arguments: _report(arguments, command))

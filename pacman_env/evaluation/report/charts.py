@@ -50,7 +50,7 @@ def curve_chart(
         lines: at least one, with the same x; colours go by their order.
         x_title: below the axis.
         y_title: above the axis.
-        marks: values of x that deserve a dashed line, with its words.
+        marks: values of x that deserve a dashed line, with their labels.
     """
     xs = [x for line in lines for x, *_ in line.points]
     first, last = min(xs), max(xs)
@@ -64,10 +64,10 @@ def curve_chart(
 
     base = _HEIGHT - _BOTTOM
     parts = [_grid(sorted(set(xs)), px, py, base)]
-    for x, words in marks:
+    for x, label in marks:
         if first <= x <= last:
             parts.append(f'<path class="mark" d="M{px(x):.1f} {_TOP}V{base}"/>')
-            parts.append(f'<text class="note" x="{px(x) + 5:.1f}" y="{base - 7}">{escape(words)}</text>')
+            parts.append(f'<text class="note" x="{px(x) + 5:.1f}" y="{base - 7}">{escape(label)}</text>')
     for k, line in enumerate(lines):
         upper = [f"{px(x):.1f},{py(high):.1f}" for x, _, _, high in line.points]
         lower = [f"{px(x):.1f},{py(low):.1f}" for x, _, low, _ in reversed(line.points)]
@@ -78,10 +78,10 @@ def curve_chart(
             f'<polyline class="line c{k % COLOURS}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y, *_ in places)}"/>'
         )
         for left, top, x, rate, low, high in places:
-            words = f"{line.label}, {x:g} m/s: {100 * rate:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+            title = f"{line.label}, {x:g} m/s: {100 * rate:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
             parts.append(
                 f'<circle class="dot c{k % COLOURS}" cx="{left:.1f}" cy="{top:.1f}" r="4">'
-                f"<title>{escape(words)}</title></circle>"
+                f"<title>{escape(title)}</title></circle>"
             )
     tops = _apart([py(line.points[-1][1]) for line in lines])
     for k, (line, top) in enumerate(zip(lines, tops, strict=True)):

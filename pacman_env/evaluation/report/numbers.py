@@ -30,7 +30,6 @@ Results = Mapping[Cell, Played]
 
 
 def numbers(plan: Plan, played: Results) -> Numbers:
-    """Every number of the page."""
     return {
         "summary": [_summary(plan, played, policy) for policy in plan.policies],
         "curve": [_point(plan, played, policy, v) for policy in plan.policies for v in plan.speeds],
@@ -58,7 +57,6 @@ def _rng(plan: Plan) -> np.random.Generator:
 def _of_maps(
     plan: Plan, played: Results, policy: str, part: str = ROUNDS, speed: float | None = None
 ) -> dict[str, NDArray]:
-    """A policy's records by map."""
     speed = plan.speed if speed is None else speed
     return {name: played[Cell(part, name, policy, speed)][0] for name in plan.maps}
 
@@ -176,7 +174,7 @@ def _pair(plan: Plan, played: Results) -> Numbers | None:
                     "command": replay_command(plan, map_name, seed),
                 }
                 sides[name].append((place, row))
-    # the first of each map, then the second of each: whoever reads only the beginning has seen every map
+    # the first of each map, then the second of each: the beginning of the list has every map
     mixed = {name: [row for _, row in sorted(rows, key=lambda pair: pair[0])] for name, rows in sides.items()}
     return {"policy": challenger, "baseline": plan.baseline, **mixed}
 

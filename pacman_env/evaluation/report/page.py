@@ -41,16 +41,16 @@ def render_page(report: Numbers) -> str:
 
 
 def headline(report: Numbers) -> str:
-    """The result in words: the first policy against the baseline."""
+    """The result as text: the first policy against the baseline."""
     pair = report["pair"]
     if pair is None:
         row = report["summary"][0]
-        return f"{row['policy']} completes {percent(row['all']['rate'])} % of its rounds. It was compared with nobody."
+        return f"{row['policy']} completes {percent(row['all']['rate'])} % of its rounds. It was not compared."
     rows = _by(report["summary"])
     ours, theirs = rows[pair["policy"]], rows[pair["baseline"]]
     low, high = ours["difference_ci"]
     verdict = "more" if low > 0 else "fewer" if high < 0 else ""
-    said = (
+    verdict = (
         f"{percent(abs(ours['difference']))} percentage points {verdict} (95 % interval"
         f" {percent(low, '+')} to {percent(high, '+')})"
         if verdict
@@ -59,7 +59,7 @@ def headline(report: Numbers) -> str:
     )
     return (
         f"{pair['policy']} completes {percent(ours['all']['rate'])} % of the rounds, {pair['baseline']}"
-        f" {percent(theirs['all']['rate'])} % of the same rounds: {said}."
+        f" {percent(theirs['all']['rate'])} % of the same rounds: {verdict}."
     )
 
 
@@ -87,7 +87,6 @@ def percent(rate: float, sign: str = "") -> str:
 
 
 def percents(interval: Sequence[float], sign: str = "") -> str:
-    """An interval of rates as percent."""
     return f"{percent(interval[0], sign)} to {percent(interval[1], sign)}"
 
 
@@ -97,5 +96,4 @@ def number(value: float, digits: int = 1, sign: str = "") -> str:
 
 
 def numbers(interval: Sequence[float], sign: str = "") -> str:
-    """An interval of numbers."""
     return f"{number(interval[0], sign=sign)} to {number(interval[1], sign=sign)}"

@@ -1,6 +1,6 @@
 """The plan of a report: policies, scenarios, speeds and variants, and the blocks of rounds that follow from them.
 
-Nothing is played here; the command line's words become configurations, and configurations become blocks.
+Nothing is played here; the command line's arguments become configurations, and configurations become blocks.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Plan:
 
     @property
     def challenger(self) -> str | None:
-        """The name of the first policy that is not the baseline; the two are looked at round by round."""
+        """The name of the first policy that is not the baseline; the two are compared round by round."""
         return next((name for name in self.policies if name != self.baseline), None)
 
 
@@ -87,16 +87,16 @@ def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str
         raise ConfigError(f"--variant {text!r}: must be NAME=SETTINGS, such as calm=clyde.speed_mps=0.1")
     if name in (ROUNDS, ENDLESS_GAMES):
         raise ConfigError(f"--variant {name}: the report calls other rounds so")
-    words, changes = {"preset": preset, "execution": execution}, []
+    base, changes = {"preset": preset, "execution": execution}, []
     for setting in _NEXT_SETTING.split(given.strip()):
         field, _, value = setting.partition("=")
-        if field in words:
-            words[field] = value
+        if field in base:
+            base[field] = value
         else:
             changes.append(setting)
     try:
         merged = parse_settings(settings) | parse_settings(changes)
-        config = make_config(words["preset"], words["execution"], **merged)
+        config = make_config(base["preset"], base["execution"], **merged)
     except ConfigError as error:
         raise ConfigError(f"--variant {name}: {error}") from None
     return Variant(name, given.strip(), config)
@@ -106,7 +106,7 @@ def check_single_rounds(config: Config, where: str = "") -> None:
     """Refuse what the report adds by itself, or cannot measure.
 
     Raises:
-        ConfigError: endless games, velocities, or ghosts that wait to be told.
+        ConfigError: endless games, velocities, or ghosts that need a policy object.
     """
     try:
         check_goals(config)
@@ -135,16 +135,16 @@ def replay_command(plan: Plan, map_name: str, seed: int) -> str:
     """The command that shows a round of the first policy and the baseline side by side."""
     pair = [plan.policies[name] for name in (plan.challenger, plan.baseline) if name is not None]
     scenario = plan.maps[map_name]
-    words = ["pacman-env", "replay", str(seed)]
+    command = ["pacman-env", "replay", str(seed)]
     if isinstance(scenario, Levels):
-        words += ["--levels", scenario.split, "--num-levels", str(scenario.count)]
-        words += [] if scenario.start is None else ["--start-level", str(scenario.start)]
+        command += ["--levels", scenario.split, "--num-levels", str(scenario.count)]
+        command += [] if scenario.start is None else ["--start-level", str(scenario.start)]
     else:
-        words += ["--map", scenario]
-    words += ["--policies", *pair]
-    words += ["--clyde-speed", repr(plan.speed)]
-    words += [] if plan.preset == "robot" else ["--preset", plan.preset]
-    words += [] if plan.execution == "robust" else ["--execution", plan.execution]
+        command += ["--map", scenario]
+    command += ["--policies", *pair]
+    command += ["--clyde-speed", repr(plan.speed)]
+    command += [] if plan.preset == "robot" else ["--preset", plan.preset]
+    command += [] if plan.execution == "robust" else ["--execution", plan.execution]
     for setting in plan.settings:
-        words += ["--set", setting]
-    return shlex.join(words)
+        command += ["--set", setting]
+    return shlex.join(command)

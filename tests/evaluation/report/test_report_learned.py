@@ -57,7 +57,7 @@ def test_a_planners_file_is_reported_and_seen_again(
         np.testing.assert_array_equal(values, records[name])
     assert [(p["name"], p["spec"]) for p in made["policies"]] == [("mine", str(path)), ("nearest", "nearest")]
     assert made["policies"][0]["facts"]["sha256"] == read_planner(path)[0].sha256
-    assert "What the file of mine says of itself" in (tmp_path / "page.html").read_text()
+    assert "Metadata of mine" in (tmp_path / "page.html").read_text()
     row = (made["pair"]["wins"] + made["pair"]["losses"])[0]
     assert (tmp_path / row["film"]).is_file()
     monkeypatch.chdir(tmp_path)

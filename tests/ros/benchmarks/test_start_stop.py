@@ -17,7 +17,7 @@ from pacman_env.engine.jit import cache_dir
 def test_the_moments_of_a_start_follow_one_another(domain: int) -> None:
     moments = start_stop.measure(start_stop.ROOT, cache_dir(), "house", "nearest", int(os.environ["ROS_DOMAIN_ID"]))
     assert sorted(moments) == sorted(start_stop.COLUMNS)
-    assert 0.0 < moments["first word"] < moments["menu"] < moments["drives"]
+    assert 0.0 < moments["first line"] < moments["menu"] < moments["drives"]
     assert moments["stop"] > 0.0
 
 

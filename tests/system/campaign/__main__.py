@@ -3,12 +3,12 @@
 The nodes that ``pacman-env ros up --sim`` starts play in lock-step (``pacman_env.ros.lock_step``); a recorder beside
 them makes the simulated robot's faults begin and end, interferes from outside, freezes nodes, kills them, has their
 packets lost, all at simulated moments, and judges each game (``verdict``). What happens in a game is drawn from its
-seed (``schedule``). Ten consecutive seeds are played one after another by the same nodes on one ground. A game that is
+seed (``schedule``). Ten consecutive seeds are played one after another by the same nodes on one arena. A game that is
 repeated with ``--only`` is the same game, message for message: those before it of the same ten are played again, too.
 Its transcript is a hash of all messages that a node has handled. Needs ROS.
 
 A game hangs when nothing has been wrong for two minutes, no fault and no show, and there is no progress: neither
-another state, nor a pellet, nor half a metre of motion, unless the planner waits for a Clyde who stands. One that is
+another state, nor a pellet, nor half a metre of motion, unless the planner waits for a Clyde that stands. One that is
 not over 600 s after its last fault is broken off with ``game/reset``, which must lead to the menu. All times are
 simulated.
 """
@@ -52,9 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.monotonic()
     if arguments.json:
         prepare(arguments.json)
-    print(
-        f"{'seed':>5} {'ground':14} {'policy':11} {'outcome':11} {'robot':>6} {'transcript':10} faults, interferences"
-    )
+    print(f"{'seed':>5} {'arena':14} {'policy':11} {'outcome':11} {'robot':>6} {'transcript':10} faults, interferences")
     parts = list(blocks(seeds))
     for part in (Part((GHOSTS, SIMULATOR)), *(Part((SELECTOR,), policy) for policy in POLICIES)):
         rehearse(part, "house", make_config("robot"))  # compiled once, not by each job

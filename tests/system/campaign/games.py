@@ -26,7 +26,7 @@ from tests.system.campaign.schedule import (
     OUTAGES,
     Schedule,
     Step,
-    ground_of,
+    arena_of,
     part_of_map,
     schedule,
 )
@@ -58,7 +58,6 @@ class Played:
         self.verdict = verdict_on(plan)
 
     def play(self) -> Verdict:
-        """The verdict."""
         self._recorder.forget()
         transcript = Transcript(self._game)
         began_s = self._game.wall.now_s
@@ -108,7 +107,7 @@ class Played:
         self._wait(lambda: recorder.last("game/pellets_spawned") == pellets, ANSWER_S)
         if not recorder.resting:
             found.append(f"a goal is pursued in the menu, {REST_S:g} s after the last fault")
-        return found + [f"a late listener does not hear {name}" for name in self._game.unheard_by_a_late_listener()]
+        return found + [f"a late listener does not receive {name}" for name in self._game.missed_by_a_late_listener()]
 
     def _prepare(self) -> list[str]:
         """Policy and Clyde's speed, in the menu."""
@@ -276,7 +275,7 @@ class Played:
 
 
 class Silent(Exception):
-    """Nothing is heard any more."""
+    """No message arrives any more."""
 
 
 def play(seeds: Sequence[int], folder: Path) -> list[Verdict]:
@@ -288,9 +287,9 @@ def play(seeds: Sequence[int], folder: Path) -> list[Verdict]:
     block = list(range(seeds[0] - seeds[0] % GAMES_PER_SYSTEM, seeds[-1] + 1))
     place = folder / f"{block[0]:05d}"
     place.mkdir(parents=True, exist_ok=True)
-    ground = part_of_map(*ground_of(block[0]))
-    pellets = frozenset(map(int, generate_pellets(ground, make_config("robot").pellets).ids))
-    map_yaml = str(ground.save(place / "ground.yaml"))
+    arena = part_of_map(*arena_of(block[0]))
+    pellets = frozenset(map(int, generate_pellets(arena, make_config("robot").pellets).ids))
+    map_yaml = str(arena.save(place / "arena.yaml"))
     verdicts: list[Verdict] = []
     while block:
         log = place / f"nodes-{block[0]}.log"

@@ -33,7 +33,7 @@ _OTHERS = (
 
 
 class Interference:
-    """A troublemaker that speaks through a node of somebody else's; what it says is seen on no other node's account.
+    """Sends messages that no node may accept, through another component's node.
 
     Args:
         node: in the game's namespace.
@@ -130,7 +130,7 @@ class Interference:
             self._goals = topics.NAVIGATE_TO_POSE.client(self._node)
         goal = topics.NAVIGATE_TO_POSE.type.Goal(pose=pose_message(NAN, 0.0, 0.0, self._stamp()))
         self._goals.send_goal_async(goal, goal_uuid=UUID(uuid=list(self._node.surroundings.new_id())))
-        if leave:  # whoever asked is gone before the answer
+        if leave:  # the caller is gone before the answer
             self._goals.destroy()
             self._goals = None
 

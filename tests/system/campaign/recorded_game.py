@@ -21,7 +21,7 @@ class RecordedGame(LockStepGame):
     """The game, in its menu and ready to be started; ``with`` ends it.
 
     Args:
-        map_yaml: of the ground that is played on.
+        map_yaml: of the arena that is played on.
         seed: of robot, ghosts and everything else that is drawn.
         folder: for the referee's file; it holds none of a game before.
         settings: of the configuration, ``name=value``.
@@ -74,9 +74,9 @@ class RecordedGame(LockStepGame):
             self.do(self.recorder.halt)
         return [f"{name} ended with status {status}" for _, name, status in new if status not in (None, STOOD_STILL)]
 
-    def unheard_by_a_late_listener(self) -> list[str]:
+    def missed_by_a_late_listener(self) -> list[str]:
         """Topics on which a node that comes now does not get what was published last."""
         expected = {r.topic: r.value for r in self.recorder.records}
         listener: LateListener = self.join(LateListener)
         self.remove(next(one for one in self.members if one.node is listener), last_messages=False)
-        return [name for name, values in listener.heard.items() if expected.get(name) not in values]
+        return [name for name, values in listener.received.items() if expected.get(name) not in values]

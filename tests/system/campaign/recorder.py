@@ -1,6 +1,6 @@
 """A node beside the game's nodes, which records what they publish, in memory, and asks them to start and reset.
 
-What is right or wrong with it is judged in ``verdict``. All that it does, it does between two steps of the game.
+``verdict`` judges them. The node acts only between two steps of the game.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Recorder(BaseNode):
         topic.subscription(self, record)
 
     def see_goal(self, request: Any) -> None:
-        """Record a goal that a node sends to Nav2; whether it arrives is another matter."""
+        """Record a goal that a node sends to Nav2, whether it arrives or not."""
         place = request.goal.pose.pose.position
         self.records.append(Record(self.instant(), "sent", f"({place.x:.2f}, {place.y:.2f})"))
 
@@ -112,7 +112,7 @@ class Recorder(BaseNode):
         self.faults = faults
 
     def no_goals(self) -> None:
-        """The server of goals is gone, and says no more of those that it had."""
+        """The server of goals is gone, and reports no more of its goals."""
         self.records.append(Record(self.instant(), "goals", {}))
 
     def _odometry(self, message: Any) -> None:
@@ -136,7 +136,7 @@ class Recorder(BaseNode):
         return all(status in ENDED for status in (self.last("goals") or {}).values())
 
     def forget(self) -> None:
-        """Another game begins; what is latched stays known."""
+        """Another game begins; the latched records stay."""
         for record in self.records:
             if record.topic == "goals":
                 self._over |= {key for key, status in record.value.items() if status in ENDED}
@@ -144,7 +144,7 @@ class Recorder(BaseNode):
         self.records = sorted(latched.values(), key=lambda r: r.at)
         self.track = self.track[-1:]
 
-    # What it asks for
+    # What it requests
 
     def clyde(self) -> tuple[float, float]:
         """Where the goal selector has it, m; the origin until it is known."""
@@ -165,11 +165,9 @@ class Recorder(BaseNode):
         )
 
     def start(self) -> Any:
-        """Ask for a game; the answer's future."""
         return self._start.call_async(self._start.srv_type.Request())
 
     def reset(self) -> Any:
-        """Ask for the menu; the answer's future."""
         return self._reset.call_async(self._reset.srv_type.Request())
 
     def halt(self) -> None:
@@ -179,7 +177,6 @@ class Recorder(BaseNode):
         self._velocity.publish(twist_message(0.0, 0.0, self.get_clock().now().to_msg()))
 
     def set_policy(self, policy: str) -> Any:
-        """Ask for another policy; the answer's future."""
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=policy)
         request = self._set.srv_type.Request(parameters=[ParameterMessage(name="policy", value=value)])
         return self._set.call_async(request)
@@ -189,22 +186,20 @@ class Recorder(BaseNode):
         self._base_speed.publish(topics.BASE_CLYDE_SPEED.type(data=speed_mps))
 
     def fault(self, words: str) -> None:
-        """Begin or end one."""
         self._fault.publish(FAULT.type(data=words))
 
     def interfere(self, kind: str) -> None:
-        """See ``interference``."""
         self._interference.act(kind)
 
 
 class LateListener(BaseNode):
-    """A node that is there only when everything has been said."""
+    """A node that joins after everything has been published."""
 
     def __init__(self) -> None:
         super().__init__("late_listener")
-        self.heard: dict[str, list[Any]] = {topic.name: [] for topic in LATCHED}
+        self.received: dict[str, list[Any]] = {topic.name: [] for topic in LATCHED}
         for topic in LATCHED:
-            topic.subscription(self, functools.partial(self._hear, topic.name))
+            topic.subscription(self, functools.partial(self._receive, topic.name))
 
-    def _hear(self, name: str, message: Any) -> None:
-        self.heard[name].append(message.data)
+    def _receive(self, name: str, message: Any) -> None:
+        self.received[name].append(message.data)

@@ -16,7 +16,7 @@ from tests.system.campaign.schedule import (
     NODES,
     OUTAGES,
     Schedule,
-    ground_of,
+    arena_of,
 )
 
 OUTCOMES = ("complete", "lost", "reset", "home failed", "never")
@@ -25,10 +25,8 @@ _WIDTH = 34  # of the names in the table
 
 @dataclass
 class Verdict:
-    """The result of one game."""
-
     seed: int
-    ground: str
+    arena: str
     policy: str
     happened: list[str] = field(default_factory=list)  # kinds of faults, interferences and outages
     outcome: str = "never"
@@ -40,19 +38,18 @@ class Verdict:
     outages: list[tuple[str, str, str]] = field(default_factory=list)  # kind, node and how long in which state
 
     def line(self) -> str:
-        """One row."""
         faults = [kind for kind in self.happened if kind in FAULTS]
         faults += [" ".join(one) for one in self.outages]
         others = sum(kind in INTERFERENCES for kind in self.happened)
         return (
-            f"{self.seed:5d} {self.ground:14} {self.policy:11} {self.outcome:11} {self.robot_s:6.0f}"
+            f"{self.seed:5d} {self.arena:14} {self.policy:11} {self.outcome:11} {self.robot_s:6.0f}"
             f" {self.transcript[:8]:8} {', '.join(faults) or '-'}; {others} interferences"
         )
 
 
 def verdict_on(plan: Schedule) -> Verdict:
     """That of a game that is yet to be played."""
-    name, within_m = ground_of(plan.seed)
+    name, within_m = arena_of(plan.seed)
     return Verdict(plan.seed, name if math.isinf(within_m) else f"{name}, {within_m:g} m", plan.policy)
 
 

@@ -56,8 +56,6 @@ class Task:
 
 @dataclass(frozen=True)
 class RobotRound:
-    """One round of the nodes."""
-
     policy: str
     clyde_speed_mps: float
     end: str  # complete, dead, timeout or not started
@@ -133,15 +131,15 @@ def play_round(game: RecordedGame, policy: str, speed_mps: float, limit_s: float
         return recorder.state == "menu"
 
     wait(over, GAME_S + limit_s, "end of the game")
-    said = [record for record in recorder.records if record.at >= started]
-    states = [(r.at, r.value) for r in said if r.topic == topics.GAME_STATE.name]
-    words = [word for _, word in states]
-    running = words.index("running") if "running" in words else -1
+    recorded = [record for record in recorder.records if record.at >= started]
+    states = [(r.at, r.value) for r in recorded if r.topic == topics.GAME_STATE.name]
+    names = [name for _, name in states]
+    running = names.index("running") if "running" in names else -1
     if running < 0:
         return RobotRound(policy, speed_mps, "not started", 0, 0.0)
     begin, end = states[running][0], states[running + 1][0]
-    collected = max((r.value for r in said if r.topic == topics.PELLETS_COLLECTED.name), default=0)
-    how = "timeout" if late else {"complete": "complete", "dying": "dead"}.get(words[running + 1], "not started")
+    collected = max((r.value for r in recorded if r.topic == topics.PELLETS_COLLECTED.name), default=0)
+    how = "timeout" if late else {"complete": "complete", "dying": "dead"}.get(names[running + 1], "not started")
     return RobotRound(policy, speed_mps, how, int(collected), round((end - begin) * 1e-9, 3))
 
 
@@ -173,7 +171,6 @@ def row(robot: Sequence[RobotRound], config: Config, source: str, policy: str, s
 
 
 def table(rows: Sequence[dict]) -> list[str]:
-    """The rows as lines of Markdown."""
     head = "policy", "Clyde m/s", "robot %", "simulator %", "inside", "difference", "pellets", "a completed round, s"
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for r in rows:
@@ -197,7 +194,7 @@ def _parts(rounds: int) -> list[int]:
     return [min(ROUNDS_TOGETHER, rounds - k) for k in range(0, rounds, ROUNDS_TOGETHER)]
 
 
-def _words(task: Task, rounds: Sequence[RobotRound]) -> str:
+def _result(task: Task, rounds: Sequence[RobotRound]) -> str:
     won = sum(r.end == "complete" for r in rounds)
     return f"{task.policy}, Clyde at {task.clyde_speed_mps:g} m/s, seed {task.seed}: {won} of {len(rounds)} complete"
 
@@ -230,7 +227,7 @@ def run(arguments: argparse.Namespace) -> int:
         with pool(min(arguments.jobs, len(tasks))) as workers:
             for task, rounds in zip(tasks, workers.map(play_task, tasks), strict=True):
                 played += rounds
-                print(f"{len(played)} rounds: {_words(task, rounds)}", flush=True)
+                print(f"{len(played)} rounds: {_result(task, rounds)}", flush=True)
     except BrokenProcessPool as broken:
         raise ValueError(f"a process has ended; logs: {folder}") from broken
     print(f"{len(played)} rounds in {time.monotonic() - began:.0f} s")
@@ -256,7 +253,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Play; returns the exit status."""
     parser = Parser(prog="python -m tests.system.campaign.robot_rounds", description=__doc__)
     parser.add_argument("--map", default="house", help="name or YAML file")
     parser.add_argument("--policies", nargs="+", default=["ppo", "clyde_aware"], metavar="POLICY")

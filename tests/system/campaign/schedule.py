@@ -1,7 +1,7 @@
-"""The schedule of a randomised game of the robot's nodes: its ground, policy, Clyde, faults, interferences and outages.
+"""The schedule of a randomised game of the robot's nodes: its arena, policy, Clyde, faults, interferences and outages.
 
-All of it is drawn from the game's seed, as plain values; who makes it happen is ``games``, and whether the
-nodes withstood it is judged in ``verdict``. ROS is not imported.
+All of it is drawn from the game's seed, as plain values. ``games`` makes it happen, ``verdict`` decides whether the
+nodes withstood it. ROS is not imported.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from pacman_env.ros.standstill import DEFAULT_LEASE_S
 from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
-GAMES_PER_SYSTEM = 10  # consecutive seeds are played by the same nodes, on the same ground
+GAMES_PER_SYSTEM = 10  # consecutive seeds are played by the same nodes, on the same arena
 STATES = ("menu", "returning_home", "starting", "running", "dying")
 POLICIES = ("clyde_aware", "lookahead", "ppo", "nearest", "random")
 #: Maps, and how much of them around home is played on, m; small ones, so that a game ends soon.
-GROUNDS = (
+ARENAS = (
     *(("house", 3.0), ("house", 4.0), ("loop", 3.0), ("loop", 3.5), ("maze", 3.0), ("maze", 4.0)),
     *(("open_plan", 2.5), ("open_plan", 3.0), ("house", math.inf)),
 )
 RESETS = ("reset", "start", "start and leave")
-#: Messages that no node may take for good, by name; ``interference`` makes them.
+#: Messages that no node may accept, by name; ``interference`` makes them.
 NONSENSE = (
     *("pose not finite", "pose in another frame", "transform not finite", "clyde not finite", "click not finite"),
     *("unknown words", "endless words", "unknown statuses", "foreign pellet", "statuses out of place"),
@@ -35,9 +35,9 @@ NONSENSE = (
 )
 INTERFERENCES = (*RESETS, *NONSENSE)
 FREEZE, KILL, LOSS = OUTAGES = ("freeze", "kill", "network loss")
-EVERY_NODE = "all"  # of a network on which nobody hears anybody
+EVERY_NODE = "all"  # of a network on which no message arrives
 NODES = (SIMULATOR, *GAME, SELECTOR)
-LEASE_S = DEFAULT_LEASE_S  # of silence, after which the middleware takes a node for gone
+LEASE_S = DEFAULT_LEASE_S  # of silence, after which the middleware removes a node
 
 #: How long after its beginning something happens in a state at most, s; later than most games stay in it, never.
 _LATEST_S = {"menu": 3.0, "returning_home": 10.0, "starting": 8.0, "running": 40.0, "dying": 5.0}
@@ -69,8 +69,6 @@ class Step:
 
 @dataclass(frozen=True)
 class Schedule:
-    """One game."""
-
     seed: int
     policy: str
     clyde_speed_mps: float  # in round 1
@@ -79,14 +77,13 @@ class Schedule:
 
     @property
     def kinds(self) -> frozenset[str]:
-        """All that may happen."""
         return frozenset(step.kind for step in self.steps)
 
 
-def ground_of(seed: int) -> tuple[str, float]:
+def arena_of(seed: int) -> tuple[str, float]:
     """The map and its part of the system that plays this seed."""
     rng = np.random.default_rng([seed // GAMES_PER_SYSTEM, 1])
-    return GROUNDS[int(rng.integers(len(GROUNDS)))]
+    return ARENAS[int(rng.integers(len(ARENAS)))]
 
 
 def part_of_map(name: str, within_m: float) -> OccupancyMap:
@@ -101,7 +98,6 @@ def part_of_map(name: str, within_m: float) -> OccupancyMap:
 
 
 def schedule(seed: int) -> Schedule:
-    """The game of a seed."""
     rng = np.random.default_rng([seed, 0])
     calm = rng.random() < _CALM
     faults = _faults(rng, 0 if calm else int(rng.integers(1, 5)))
@@ -144,7 +140,7 @@ def _numbers(rng: np.random.Generator, kind: str) -> list[float]:
 
 
 def _outages(rng: np.random.Generator) -> list[Step]:
-    """They come from numbers of their own: whoever plays without one kind meets the others as they were."""
+    """They have a random stream of their own: a game without one kind has the others unchanged."""
     weights = np.array([_WEIGHTS.get(node, 1.0) for node in NODES])
     steps = []
     for _ in range(int(rng.choice(len(_OUTAGES), p=_OUTAGES))):

@@ -13,10 +13,10 @@ from pacman_env.policies.registry import policy_names
 from pacman_env.ros.simulated_robot.sim_faults import FAULTS, Faults
 from pacman_env.sim.maps.assets import map_assets
 from tests.system.campaign.schedule import (
+    ARENAS,
     EVERY_NODE,
     FREEZE,
     GAMES_PER_SYSTEM,
-    GROUNDS,
     INTERFERENCES,
     KILL,
     LEASE_S,
@@ -25,7 +25,7 @@ from tests.system.campaign.schedule import (
     OUTAGES,
     POLICIES,
     STATES,
-    ground_of,
+    arena_of,
     part_of_map,
     schedule,
 )
@@ -60,7 +60,7 @@ def test_a_game_belongs_to_its_seed_and_every_step_can_happen(seed: int) -> None
 @given(seeds)
 def test_games_of_one_system_share_their_ground(seed: int) -> None:
     first = seed - seed % GAMES_PER_SYSTEM
-    assert ground_of(seed) == ground_of(first) == ground_of(first + GAMES_PER_SYSTEM - 1)
+    assert arena_of(seed) == arena_of(first) == arena_of(first + GAMES_PER_SYSTEM - 1)
 
 
 def test_two_hundred_games_meet_every_fault_every_interference_and_every_ground() -> None:
@@ -70,7 +70,7 @@ def test_two_hundred_games_meet_every_fault_every_interference_and_every_ground(
     for kind in (*FAULTS, *OUTAGES):
         assert {step.state for step in met if step.kind == kind} == set(STATES)
     assert {game.policy for game in games} == set(POLICIES) <= set(policy_names())
-    assert {ground_of(seed) for seed in range(400)} == set(GROUNDS)
+    assert {arena_of(seed) for seed in range(400)} == set(ARENAS)
     assert any(not game.steps for game in games)
     outages = {kind: [step for step in met if step.kind == kind] for kind in OUTAGES}
     assert all({step.node for step in steps} >= set(NODES) for steps in outages.values())
@@ -84,11 +84,11 @@ def test_two_hundred_games_meet_every_fault_every_interference_and_every_ground(
     )
 
 
-@pytest.mark.parametrize("ground", sorted(set(GROUNDS)))
-def test_every_pellet_of_a_ground_can_be_reached(ground: tuple[str, float]) -> None:
+@pytest.mark.parametrize("arena", sorted(set(ARENAS)))
+def test_every_pellet_of_an_arena_can_be_reached(arena: tuple[str, float]) -> None:
     config = make_config("robot")
-    part = part_of_map(*ground)
+    part = part_of_map(*arena)
     pellets = generate_pellets(part, config.pellets)
     assert 3 <= map_assets(part, config).pellets == len(pellets.ids)
-    if math.isfinite(ground[1]):
-        assert (np.abs(pellets.position) <= ground[1]).all()
+    if math.isfinite(arena[1]):
+        assert (np.abs(pellets.position) <= arena[1]).all()

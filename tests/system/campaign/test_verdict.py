@@ -17,8 +17,8 @@ def at(time_s: float) -> int:
     return round(time_s * 1e9)
 
 
-def say(evidence: Evidence, time_s: float, *said: tuple[str, object]) -> None:
-    evidence.records += [Record(at(time_s), topic, value) for topic, value in said]
+def publish(evidence: Evidence, time_s: float, *messages: tuple[str, object]) -> None:
+    evidence.records += [Record(at(time_s), topic, value) for topic, value in messages]
 
 
 def state(word: str) -> tuple[str, object]:
@@ -28,29 +28,29 @@ def state(word: str) -> tuple[str, object]:
 def a_game(lost: bool = False) -> Evidence:
     """Two pellets; the second is the last, or the robot is caught before it."""
     e = Evidence(frozenset({3, 8}), 0.2, started=at(1.5))
-    say(e, 0.0, state("menu"), ("game/score", 5), ("game/round", 2), ("clyde/speed", 0.25))
-    say(e, 1.6, ("game/pellets_collected", 0), state("menu"), state("returning_home"), ("sent", "(0.00, 0.00)"))
-    say(e, 1.7, ("goals", {"a": 2}), ("game/pellets_spawned", 2), ("game_status", "home_reached"))
-    say(e, 1.8, ("goals", {"a": 4}))
-    say(e, STARTING, state("starting"))
+    publish(e, 0.0, state("menu"), ("game/score", 5), ("game/round", 2), ("clyde/speed", 0.25))
+    publish(e, 1.6, ("game/pellets_collected", 0), state("menu"), state("returning_home"), ("sent", "(0.00, 0.00)"))
+    publish(e, 1.7, ("goals", {"a": 2}), ("game/pellets_spawned", 2), ("game_status", "home_reached"))
+    publish(e, 1.8, ("goals", {"a": 4}))
+    publish(e, STARTING, state("starting"))
     for k in range(160):
-        say(e, STARTING + 0.05 * k, ("turn", 1.5))
-    say(e, RUNNING, ("turn", 0.0), state("running"), ("sent", "(0.45, 2.70)"), ("goals", {"a": 4, "b": 2}))
-    say(e, 20.0, ("game_status", "pellet_collected:3"), ("goals", {"b": 4}))
-    say(e, 20.1, ("game/pellets_collected", 1), ("game/score", 6))
+        publish(e, STARTING + 0.05 * k, ("turn", 1.5))
+    publish(e, RUNNING, ("turn", 0.0), state("running"), ("sent", "(0.45, 2.70)"), ("goals", {"a": 4, "b": 2}))
+    publish(e, 20.0, ("game_status", "pellet_collected:3"), ("goals", {"b": 4}))
+    publish(e, 20.1, ("game/pellets_collected", 1), ("game/score", 6))
     if lost:
-        say(e, OVER, ("game_status", "death_detected"), state("dying"), ("game_result", "Death - Score: 6"))
+        publish(e, OVER, ("game_status", "death_detected"), state("dying"), ("game_result", "Death - Score: 6"))
         for k in range(100):
-            say(e, OVER + 0.05 * k, ("turn", 1.5 if k // 5 % 2 else -1.5))
-        say(e, OVER + 5.0, ("turn", 0.0))
+            publish(e, OVER + 0.05 * k, ("turn", 1.5 if k // 5 % 2 else -1.5))
+        publish(e, OVER + 5.0, ("turn", 0.0))
     else:
-        say(e, OVER, ("game_status", "pellet_collected:8"), ("game/pellets_collected", 2), ("game/score", 7))
-        say(e, OVER + 0.01, ("game_result", "Complete - Score: 7"), state("complete"))
-    say(e, OVER + 5.0, state("returning_home"), ("sent", "(0.00, 0.00)"), ("goals", {"c": 2}))
-    say(e, BACK, ("goals", {"c": 4}), ("game_status", "home_reached"))
+        publish(e, OVER, ("game_status", "pellet_collected:8"), ("game/pellets_collected", 2), ("game/score", 7))
+        publish(e, OVER + 0.01, ("game_result", "Complete - Score: 7"), state("complete"))
+    publish(e, OVER + 5.0, state("returning_home"), ("sent", "(0.00, 0.00)"), ("goals", {"c": 2}))
+    publish(e, BACK, ("goals", {"c": 4}), ("game_status", "home_reached"))
     last = (0, 1, 0.2) if lost else (7, 3, 0.3)
-    say(e, BACK + 0.1, *zip(("game/score", "game/round", "clyde/speed"), last, strict=True))
-    say(e, BACK + 0.2, ("game/pellets_collected", 0), state("menu"), ("game/pellets_spawned", 2))
+    publish(e, BACK + 0.1, *zip(("game/score", "game/round", "clyde/speed"), last, strict=True))
+    publish(e, BACK + 0.2, ("game/pellets_collected", 0), state("menu"), ("game/pellets_spawned", 2))
     driving = ((1.6, STARTING), (RUNNING, OVER), (OVER + 5.0, BACK))
     x = 0.0
     for k in range(round(430 / 0.5)):
@@ -76,7 +76,7 @@ def move(begin_s: float, end_s: float) -> Change:
 
 
 def add(time_s: float, topic: str, *values: object) -> Change:
-    return lambda e: say(e, time_s, *((topic, value) for value in values))
+    return lambda e: publish(e, time_s, *((topic, value) for value in values))
 
 
 def replace(topic: str, before: object, after: object) -> Change:
@@ -96,7 +96,7 @@ def stretch(show: str, by_s: float) -> Change:
         end = {"starting": RUNNING, "dying": OVER + 5.0}[show]
         e.records = [r if r.at < at(end) else Record(r.at + at(by_s), r.topic, r.value) for r in e.records]
         for k in range(round(by_s / 0.05)):
-            say(e, end + 0.05 * k, ("turn", 1.5))
+            publish(e, end + 0.05 * k, ("turn", 1.5))
         last = e.track[-1]
         e.track += [Sample(last.at + at(0.05 * k), last.time_s + 0.05 * k, last.x, 0.0) for k in range(1, 400)]
 
@@ -117,7 +117,7 @@ COMPLETE: dict[str, Change] = {
     "the score went up to 9, from 5 with 2 pellets": replace("game/score", 7, 9),
     "the round was complete with 1 of 2 pellets": replace("game/pellets_collected", 2, 1),
     "game_result is 'Death - Score: 7' at the end": replace("game_result", "Complete - Score: 7", "Death - Score: 7"),
-    "1 pellets were said to be spawned, there are 2": add(20.0, "game/pellets_spawned", 1, 2),
+    "1 pellets were reported as spawned, there are 2": add(20.0, "game/pellets_spawned", 1, 2),
     "game/round is 2 at the end, not 3": replace("game/round", 3, 2),
     "clyde/speed is 0.25 at the end": replace("clyde/speed", 0.3, 0.25),
     "game/pellets_spawned is 7 at the end, not 2": add(BACK + 1.0, "game/pellets_spawned", 7),
@@ -157,8 +157,8 @@ def test_a_reset_in_the_middle_is_a_way_to_the_menu() -> None:
     e = a_game()
     e.records = [r for r in e.records if r.at < at(25.0)]
     e.resets.append(at(24.95))
-    say(e, 25.0, ("game/score", 0), ("game/round", 1), ("clyde/speed", 0.2), ("game_result", ""), state("menu"))
-    say(e, 25.0, ("game/pellets_collected", 0), ("game/pellets_spawned", 2))
+    publish(e, 25.0, ("game/score", 0), ("game/round", 1), ("clyde/speed", 0.2), ("game_result", ""), state("menu"))
+    publish(e, 25.0, ("game/pellets_collected", 0), ("game/pellets_spawned", 2))
     e.track = [s if s.time_s < 25.0 else Sample(s.at, s.time_s, e.track[499].x, 0.0) for s in e.track]
     assert outcome(e) == "reset"
     assert violations(e) == []
@@ -166,8 +166,8 @@ def test_a_reset_in_the_middle_is_a_way_to_the_menu() -> None:
     assert "the state went from running to menu" in violations(e)
 
 
-def test_a_game_of_which_nothing_was_heard_is_no_game() -> None:
-    assert violations(Evidence(frozenset(), 0.2)) == ["the game's state was never heard"]
+def test_a_game_of_which_nothing_was_received_is_no_game() -> None:
+    assert violations(Evidence(frozenset(), 0.2)) == ["the game's state was never received"]
 
 
 def test_what_happens_at_one_simulated_moment_may_be_in_any_order_and_a_step_later_it_may_not() -> None:
@@ -184,15 +184,15 @@ def test_a_reset_is_obeyed_at_once() -> None:
         e = a_game()
         e.records = [r for r in e.records if r.at < at(25.0)]
         e.resets.append(at(25.0 - late_s))
-        say(e, 25.0, state("menu"))
+        publish(e, 25.0, state("menu"))
         assert ("the state went from running to menu" in violations(e)) == wrong
 
 
 def test_a_goal_whose_server_has_gone_is_pursued_no_more() -> None:
     e = a_game()
     replace("goals", {"b": 4}, {"b": 2})(e)
-    assert violations(e) == ["a goal was pursued for 5.0 s while nobody was to drive"]
-    say(e, 25.0, ("goals", {}))  # what another one says, that knows of none
+    assert violations(e) == ["a goal was pursued for 5.0 s while no node may drive"]
+    publish(e, 25.0, ("goals", {}))  # from another one, that knows of none
     assert violations(e) == []
 
 
@@ -200,8 +200,8 @@ def test_the_score_of_a_game_before_a_reset_in_the_menu_is_not_this_games() -> N
     e = a_game()
     for record in [r for r in e.records if r.topic in ("game/score", "game/round", "clyde/speed") and r.at == 0]:
         e.records.remove(record)
-    say(e, 0.0, ("game/score", 26), ("game/round", 3))
-    say(e, 1.0, ("game/score", 5), ("game/round", 2))
+    publish(e, 0.0, ("game/score", 26), ("game/round", 3))
+    publish(e, 1.0, ("game/score", 5), ("game/round", 2))
     assert violations(e) == []
 
 
@@ -229,7 +229,7 @@ def test_a_state_is_left_out_by_no_referee_be_it_away_or_not() -> None:
 def test_the_result_of_the_game_before_said_again_by_a_referee_that_comes_back_is_not_this_games() -> None:
     e = a_game(lost=True)
     away(e, "game_controller", 1.0, 1.55)
-    say(e, 1.55, ("game_result", "Complete - Score: 5"), state("menu"), ("game_result", ""))
+    publish(e, 1.55, ("game_result", "Complete - Score: 5"), state("menu"), ("game_result", ""))
     assert outcome(e) == "lost"
     assert violations(e) == []
 
@@ -238,7 +238,7 @@ def test_the_result_of_the_game_before_said_again_by_a_referee_that_comes_back_i
 def test_a_wrong_score_is_one_whoever_was_away(node: str) -> None:
     e = a_game(lost=True)
     away(e, node, 15.0, 25.0)
-    say(e, 19.0, ("game_status", "pellet_collected:8"))  # it was not counted
+    publish(e, 19.0, ("game_status", "pellet_collected:8"))  # it was not counted
     assert "1 pellets were counted, 2 to 2 were collected" in violations(e)
     e = a_game()
     away(e, node, 15.0, 25.0)

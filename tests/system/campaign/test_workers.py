@@ -23,9 +23,9 @@ def test_what_python_and_what_other_code_writes_to_stderr_is_logged_for_as_long_
     log = tmp_path / "nodes.log"
     os.write(2, b"before\n")
     with logged(log):
-        print("said by a node", file=sys.__stderr__)
-        os.write(2, b"said by the middleware\n")
+        print("printed by a node", file=sys.__stderr__)
+        os.write(2, b"printed by the middleware\n")
     os.write(2, b"after\n")
     with logged(log):
         os.write(2, b"once more\n")
-    assert log.read_text().splitlines() == ["said by a node", "said by the middleware", "once more"]
+    assert log.read_text().splitlines() == ["printed by a node", "printed by the middleware", "once more"]

@@ -58,7 +58,7 @@ ENDED = frozenset({4, 5, 6})  # action_msgs/GoalStatus
 
 @dataclass(frozen=True)
 class Record:
-    """One message: when it left its publisher, ns of the simulated wall clock, its topic and what it said."""
+    """One message: when it left its publisher, ns of the simulated wall clock, its topic and its value."""
 
     at: int
     topic: str
@@ -106,7 +106,6 @@ class Evidence:
     outages: list[Outage] = field(default_factory=list)
 
     def of(self, topic: str) -> list[Record]:
-        """The records of a topic, in order."""
         return sorted((r for r in self.records if r.topic == topic), key=lambda r: r.at)
 
     def last(self, topic: str, before: float = math.inf) -> Any:
@@ -115,12 +114,12 @@ class Evidence:
 
     @property
     def score(self) -> int:
-        """That it began with."""
+        """The score at the beginning of the game."""
         return int(self.last("game/score", self.started) or 0)
 
     @property
     def round(self) -> int:
-        """That it was played as."""
+        """The number of the round at the beginning of the game."""
         return int(self.last("game/round", self.started) or 1)
 
     def time_s(self, at: int) -> float:
@@ -129,7 +128,7 @@ class Evidence:
         return self.track[max(index, 0)].time_s if self.track else 0.0
 
     def states(self) -> list[tuple[int, str]]:
-        """The beginning of each state, without repetitions; the words that are states only."""
+        """The beginning of each state, without repetitions; only words that are states."""
         states: list[tuple[int, str]] = []
         for record in self.of("game_state"):
             if record.value in NEXT and (not states or states[-1][1] != record.value):
@@ -169,14 +168,14 @@ class Evidence:
 def outcome(evidence: Evidence) -> str:
     """The end of the game: ``complete``, ``lost``, ``reset``, ``home failed`` before it began, or ``never`` begun."""
     states = evidence.states()
-    words = [state for _, state in states]
-    ends = [k for k in range(1, len(states)) if words[k] == "menu"]
+    names = [state for _, state in states]
+    ends = [k for k in range(1, len(states)) if names[k] == "menu"]
     if not ends:
         return "never"
-    at, before = states[ends[-1]][0], words[ends[-1] - 1]
+    at, before = states[ends[-1]][0], names[ends[-1] - 1]
     if _was_reset(evidence, at) or before != "returning_home":
         return "reset"
-    return next((how for how in OUTCOMES if _SEEN[how] in words), "home failed")
+    return next((how for how in OUTCOMES if _SEEN[how] in names), "home failed")
 
 
 def _was_reset(e: Evidence, at: int) -> bool:
@@ -185,7 +184,7 @@ def _was_reset(e: Evidence, at: int) -> bool:
 
 
 def _answered(away: Sequence[tuple[int, int]], asked: int, within: int) -> int:
-    """The last instant for an answer that takes so long, ns, from somebody who may be away meanwhile."""
+    """The last instant for an answer that takes so long, ns, from a node that may be away meanwhile."""
     latest = asked + within
     for since, until in away:
         if since <= latest and asked <= until:
@@ -198,7 +197,7 @@ def _overlaps(spans: Sequence[tuple[int, int]], begin: int, end: int) -> bool:
 
 
 def waits(state: str | None, condition: Mapping[str, Any], clyde_moved_m: float) -> bool:
-    """Whether the planner holds on purpose: a Clyde that stays at the last pellets lets nobody collect them.
+    """Whether the planner holds on purpose: a Clyde that stays at the last pellets lets no robot collect them.
 
     Args:
         state: of the game.
@@ -211,7 +210,7 @@ def waits(state: str | None, condition: Mapping[str, Any], clyde_moved_m: float)
 def violations(evidence: Evidence) -> list[str]:
     """Everything that was wrong, one line each."""
     if not evidence.states():
-        return ["the game's state was never heard"]
+        return ["the game's state was never received"]
     checks = (_transitions, _shows, _goals, _motion, _turns, _spawned, _scores, _results)
     return [line for check in checks for line in check(evidence)]
 
@@ -266,11 +265,11 @@ def _goals(e: Evidence) -> Iterator[str]:
             since, until = e.time_s(max(begin, stood)), e.time_s(min(end, drove))
             free = until - max([since, *(b for a, b in troubles if b >= since and a <= until)])
             if free > CANCEL_S:
-                yield f"a goal was pursued for {until - since:.1f} s while nobody was to drive"
+                yield f"a goal was pursued for {until - since:.1f} s while no node may drive"
 
 
 def _motion(e: Evidence) -> Iterator[str]:
-    """The robot stands where nobody drives; each goal that is accepted late moves it once more."""
+    """The robot stands while no node drives; each goal that is accepted late moves it once more."""
     goals = sorted(_first_seen(e).values())
     away = e.away(*MOVERS)
     for begin, end in _without(e.intervals(NEXT.keys() - DRIVING), away):
@@ -281,7 +280,7 @@ def _motion(e: Evidence) -> Iterator[str]:
         starts = [begin, *(at for at in goals if begin <= at < end)]
         stops = len(starts) * (FASTEST_MPS * TICK_S + BRAKING_M)
         if moved > stops + STANDING_M:
-            yield f"the robot moved {moved:.2f} m while nobody was to drive"
+            yield f"the robot moved {moved:.2f} m while no node may drive"
 
 
 def _without(intervals: Sequence[tuple[int, int]], left_out: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
@@ -342,7 +341,7 @@ def _spawned(e: Evidence) -> Iterator[str]:
         forged = any(at <= record.at for at in e.forged_reports)
         right = record.value in (0, own) or (forged and record.value > own) or _near_forged(e, record.at)
         if record.at > e.started and not right and not _inside(record.at, late):
-            yield f"{record.value} pellets were said to be spawned, there are {own}"
+            yield f"{record.value} pellets were reported as spawned, there are {own}"
 
 
 def _scores(e: Evidence) -> Iterator[str]:
@@ -354,7 +353,7 @@ def _scores(e: Evidence) -> Iterator[str]:
             perhaps.add(pellet)
             if any(begin <= record.at < end for begin, end in running):
                 sure.add(pellet)
-    words = [state for _, state in e.states()]
+    names = [state for _, state in e.states()]
     counted = _last_before_end(e, "game/pellets_collected")
     away = e.away(SELECTOR, REFEREE, SIMULATOR)
     if outcome(e) == "reset" and any(_overlaps(away, *one) for one in running):
@@ -362,10 +361,10 @@ def _scores(e: Evidence) -> Iterator[str]:
     if not len(sure) <= counted <= len(perhaps):
         yield f"{counted} pellets were counted, {len(sure)} to {len(perhaps)} were collected"
     most = max((r.value for r in e.of("game/score") if r.at > e.started), default=e.score)
-    if "running" in words and most != max(e.score + counted, e.score):
+    if "running" in names and most != max(e.score + counted, e.score):
         yield f"the score went up to {most}, from {e.score} with {counted} pellets"
     known = not any(_near_forged(e, at) for at, state in e.states() if state == "complete")
-    if ("complete" in words or outcome(e) == "complete") and known and counted != len(e.own_pellets):
+    if ("complete" in names or outcome(e) == "complete") and known and counted != len(e.own_pellets):
         yield f"the round was complete with {counted} of {len(e.own_pellets)} pellets"
 
 

@@ -1,8 +1,8 @@
-"""Training games in parts with houses of their own, stepped while the network chooses.
+"""Training games in sub-batches with houses of their own, stepped while the network chooses.
 
-The few houses of a part stay in the processor's cache while it is stepped. The parts are in two groups, each with a
-thread in the background: one is stepped while the other is chosen for. How many threads there are changes nothing in
-the games.
+The few houses of a sub-batch stay in the processor's cache while it is stepped. Sub-batches form two groups, each with
+a thread in the background: one is stepped while the network chooses for the other. The number of threads does not
+change the games.
 """
 
 from __future__ import annotations
@@ -23,9 +23,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 
 
-class _Part:
-    """Games that are stepped together."""
-
+class _SubBatch:
     def __init__(self, games: PacManBotVecEnv) -> None:
         self.games = games
         self._teachers: dict[str, Policy] = {}
@@ -50,37 +48,37 @@ class _Part:
         return self._teachers[policy].select(self.games.env.situation)
 
 
-class PartedGames(VecEnv):
-    """The games of several parts in a row, as ``PacManBotVecEnv`` has them.
+class SubBatchedGames(VecEnv):
+    """The games of several sub-batches in a row, as ``PacManBotVecEnv`` has them.
 
     Args:
-        parts: the games of each.
+        batches: the games of each.
         background: step each group in a thread of its own.
 
     Raises:
-        ValueError: no parts, or parts whose candidates differ.
+        ValueError: no games, or sub-batches whose candidates differ.
     """
 
-    def __init__(self, parts: Sequence[PacManBotVecEnv], background: bool = False) -> None:
-        if not parts:
+    def __init__(self, batches: Sequence[PacManBotVecEnv], background: bool = False) -> None:
+        if not batches:
             raise ValueError("no games to play")
-        candidates = {games.env.batch.candidates for games in parts}
+        candidates = {games.env.batch.candidates for games in batches}
         if len(candidates) != 1:
-            raise ValueError(f"candidates of the parts: {sorted(candidates)}, must be as many in each")
-        self.games = list(parts)
-        self._parts = [_Part(games) for games in parts]
-        self._starts = [0, *np.cumsum([games.num_envs for games in parts]).tolist()]
-        middle = len(parts) // 2
-        self._halves = [half for half in (range(middle), range(middle, len(parts))) if half]
+            raise ValueError(f"candidates of the sub-batches: {sorted(candidates)}, must be as many in each")
+        self.games = list(batches)
+        self._batches = [_SubBatch(games) for games in batches]
+        self._starts = [0, *np.cumsum([games.num_envs for games in batches]).tolist()]
+        middle = len(batches) // 2
+        self._halves = [half for half in (range(middle), range(middle, len(batches))) if half]
         self.groups = [slice(self._starts[half[0]], self._starts[half[-1] + 1]) for half in self._halves]
         self._sent: list[Callable[[], VecEnvStepReturn]] = [self._nothing_sent for _ in self.groups]
         self._pool = ThreadPoolExecutor(len(self.groups), "games") if background else None
-        super().__init__(self._starts[-1], parts[0].observation_space, parts[0].action_space)
+        super().__init__(self._starts[-1], batches[0].observation_space, batches[0].action_space)
 
     def reset(self) -> Observation:
         """Start new rounds in all games, with what ``seed`` has asked for since the last reset."""
-        starts = zip(self._parts, self._starts, strict=False)
-        result = _joined([part.reset(self._seeds[start]) for part, start in starts])
+        starts = zip(self._batches, self._starts, strict=False)
+        result = _joined([batch.reset(self._seeds[start]) for batch, start in starts])
         self._reset_seeds()
         self._reset_options()
         return result
@@ -91,7 +89,7 @@ class PartedGames(VecEnv):
         self._sent[group] = step if self._pool is None else self._pool.submit(step).result
 
     def receive(self, group: int) -> VecEnvStepReturn:
-        """What came of it.
+        """The results of a group's last ``send``.
 
         Raises:
             RuntimeError: nothing was sent.
@@ -101,26 +99,24 @@ class PartedGames(VecEnv):
 
     def _step(self, half: range, actions: NDArray[Any]) -> VecEnvStepReturn:
         first = self._starts[half[0]]
-        ends = [self._starts[part + 1] - first for part in half[:-1]]
+        ends = [self._starts[k + 1] - first for k in half[:-1]]
         each = np.split(actions, ends)
-        return _in_a_row(self._parts[part].step(own) for part, own in zip(half, each, strict=True))
+        return _in_a_row(self._batches[k].step(own) for k, own in zip(half, each, strict=True))
 
     @staticmethod
     def _nothing_sent() -> VecEnvStepReturn:
         raise RuntimeError("no actions were sent to these games")
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Send all groups."""
         for k, rows in enumerate(self.groups):
             self.send(k, np.asarray(actions)[rows])
 
     def step_wait(self) -> VecEnvStepReturn:
-        """One decision in every game."""
         return _in_a_row(map(self.receive, range(len(self.groups))))
 
     def choices(self, policy: str) -> NDArray[np.int64]:
         """(N,) the choices of a registered policy in each game now."""
-        return np.concatenate([part.choices(policy) for part in self._parts])
+        return np.concatenate([batch.choices(policy) for batch in self._batches])
 
     def close(self) -> None:
         """Close the games, after the step under way."""
@@ -138,12 +134,8 @@ class PartedGames(VecEnv):
         return self.games[0].get_attr(attr_name, [0]) * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refused.
-
-        Raises:
-            AttributeError: always.
-        """
-        raise AttributeError(f"{attr_name}: games of several parts cannot be changed")
+        """Raise AttributeError: games of several sub-batches cannot be changed."""
+        raise AttributeError(f"{attr_name}: games of several sub-batches cannot be changed")
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
@@ -154,7 +146,7 @@ class PartedGames(VecEnv):
             AttributeError: another method.
         """
         if method_name != "action_masks":
-            raise AttributeError(f"games of several parts have no method {method_name!r}, only 'action_masks'")
+            raise AttributeError(f"games of several sub-batches have no method {method_name!r}, only 'action_masks'")
         masks = np.concatenate([games.env.action_masks() for games in self.games])
         return [masks[i] for i in self._get_indices(indices)]
 

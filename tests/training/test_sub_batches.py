@@ -1,4 +1,4 @@
-"""Games in parts: the same games however they are dealt out and whoever steps them."""
+"""Games in sub-batches: the same games however they are divided and stepped."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ pytest.importorskip("sb3_contrib")
 from stable_baselines3.common.monitor import Monitor
 
 from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.training.parts import PartedGames
+from pacman_env.training.sub_batches import SubBatchedGames
 from tests.envs.helpers import QUICK
 
 SOME = partial(PacManBotVecEnv, map="house", settings=QUICK, observation=("features", "planner"))
 
 
-def parted(threads: int = 1) -> PartedGames:
-    return PartedGames([SOME(count, num_threads=threads) for count in (3, 1, 2)], background=threads > 1)
+def sub_batched(threads: int = 1) -> SubBatchedGames:
+    return SubBatchedGames([SOME(count, num_threads=threads) for count in (3, 1, 2)], background=threads > 1)
 
 
 @pytest.fixture
-def games() -> Iterator[PartedGames]:
-    with closing(parted(2)) as made:
+def games() -> Iterator[SubBatchedGames]:
+    with closing(sub_batched(2)) as made:
         yield made
 
 
-def test_games_shared_out_are_the_same_games(games: PartedGames) -> None:
-    """As many in one environment, in parts, and in parts that several threads step."""
-    every = [SOME(6), parted(), games]
+def test_games_shared_out_are_the_same_games(games: SubBatchedGames) -> None:
+    """As many in one environment, in sub-batches, and in sub-batches that several threads step."""
+    every = [SOME(6), sub_batched(), games]
     rng = np.random.default_rng(0)
     ended = 0
     for env in every:
@@ -63,9 +63,9 @@ def test_games_shared_out_are_the_same_games(games: PartedGames) -> None:
         env.close()
 
 
-def test_groups_are_stepped_one_while_another_is_chosen_for(games: PartedGames) -> None:
+def test_groups_are_stepped_one_while_another_is_chosen_for(games: SubBatchedGames) -> None:
     """The same games as when all are stepped at once; what is sent first need not be received first."""
-    together = parted()
+    together = sub_batched()
     assert games.groups == [slice(0, 3), slice(3, 6)]
     rng = np.random.default_rng(0)
     for env in (together, games):
@@ -85,8 +85,8 @@ def test_groups_are_stepped_one_while_another_is_chosen_for(games: PartedGames) 
             assert [info["outcome"] for info in infos] == [info["outcome"] for info in expected[3][rows]], step
 
 
-def test_a_rule_says_what_it_would_choose_in_every_game(games: PartedGames) -> None:
-    whole = PartedGames([SOME(6)])
+def test_a_rule_says_what_it_would_choose_in_every_game(games: SubBatchedGames) -> None:
+    whole = SubBatchedGames([SOME(6)])
     for env in (games, whole):
         env.seed(3)
         env.reset()
@@ -99,7 +99,7 @@ def test_a_rule_says_what_it_would_choose_in_every_game(games: PartedGames) -> N
 
 
 def test_what_games_share_is_asked_of_them_and_nothing_is_changed() -> None:
-    games = parted()
+    games = sub_batched()
     assert games.get_attr("render_mode") == [None] * 6
     assert games.get_attr("config", [1, 5]) == [games.games[0].env.config] * 2
     assert games.env_is_wrapped(Monitor, [0, 1]) == [True, True]
@@ -109,16 +109,16 @@ def test_what_games_share_is_asked_of_them_and_nothing_is_changed() -> None:
         games.env_method("render")
 
 
-def test_parts_that_do_not_fit_are_refused() -> None:
+def test_sub_batches_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match="no games"):
-        PartedGames([])
+        SubBatchedGames([])
     with pytest.raises(ValueError, match="must be as many in each"):
-        PartedGames([SOME(1), PacManBotVecEnv(1, map="maze")])
+        SubBatchedGames([SOME(1), PacManBotVecEnv(1, map="maze")])
 
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_what_fails_in_a_step_is_told_and_the_games_go_on(threads: int) -> None:
-    games = parted(threads)
+    games = sub_batched(threads)
     games.reset()
     games.send(0, np.full(3, 99))
     with pytest.raises(ValueError, match="choice 99 of game 0"):

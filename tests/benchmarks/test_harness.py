@@ -1,0 +1,52 @@
+"""What all benchmarks share: turns, the JSON file and the exit status."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pacman_env
+from benchmarks.harness import ROOT, benchmark_parser, in_checkout, median_and_range, run_benchmark, turns
+
+
+def test_alternatives_take_turns() -> None:
+    calls: list[str] = []
+
+    def measure(name: str) -> int:
+        calls.append(name)
+        return len(calls)
+
+    assert turns(2, lambda: measure("a"), lambda: measure("b")) == [(1, 2), (3, 4)]
+    assert calls == ["a", "b", "a", "b"]
+    assert median_and_range([3, 1, 5]) == (3.0, 1, 5)
+
+
+@pytest.mark.parametrize(("rate", "status"), [(2.0, 0), (0.5, 1)])
+def test_figures_are_written_with_version_seed_and_machine(rate: float, status: int, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "figures.json"
+    parser = benchmark_parser("mine", "Mine.", "--seed")
+    words = ["--map", "loop", "--seed", "3", "--json", str(out)]
+    assert run_benchmark(parser, words, lambda _: {"rate": rate}, failed=lambda f: f["rate"] < 1.0) == status
+    figures = json.loads(out.read_text())
+    assert set(figures.pop("machine")) == {"python", "processor", "cores"}
+    assert figures == {"version": pacman_env.__version__, "map": "loop", "seed": 3, "rate": rate}
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def measure(_: Any) -> dict[str, Any]:
+        raise AssertionError
+
+    assert run_benchmark(benchmark_parser("mine", None), ["--json", "."], measure) == 2
+    assert "is a folder" in capsys.readouterr().err
+
+
+def test_a_process_runs_the_code_of_the_checkout() -> None:
+    code = "import os, pacman_env; print(pacman_env.__file__, os.environ['COLOUR'])"
+    done = subprocess.run(**in_checkout(ROOT, "-c", code, COLOUR="red"), capture_output=True, check=True)
+    assert done.stdout == f"{ROOT / 'pacman_env' / '__init__.py'} red\n"
