@@ -38,12 +38,12 @@ from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
-from pacman_env.ros.supervisor.readiness import BAD, OK
 from pacman_env.ros.supervisor.status_line import fitted
 from pacman_env.world.maps.occupancy import load_map
-from tests.ros.supervisor.test_doctor import examine, is_bad
+from tests.ros.supervisor.test_doctor import diagnose, is_bad
 from tests.ros.system import Probe, Process, System
 from tests.system.campaign.schedule import part_of_map
 
@@ -332,17 +332,17 @@ def test_the_doctor_finds_a_whole_simulated_game_ready_and_names_another_map_and
 
     loop = load_map("loop")
     size, plays_on = "not loop: size 300 x 283, here", f"map loop is {loop.hash[:12]}"
-    said = examine(
+    said = diagnose(
         domain,
         lambda found: is_bad(found, "map", size) and is_bad(found, "configuration", plays_on),
         map=loop,
     )
-    assert "localization and game need one file" in said["map"].cure
+    assert "localization and game need one file" in said["map"].remedy
     assert said["configuration"].command.startswith("pacman-env ros up --map loop")
 
-    said = examine(domain, lambda found: "others in /robot_15" in found["namespace"].seen, namespace="/robot_7")
-    assert said["namespace"].mark == BAD
-    assert "did you mean --namespace robot_15?" in said["namespace"].cure
+    said = diagnose(domain, lambda found: "others in /robot_15" in found["namespace"].summary, namespace="/robot_7")
+    assert said["namespace"].status == BAD
+    assert "did you mean --namespace robot_15?" in said["namespace"].remedy
 
 
 def test_a_second_game_in_the_namespace_is_refused_by_the_process_of_the_first(game: Game) -> None:
