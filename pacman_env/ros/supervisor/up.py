@@ -26,13 +26,16 @@ from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import warm_up
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
+    FINAL,
     LOCK_STEP,
-    PAGE,
     REFEREE,
     SELECTOR,
+    SPARE,
     STOP_ORDER,
     WAIT,
     GameSetup,
+    ending,
+    following,
     full_namespace,
 )
 from pacman_env.ros.supervisor.keyboard import Keyboard
@@ -150,7 +153,7 @@ def up(
             referee = {"state_file": str(state_file), **setup.extra.get(REFEREE, {})}
             setup = dataclasses.replace(setup, extra={**setup.extra, REFEREE: referee})
             processes = ProcessGroup(
-                setup.command, logs, dict(os.environ), writer.say, spare=(PAGE,), final=(LOCK_STEP,)
+                setup.command, logs, dict(os.environ), writer.say, spare=ending(SPARE), final=ending(FINAL)
             )
             with Keyboard() as keyboard:
                 keys = "; keys: s start, r reset, space stop, g go on, q quit" if keyboard.there else ""
@@ -280,8 +283,6 @@ class _Play:
         try:
             for name in self._setup.first_processes:
                 processes.start(name)
-            if self._setup.web is not None:
-                processes.start(PAGE)
             while not self._stop.asked:
                 self._status_line.spin(POLL_S)
                 for _ in range(_BACKLOG if self._setup.lock_step else 0):  # of seconds that last milliseconds
@@ -293,7 +294,8 @@ class _Play:
                         self._writer.say(f"the robot is not localized: {words}")
                         status = NO_POSE
                         break
-                    processes.start(SELECTOR)
+                    for name in following(WAIT):
+                        processes.start(name)
                 awaited = self._awaited()
                 if start and not awaited and self._in_menu():
                     self._wanted.append(START_GAME)
