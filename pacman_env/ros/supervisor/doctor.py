@@ -24,10 +24,9 @@ from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import NAMELESS, full_name, join
 from pacman_env.ros.node import Stop
-from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready
+from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import Moment, Observations, Request, Source
 from pacman_env.ros.supervisor.checks.clocks import CLOCK
-from pacman_env.ros.supervisor.checks.report import render
 from pacman_env.ros.supervisor.game_nodes import QUIET, full_namespace
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 

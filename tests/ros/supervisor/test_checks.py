@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready
-from pacman_env.ros.supervisor.checks.base import CHARGE, DOCKED, SCANS, Scans
+from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
+from pacman_env.ros.supervisor.checks.base import CHARGE, DOCKED, SCANS, Scan
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Moment, Observations
 from pacman_env.ros.supervisor.checks.clocks import CLOCK, STAMPS, Clock, Delays
 from pacman_env.ros.supervisor.checks.game import CONFIGURATIONS, DIAGNOSTICS, STATE
 from pacman_env.ros.supervisor.checks.localization import GRID, LINKS, POSE, Grid, Link, StampedPose
 from pacman_env.ros.supervisor.checks.nav2 import CLOUDS, MANAGERS, STATES
-from pacman_env.ros.supervisor.checks.report import render
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import load_map
 
@@ -49,9 +48,11 @@ def delays(*wall_s: float, clock_s: tuple[float, ...] = (), turn_s: float = 0.0)
 LATE = delays(*[0.02] * 20)
 
 
-def scans(count: int, rate_hz: float, share: float, nearest_m: float, farthest_m: float, frame: str = "l") -> Scans:
-    stamps = deque(number / rate_hz for number in range(count))
-    return Scans(stamps, 100 * count, round(100 * count * share), nearest_m, farthest_m, frame)
+def scans(
+    count: int, rate_hz: float, share: float, nearest_m: float, farthest_m: float, frame: str = "l"
+) -> deque[Scan]:
+    returns = round(100 * share)
+    return deque(Scan(number / rate_hz, 100, returns, nearest_m, farthest_m, frame) for number in range(count))
 
 
 def link(parent: str, age_s: float | None) -> Link:

@@ -5,10 +5,11 @@ One class a check, in a file for each topic; ``doctor.py`` observes what they ne
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Sequence
 
-from pacman_env.ros.supervisor.checks import base, clocks, game, localization, nav2, network
-from pacman_env.ros.supervisor.checks.check import BAD, UNKNOWN, Check, Finding, Observations
+from . import base, clocks, game, localization, nav2, network
+from .check import BAD, UNKNOWN, Check, Finding, Observations
 
 #: In the order in which what is wrong is to be remedied.
 CHECKS: tuple[Check, ...] = (
@@ -18,6 +19,7 @@ CHECKS: tuple[Check, ...] = (
 _NO_ROBOT = Finding(
     *("robot", "Is there a robot?", UNKNOWN, "nothing else can be examined without one", "see above"), settled=False
 )
+_LONGEST = 300  # characters of a summary
 
 
 def examine(robot: Observations) -> list[Finding]:
@@ -29,3 +31,32 @@ def examine(robot: Observations) -> list[Finding]:
 def is_ready(findings: Iterable[Finding]) -> bool:
     """Whether nothing is BAD."""
     return all(finding.status != BAD for finding in findings)
+
+
+def render(findings: Sequence[Finding], title: str, width: int = 80) -> str:
+    """The list as lines of at most ``width`` columns, but for commands, which stay whole."""
+    indent = max(len(finding.check) for finding in findings) + 6
+    space, lines = " " * indent, [title]
+
+    def wrap(text: str, first: str, rest: str) -> None:
+        lines.extend(
+            textwrap.wrap(*(text, width), initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
+        )
+
+    for finding in findings:
+        wrap(_plain(finding.summary), f"{finding.status:<4}{finding.check:<{indent - 4}}", space)
+        command = _plain(finding.command)
+        if finding.remedy or command:
+            colon = ":" if finding.remedy and command else ""
+            wrap(f"-> {_plain(finding.remedy)}{colon}".rstrip(), space, f"{space}   ")
+        if command:
+            lines.append(" " * min(indent + 3, max(width - len(command), 4)) + command)
+    bad = [finding.check for finding in findings if finding.status == BAD]
+    wrap(f"{len(bad)} of {len(findings)} BAD: {', '.join(bad)}" if bad else "nothing is BAD", "", "")
+    return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    """On one line and without control characters: names and words come from other machines."""
+    words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 3]}..."

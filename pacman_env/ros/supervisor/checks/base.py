@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from pacman_env.ros.supervisor.checks.check import (
-    Check,
-    Finding,
-    Moment,
-    Observations,
-    Source,
-    count,
-    newest,
-    seconds,
-)
-from pacman_env.ros.supervisor.checks.clocks import by_clock
-from pacman_env.ros.supervisor.checks.remedies import RESTART_GAME, patience, up
+from .check import Check, Finding, Moment, Observations, Source, count, newest, seconds
+from .clocks import by_clock
+from .remedies import RESTART_GAME, patience, up
 
 FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches itself off at 0.12
 SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
@@ -28,34 +18,24 @@ FEWEST_SCANS = 3
 FEWEST_RETURNS = 0.1  # share of rays; less is a lidar that is covered
 
 
-@dataclass
-class Scans:
-    """Scans summed up: stamps (s), rays and those with a return, ranges (m), frame of the last."""
+class Scan(NamedTuple):
+    """A scan in short: stamp (s), rays and those with a return, the nearest and farthest (m), the lidar's frame."""
 
-    stamps: deque[float] = field(default_factory=lambda: deque(maxlen=2000))
-    rays: int = 0
-    returns: int = 0
-    nearest_m: float = math.inf
-    farthest_m: float = 0.0
-    frame: str = ""
-
-    @property
-    def rate_hz(self) -> float:
-        """By the stamps."""
-        span_s = self.stamps[-1] - self.stamps[0]
-        return (len(self.stamps) - 1) / span_s if span_s > 0 else 0.0
+    stamp_s: float
+    rays: int
+    returns: int
+    nearest_m: float
+    farthest_m: float
+    frame: str
 
 
-def _add_scan(before: Scans | None, message: Any, arrival: Moment) -> Scans:
-    scans = before or Scans()
+def _add_scan(before: deque[Scan] | None, message: Any, arrival: Moment) -> deque[Scan]:
+    scans = deque(maxlen=2000) if before is None else before
     ranges = np.asarray(message.ranges, dtype=np.float64)
     good = ranges[np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)]
-    scans.stamps.append(seconds(message.header.stamp))
-    scans.rays += len(ranges)
-    scans.returns += len(good)
-    scans.nearest_m = min([scans.nearest_m, *good.tolist()])
-    scans.farthest_m = max([scans.farthest_m, *good.tolist()])
-    scans.frame = str(message.header.frame_id).lstrip("/")[:100]
+    nearest_m, farthest_m = float(good.min(initial=math.inf)), float(good.max(initial=0.0))
+    frame = str(message.header.frame_id).lstrip("/")[:100]
+    scans.append(Scan(seconds(message.header.stamp), len(ranges), len(good), nearest_m, farthest_m, frame))
     return scans
 
 
@@ -115,15 +95,17 @@ class Lidar(Check):
 
     def answer(self, robot: Observations) -> Finding:
         scans = robot.get(SCANS)
-        if scans is None or len(scans.stamps) < FEWEST_SCANS:
-            summary = f"{count(len(scans.stamps), 'scan')} {robot.within}" if scans else robot.silence("scan")
+        if not scans or len(scans) < FEWEST_SCANS:
+            summary = f"{count(len(scans), 'scan')} {robot.within}" if scans else robot.silence("scan")
             return self.bad(summary, *self._silent(robot), settled=False)
-        share = scans.returns / scans.rays if scans.rays else 0.0
-        ranges = f", {scans.nearest_m:.2f} to {scans.farthest_m:.2f} m" if scans.returns else ""
-        summary = f"{scans.rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
+        stamps_s, rays, returns, nearest_m, farthest_m, _ = zip(*scans, strict=True)
+        span_s, share = stamps_s[-1] - stamps_s[0], sum(returns) / max(sum(rays), 1)
+        rate_hz = (len(scans) - 1) / span_s if span_s > 0 else 0.0
+        ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
+        summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
         if share < FEWEST_RETURNS:
             return self.bad(summary, "is something on it, or is it covered? free it")
-        if scans.rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
+        if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
             remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
             return self.bad(summary, remedy)
         return self.ok(summary)

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
-from pacman_env.ros.supervisor.game_nodes import SIMULATOR
 from pacman_env.world.maps.occupancy import OccupancyMap
+
+from ..game_nodes import SIMULATOR
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
 LONGEST_JSON = 100_000  # characters

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from pacman_env.ros.supervisor.checks.check import Check, Finding, Moment, Observations, Source, count, listed, seconds
-from pacman_env.ros.supervisor.checks.remedies import FIREWALL, other_domain, patience
+from .check import Check, Finding, Moment, Observations, Source, count, listed, seconds
+from .remedies import FIREWALL, other_domain, patience
 
 SKEW_S = 0.2  # Nav2's layer for Clyde keeps him for 0.5 s after the stamp (config/nav2.yaml)
 _FEWEST, _MOST = 5, 2000  # stamps

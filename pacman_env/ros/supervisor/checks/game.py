@@ -7,19 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from pacman_env.config import differences
-from pacman_env.ros.supervisor.checks.check import (
-    LONGEST_JSON,
-    Check,
-    Finding,
-    Moment,
-    Observations,
-    Source,
-    count,
-    listed,
-    newest,
-)
-from pacman_env.ros.supervisor.checks.remedies import up
-from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
+
+from ..game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
+from .check import LONGEST_JSON, Check, Finding, Moment, Observations, Source, count, listed, newest
+from .remedies import up
 
 ORIGINAL_SELECTOR = "planner_stub"
 _NODES = 100  # configurations that are kept

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.ros.supervisor.checks.base import SCANS
-from pacman_env.ros.supervisor.checks.check import Check, Finding, Moment, Observations, Source, newest, seconds
-from pacman_env.ros.supervisor.checks.clocks import CLOCK, by_clock
-from pacman_env.ros.supervisor.checks.remedies import RESTART, RESTART_GAME, localize, patience, up
+from .base import SCANS
+from .check import Check, Finding, Moment, Observations, Source, newest, seconds
+from .clocks import CLOCK, by_clock
+from .remedies import RESTART, RESTART_GAME, localize, patience, up
 
 CELLS_DIFFER = 0.001  # share; the same file gives 0
 FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
@@ -180,7 +180,7 @@ class LidarTransforms(Check):
 
     def answer(self, robot: Observations) -> Finding:
         scans = robot.get(SCANS)
-        frames, _ = _climb(robot, LIDAR_FRAME if scans is None else scans.frame, "base_link")
+        frames, _ = _climb(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
         if frames[-1] == "base_link":
             return self.ok(" > ".join(reversed(frames)))
         remedy = "the robot's description is not published; on the robot", RESTART

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pacman_env.ros.discovery import COSTMAPS
-from pacman_env.ros.supervisor.checks.check import Check, Finding, Observations, Request, listed
-from pacman_env.ros.supervisor.checks.remedies import localize, nav2, up
-from pacman_env.ros.supervisor.game_nodes import SIMULATOR
+from ...discovery import COSTMAPS
+from ..game_nodes import SIMULATOR
+from .check import Check, Finding, Observations, Request, listed
+from .remedies import localize, nav2, up
 
 CLOUDS = ("clyde_obstacle", "clyde_trail")
 #: Nodes that Nav2's launch files for Jazzy bring up by these two managers (nav2_bringup 1.3.13, f4108e5).

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pacman_env.ros.supervisor.checks.check import Check, Finding, Observations, count, listed
-from pacman_env.ros.supervisor.checks.remedies import FIREWALL, RESTART, other_domain, up
-from pacman_env.ros.supervisor.game_nodes import SIMULATOR
+from ..game_nodes import SIMULATOR
+from .check import Check, Finding, Observations, count, listed
+from .remedies import FIREWALL, RESTART, other_domain, up
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"
 #: Beside domain and range, what decides in the environment which nodes are discovered.

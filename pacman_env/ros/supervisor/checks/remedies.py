@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pacman_env.ros.supervisor.checks.check import Observations
+from .check import Observations
 
 FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"
 RESTART = "sudo systemctl restart turtlebot4"
