@@ -63,16 +63,11 @@ class Doctor(Node):
         super().__init__("pacman_doctor", namespace=namespace, context=context)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
-        self._values: dict[Source[Any] | Request[Any], Any] = {}
-        self._unavailable: dict[str, str] = {}
-        self._unreadable: dict[str, str] = {}
+        now, middleware = Moment(time.time(), time.monotonic()), rclpy.get_rmw_implementation_identifier()
         self._observed = Observations(
-            *(namespace, wait_s, self._moment(), domain, sim, map, map_file, dict(os.environ)),
-            middleware=rclpy.get_rmw_implementation_identifier(),
-            values=self._values,
-            unavailable=self._unavailable,
-            unreadable=self._unreadable,
+            *(namespace, wait_s, now, domain, sim, map, map_file, dict(os.environ), middleware)
         )
+        self._values = self._observed.values
         self._received = 0  # messages
         self._callers: dict[Request[Any], Any] = {}
         for source in dict.fromkeys(source for check in CHECKS for source in check.sources):
@@ -110,16 +105,11 @@ class Doctor(Node):
         while received != self._received and time.monotonic() < end:
             received = self._received
             self._executor.spin_once(timeout_sec=0.0)
-        found = {
-            full_name(*pair) for pair in self.get_node_names_and_namespaces() if not pair[0].startswith(_ONLOOKERS)
-        }
+        names = [pair for pair in self.get_node_names_and_namespaces() if not pair[0].startswith(_ONLOOKERS)]
+        nodes = tuple(sorted({full_name(*pair) for pair in names}))
         publishers, subscribers = self._graph()
         return dataclasses.replace(
-            self._observed,
-            now=self._moment(),
-            nodes=tuple(sorted(found)),
-            publishers=publishers,
-            subscribers=subscribers,
+            self._observed, now=self._moment(), nodes=nodes, publishers=publishers, subscribers=subscribers
         )
 
     def _moment(self, wall_s: float | None = None) -> Moment:
@@ -139,12 +129,12 @@ class Doctor(Node):
             try:
                 self._values[source] = source.fold(self._values.get(source), message, arrival)
             except Exception as error:  # whatever a foreign node publishes: it must not end the list
-                self._unreadable[name] = f"{type(error).__name__}: {error}"
+                self._observed.unreadable[name] = f"{type(error).__name__}: {error}"
 
         try:
             self.create_subscription(topics.Topic(name, source.type_name, qos).type, name, receive, qos)
         except (ImportError, AttributeError):
-            self._unavailable[name] = f"the message type {source.type_name} is not installed here"
+            self._observed.unavailable[name] = f"the message type {source.type_name} is not installed here"
 
     def _call(self, request: Request[Any], client: Any) -> None:
         """Call a service once more, unless it has responded: what is called too early may drop its response."""

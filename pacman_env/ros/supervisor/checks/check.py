@@ -82,9 +82,9 @@ class Observations:
     nodes: tuple[str, ...] = ()  # all others in the domain
     publishers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by topic: a node for each publisher
     subscribers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    values: Mapping[Source[Any] | Request[Any], Any] = field(default_factory=dict)  # what is kept
-    unavailable: Mapping[str, str] = field(default_factory=dict)  # by relative topic, why there is no subscription
-    unreadable: Mapping[str, str] = field(default_factory=dict)  # by relative topic, what was wrong with messages
+    values: dict[Source[Any] | Request[Any], Any] = field(default_factory=dict)  # what is kept
+    unavailable: dict[str, str] = field(default_factory=dict)  # by relative topic, why there is no subscription
+    unreadable: dict[str, str] = field(default_factory=dict)  # by relative topic, what was wrong with messages
 
     def full(self, name: str) -> str:
         """A name in the robot's namespace; an absolute one stays as it is."""

@@ -27,14 +27,9 @@ def _configured(
     found = {} if before is None else before
     content = object_of(message, LONGEST_JSON)
     key = str(content["node"])[:100], started(content)
-    configured = {
-        "node": key[0],
-        "acts": bool(content.get("acts")),
-        "started": key[1],
-        "hash": str(content["hash"])[:100],
-        "map": None if content["map"] is None else str(content["map"])[:100],
-        "configuration": dict(content["configuration"]),
-    }
+    node_map = None if content["map"] is None else str(content["map"])[:100]
+    configured = {"node": key[0], "acts": bool(content.get("acts")), "started": key[1], "map": node_map}
+    configured |= {"hash": str(content["hash"])[:100], "configuration": dict(content["configuration"])}
     if key in found or len(found) < _NODES:
         found[key] = configured
     return found
