@@ -78,7 +78,7 @@ class Doctor(Node):
                     self._callers[source] = topics.Service(source.name, source.type_name).client(self)
 
     def close(self) -> None:
-        """Listen no more."""
+        """End the node and its context."""
         self._executor.shutdown()
         self.destroy_node()
         rclpy.shutdown(context=self.context)

@@ -58,7 +58,7 @@ GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
 #: What moves the robot stops first, then the lights: the others may take their time.
 STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
 
-QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by the process that started it
+QUIET = ("--disable-external-lib-logs",)  # what a node prints is kept once, by the process that started it
 
 Value = str | bool | int | float | list[str] | list[float]
 
@@ -129,7 +129,7 @@ class GameSetup:
         return found | self.extra.get(node, {})
 
     def as_json(self) -> str:
-        """All fields, as the process of a lock-step game takes them (:func:`from_json`)."""
+        """All fields, as the process of a lock-step game reads them (:func:`from_json`)."""
         return json.dumps(asdict(self), ensure_ascii=False)
 
     def command(self, node: str) -> list[str]:

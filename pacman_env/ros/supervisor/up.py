@@ -55,8 +55,8 @@ MEANINGS = {
     HAD_TO_KILL: "a node did not stop and was killed",
 }
 POLL_S = 0.1
-LINE_S = 0.5  # how often the line is looked at
-LOOK_S = 1.0  # for other games, before anything is started
+LINE_S = 0.5  # between two updates of the line
+DISCOVERY_S = 1.0  # of other games, before anything is started
 GOING_S = 8.0  # a game that is just being stopped is waited for so long
 NEXT_ROUND_S = 2.0  # in the menu, where round follows round
 KEYS = {"s": START_GAME, "r": RESET_GAME}
@@ -245,7 +245,7 @@ def _alone(status_line: StatusLine, setup: GameSetup, writer: LineWriter, stop: 
     A game that is discovered later than this is refused by its nodes: of two that act, the later one ends.
     """
     waiting = Waiting()
-    status_line.spin_until(lambda: stop.asked or status_line.others(setup.sim), LOOK_S)
+    status_line.spin_until(lambda: stop.asked or status_line.others(setup.sim), DISCOVERY_S)
     end = time.monotonic() + GOING_S
     while not stop.asked and (who := status_line.others(setup.sim)):
         if time.monotonic() > end:

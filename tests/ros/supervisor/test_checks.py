@@ -60,7 +60,7 @@ def link(parent: str, age_s: float | None) -> Link:
 
 
 def plays(node: str, **changes: Any) -> dict[str, Any]:
-    said = {
+    content = {
         "node": node,
         "acts": True,
         "started": (1000.0, "laptop", 17),
@@ -68,12 +68,12 @@ def plays(node: str, **changes: Any) -> dict[str, Any]:
         "map": HASH if node in ("pellet_manager", SELECTOR) else None,
         "configuration": {"clyde": {"speed_mps": 0.25}, "show": {"start_s": 8.0}},
     }
-    return said | changes
+    return content | changes
 
 
 def grid(**changes: Any) -> Grid:
-    said: dict[str, Any] = {"resolution": float(np.float32(HOUSE.resolution)), "origin": HOUSE.origin}
-    return Grid(**{**said, "cells": np.flipud(HOUSE.occupancy), **changes})
+    house: dict[str, Any] = {"resolution": float(np.float32(HOUSE.resolution)), "origin": HOUSE.origin}
+    return Grid(**{**house, "cells": np.flipud(HOUSE.occupancy), **changes})
 
 
 def full(name: str) -> str:
@@ -246,7 +246,7 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
         ({"subscribers": {CLOUDS[0]: COSTMAPS}}, "clyde_trail",
          "no subscription of local_costmap and global_costmap", NAV2),
         ({"subscribers": {"local_costmap/clyde_obstacle": COSTMAPS[1:]}}, "clyde_obstacle",
-         f"but of {NS}/local_costmap/clyde_obstacle, which nobody publishes", NAV2),
+         f"but of {NS}/local_costmap/clyde_obstacle, which no node publishes", NAV2),
         ({"nodes": tuple(n for n in robot().nodes if "audio" not in n)}, "game's nodes",
          f"6 of 7; not discovered {WAITED}: audio_node", UP),
         ({"nodes": tuple(n for n in robot().nodes if SELECTOR not in n)}, "game's nodes", "goal_selector",

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from .check import Check, Finding, Moment, Observations, Source, count, listed, seconds
 from .remedies import FIREWALL, other_domain, patience
 
-SKEW_S = 0.2  # Nav2's layer for Clyde keeps him for 0.5 s after the stamp (config/nav2.yaml)
+SKEW_S = 0.2  # Nav2's layer for Clyde keeps it for 0.5 s after the stamp (config/nav2.yaml)
 _FEWEST, _MOST = 5, 2000  # stamps
 _SPAN_S = 0.5  # of a rate
 _LONGEST_TURN_S = 0.5
@@ -101,7 +101,7 @@ class SimulatedClock(Check):
             owner = owners[0] if owners else "/clock"
             return self.ok(f"simulated, by {owner}, {rate or 0.0:.1f} times as fast as time")
         if not owners:
-            return self.ok("nobody publishes /clock: time is that on the wall")
+            return self.ok("no node publishes /clock: time is that on the wall")
         if rate is None:
             remedy = "listen for longer: --wait 30"
             return self.unknown(f"{owners[0]}: {robot.silence('/clock')}", remedy, settled=False)

@@ -88,7 +88,7 @@ class Cloud(Check):
         summary = f"no subscription of {' and '.join(missing)} discovered {robot.within}"
         others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # where the name in their file is relative
         if others := [name for name in others if robot.subscribers_of(name)]:
-            summary += f", but of {listed(others)}, which nobody publishes"
+            summary += f", but of {listed(others)}, which no node publishes"
         remedy = "Nav2 does not see Clyde: launch it with the game's config/nav2.yaml, from the checkout"
         return self.bad(summary, remedy, nav2(robot), settled=False)
 

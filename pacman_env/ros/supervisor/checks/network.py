@@ -1,4 +1,4 @@
-"""Checks of who can be discovered: ROS, domain, namespace, and the robot's base."""
+"""Checks of what can be discovered: ROS, domain, namespace, and the robot's base."""
 
 from __future__ import annotations
 
