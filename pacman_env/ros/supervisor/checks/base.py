@@ -10,7 +10,7 @@ import numpy as np
 
 from .check import Check, Finding, Moment, Observations, Source, count, newest, seconds
 from .clocks import by_clock
-from .remedies import RESTART_GAME, patience, up
+from .remedies import patience
 
 FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches itself off at 0.12
 SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
@@ -97,7 +97,7 @@ class Lidar(Check):
         scans = robot.get(SCANS)
         if not scans or len(scans) < FEWEST_SCANS:
             summary = f"{count(len(scans), 'scan')} {robot.within}" if scans else robot.silence("scan")
-            return self.bad(summary, *self._silent(robot), settled=False)
+            return self.silent(robot, summary, *self._remedy(robot))
         stamps_s, rays, returns, nearest_m, farthest_m, _ = zip(*scans, strict=True)
         span_s, share = stamps_s[-1] - stamps_s[0], sum(returns) / max(sum(rays), 1)
         rate_hz = (len(scans) - 1) / span_s if span_s > 0 else 0.0
@@ -110,9 +110,7 @@ class Lidar(Check):
             return self.bad(summary, remedy)
         return self.ok(summary)
 
-    def _silent(self, robot: Observations) -> tuple[str, str]:
-        if robot.virtual:
-            return RESTART_GAME, up(robot)
+    def _remedy(self, robot: Observations) -> tuple[str, str]:
         if SCANS.name in robot.unreadable:
             return "read its driver's log", ""
         if robot.get(DOCKED):

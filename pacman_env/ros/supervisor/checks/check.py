@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 from ..game_nodes import SIMULATOR
+from .remedies import up
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
 LONGEST_JSON = 100_000  # characters
@@ -150,6 +151,12 @@ class Check(ABC):
     def bad(self, summary: str, remedy: str, command: str = "", settled: bool = True) -> Finding:
         """A finding that something is wrong."""
         return Finding(self.name, self.question, BAD, summary, remedy, command, settled)
+
+    def silent(self, robot: Observations, summary: str, remedy: str, command: str = "") -> Finding:
+        """A finding that something did not come, or not yet; where the robot is simulated, with a remedy for that."""
+        if robot.virtual:
+            remedy, command = "start or restart the simulated game", up(robot)
+        return self.bad(summary, remedy, command, settled=False)
 
     def unknown(self, summary: str, remedy: str = "", command: str = "", settled: bool = True) -> Finding:
         """A finding that the question cannot be answered or does not apply."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .base import SCANS
 from .check import Check, Finding, Moment, Observations, Source, newest, seconds
 from .clocks import CLOCK, by_clock
-from .remedies import RESTART, RESTART_GAME, localize, patience, up
+from .remedies import RESTART, localize, patience
 
 CELLS_DIFFER = 0.001  # share; the same file gives 0
 FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
@@ -91,10 +91,7 @@ class Map(Check):
     def answer(self, robot: Observations) -> Finding:
         grid, game = robot.get(GRID), robot.map
         if grid is None:
-            remedy, command = "start localization with the game's map", localize(robot)
-            if robot.virtual:
-                remedy, command = "the simulated robot publishes its map: start the game", up(robot)
-            return self.bad(robot.silence("map"), remedy, command, settled=False)
+            return self.silent(robot, robot.silence("map"), "start localization with the game's map", localize(robot))
         rows, columns = grid.cells.shape
         summary = f"{columns} x {rows} cells of {grid.resolution:.3g} m"
         if game is None:
@@ -126,9 +123,8 @@ class Pose(Check):
         if stamped is None:
             if robot.in_simulation or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
                 return self.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
-            command = up(robot) if robot.simulated else localize(robot)
             remedy = "no amcl discovered either: start localization"
-            return self.bad(robot.silence("amcl_pose"), remedy, command, settled=False)
+            return self.silent(robot, robot.silence("amcl_pose"), remedy, localize(robot))
         (x, y, heading), stamp_s = stamped
         clock = robot.get(CLOCK)
         now_s = clock.clock_s if clock is not None and by_clock(robot) else robot.now.wall_s
@@ -152,14 +148,14 @@ class BaseTransforms(Check):
         frames, ages = _climb(robot, "base_link", "map")
         if frames[-1] != "map":
             summary = _no_parent(robot, LINKS, frames[-1])
-            return self.bad(summary, *self._remedy(robot, frames[-1]), settled=False)
+            return self.silent(robot, summary, *self._remedy(robot, frames[-1]))
         chain, oldest = " > ".join(reversed(frames)), max(ages, key=lambda child: ages[child], default=None)
         if oldest is None:
             return self.ok(chain)
         if ages[oldest] > FRESH_S:
             parent = frames[frames.index(oldest) + 1]
             summary = f"{parent} > {oldest} is {ages[oldest]:.1f} s old, more than {FRESH_S:g} s"
-            return self.bad(summary, *self._remedy(robot, oldest, stale=True), settled=False)
+            return self.silent(robot, summary, *self._remedy(robot, oldest, stale=True))
         return self.ok(f"{chain}, {ages[oldest]:.2f} s old at most")
 
     def _remedy(self, robot: Observations, child: str, stale: bool = False) -> tuple[str, str]:
@@ -169,8 +165,6 @@ class BaseTransforms(Check):
             if stale:
                 return "AMCL publishes it with every scan: see lidar and dock", ""
             return "AMCL publishes it when it has an initial pose and scans: see pose and lidar", ""
-        if robot.virtual:
-            return RESTART_GAME, up(robot)
         return "the base publishes it; on the robot", RESTART
 
 
@@ -183,10 +177,8 @@ class LidarTransforms(Check):
         frames, _ = _climb(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
         if frames[-1] == "base_link":
             return self.ok(" > ".join(reversed(frames)))
-        remedy = "the robot's description is not published; on the robot", RESTART
-        if robot.virtual:
-            remedy = RESTART_GAME, up(robot)
-        return self.bad(_no_parent(robot, STATIC_LINKS, frames[-1]), *remedy, settled=False)
+        remedy = "the robot's description is not published; on the robot"
+        return self.silent(robot, _no_parent(robot, STATIC_LINKS, frames[-1]), remedy, RESTART)
 
 
 def _climb(robot: Observations, frame: str, top: str) -> tuple[list[str], dict[str, float]]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from ...discovery import COSTMAPS
 from ..game_nodes import SIMULATOR
 from .check import Check, Finding, Observations, Request, listed
-from .remedies import localize, nav2, up
+from .remedies import localize, nav2
 
 CLOUDS = ("clyde_obstacle", "clyde_trail")
 #: Nodes that Nav2's launch files for Jazzy bring up by these two managers (nav2_bringup 1.3.13, f4108e5).
@@ -38,8 +38,8 @@ class Navigator(Check):
             return self.bad(summary, "end all but one: each goal goes to both")
         if servers:
             return self.ok(f"navigate_to_pose is served by {servers[0]}")
-        remedy = ("start the game again", up(robot)) if robot.virtual else ("start Nav2", nav2(robot))
-        return self.bad(f"no server of navigate_to_pose discovered {robot.within}", *remedy, settled=False)
+        summary = f"no server of navigate_to_pose discovered {robot.within}"
+        return self.silent(robot, summary, "start Nav2", nav2(robot))
 
 
 class Lifecycle(Check):
@@ -80,8 +80,7 @@ class Cloud(Check):
                 return self.ok(f"{simulator} subscribes to it, in place of the costmaps")
             if topic != CLOUDS[0]:
                 return self.unknown("simulated: what Clyde leaves behind is cleared without it")
-            summary = f"no subscription of {simulator} discovered {robot.within}"
-            return self.bad(summary, "start the simulated game again", up(robot), settled=False)
+            return self.silent(robot, f"no subscription of {simulator} discovered {robot.within}", "")
         missing = [name for name in COSTMAPS if robot.full(f"{name}/{name}") not in subscribers]
         if not missing:
             return self.ok(f"{' and '.join(COSTMAPS)} subscribe to it")
@@ -90,7 +89,7 @@ class Cloud(Check):
         if others := [name for name in others if robot.subscribers_of(name)]:
             summary += f", but of {listed(others)}, which no node publishes"
         remedy = "Nav2 does not see Clyde: launch it with the game's config/nav2.yaml, from the checkout"
-        return self.bad(summary, remedy, nav2(robot), settled=False)
+        return self.silent(robot, summary, remedy, nav2(robot))
 
 
 CHECKS: tuple[Check, ...] = (Navigator(), Lifecycle(), *map(Cloud, CLOUDS))

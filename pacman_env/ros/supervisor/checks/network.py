@@ -50,12 +50,9 @@ class Domain(Check):
             "robot and this machine: one network, one ROS_DOMAIN_ID (turtlebot4-setup on the robot), no firewall; "
             "where a network drops multicast, the discovery server of turtlebot4-setup"
         )
-        command = FIREWALL
-        if robot.simulated:
-            remedy, command = "start the simulated game in this domain", up(robot)
-        elif robot.environment.get(_RANGE, "").upper() == "LOCALHOST":
+        if robot.environment.get(_RANGE, "").upper() == "LOCALHOST":
             remedy = f"unset {_RANGE}, which is LOCALHOST; {remedy}"
-        return self.bad(f"no node discovered in domain {robot.domain} {robot.within}", remedy, command, settled=False)
+        return self.silent(robot, f"no node discovered in domain {robot.domain} {robot.within}", remedy, FIREWALL)
 
 
 class Namespace(Check):
@@ -92,9 +89,7 @@ class Base(Check):
         if bases:
             return self.ok(f"{'simulated, ' if robot.in_simulation else ''}{bases[0]}")
         summary = f"no publisher of {robot.full('odom')} discovered {robot.within}"
-        if robot.simulated:
-            return self.bad(summary, "start a simulated robot", up(robot), settled=False)
-        return self.bad(summary, "on the robot", RESTART, settled=False)
+        return self.silent(robot, summary, "on the robot", RESTART)
 
 
 CHECKS: tuple[Check, ...] = (Ros(), Domain(), Namespace(), Base())

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from .check import Observations
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .check import Observations
 
 FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"
 RESTART = "sudo systemctl restart turtlebot4"
-RESTART_GAME = "the simulated robot publishes it: start the game again"
 
 
 def up(robot: Observations) -> str:
