@@ -70,19 +70,10 @@ def ask(what: str, namespace: str, domain: int | None, sim: bool, wait_s: float)
 
 
 def stop(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
-    """Stop the robot until it is released, and print which nodes obey.
-
-    Args:
-        namespace: of the robot.
-        domain: ROS_DOMAIN_ID; None: that of the environment.
-        sim: a simulated game, on this machine alone.
-        wait_s: for a node that obeys.
+    """Stop the robot until it is released, and print which nodes obey; arguments and errors are those of :func:`ask`.
 
     Returns:
         The exit status: 0, or 3 where no node obeys.
-
-    Raises:
-        ValueError: a namespace or domain that there is not.
     """
     with listening(namespace, domain, sim) as status_line:
         operator = status_line.operator
@@ -114,20 +105,10 @@ def release(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int
 
 
 def status(namespace: str, domain: int | None, sim: bool, wait_s: float, as_json: bool = False) -> int:
-    """Print how the game stands.
-
-    Args:
-        namespace: of the robot.
-        domain: ROS_DOMAIN_ID; None: that of the environment.
-        sim: a simulated game, on this machine alone.
-        wait_s: for the referee.
-        as_json: everything that is known, for programs.
+    """Print how the game stands; with ``as_json`` everything that is known. Arguments and errors are as of :func:`ask`.
 
     Returns:
         The exit status: 0, or 3 where no game is up.
-
-    Raises:
-        ValueError: a namespace or domain that there is not.
     """
     with listening(namespace, domain, sim) as status_line:
         if not status_line.spin_until(lambda: status_line.state is not None, wait_s):
