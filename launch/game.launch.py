@@ -19,7 +19,16 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
-from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, SELECTOR, GameSetup
+from pacman_env.ros.supervisor.game_nodes import (
+    FIRST_STEP,
+    LOCK_STEP,
+    NAMESPACE,
+    PROCESSES,
+    RESTARTED,
+    WAIT,
+    GameSetup,
+    following,
+)
 from pacman_env.ros.supervisor.processes import BAD_START
 
 ARGUMENTS = (
@@ -67,43 +76,28 @@ def _nodes(context):
     given |= {"speed": float(given["speed"]), "seed": int(given["seed"])}
     setup = GameSetup(**given | {"settings": tuple(given["settings"].split()), "home": _home(given["home"])})
 
-    def node(name, **options):
-        return Node(
-            package="pacman_env",
-            executable=name,
-            name=name,
-            namespace=setup.namespace,
-            parameters=[setup.parameters(name)],
-            output="screen",
-            **options,
-        )
-
-    def kept_up(name):
-        started = node(name, **RESPAWN)
+    def start(name):
+        process = PROCESSES[name]
+        if name == LOCK_STEP:
+            given = {"arguments": [setup.as_json()]}
+        else:
+            given = {"name": name, "namespace": setup.namespace, "parameters": [setup.parameters(name)]}
+        respawn = RESPAWN if process.end == RESTARTED else {}
+        node = Node(package="pacman_env", executable=name, output="screen", **given, **respawn)
 
         def ended(event, context):
-            if event.returncode != BAD_START:  # else starting it again does not help
+            if process.end == RESTARTED and event.returncode != BAD_START:  # else starting it again does not help
                 return []
-            return [EmitEvent(event=Shutdown(reason=f"{name} does not start: its last line says why"))]
+            if process.end == FIRST_STEP and event.returncode == 0:
+                return [action for later in following(name) for action in start(later)]
+            reason = "the robot is not localized" if name == WAIT else f"{name} has ended: its last line says why"
+            return [EmitEvent(event=Shutdown(reason=reason))]
 
-        return [RegisterEventHandler(OnProcessExit(target_action=started, on_exit=ended)), started]
+        return [RegisterEventHandler(OnProcessExit(target_action=node, on_exit=ended)), node]
 
-    def localized(event, context):
-        if event.returncode == 0:
-            return kept_up(SELECTOR)
-        return [EmitEvent(event=Shutdown(reason="the robot is not localized"))]
-
-    if setup.lock_step:
-        game = Node(package="pacman_env", executable=LOCK_STEP, arguments=[setup.as_json()], output="screen")
-        over = RegisterEventHandler(OnProcessExit(target_action=game, on_exit=[EmitEvent(event=Shutdown())]))
-        return [*_confined(), over, game]
-    *first, last = setup.first_nodes
-    wait = node(last)
     return [
         *(_confined() if setup.sim else ()),
-        *(action for name in first for action in kept_up(name)),
-        RegisterEventHandler(OnProcessExit(target_action=wait, on_exit=localized)),
-        wait,
+        *(action for name in setup.first_processes for action in start(name)),
     ]
 
 

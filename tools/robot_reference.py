@@ -25,6 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.node import BaseNode
+from pacman_env.ros.supervisor.checks import CHECKS
 from pacman_env.ros.supervisor.game_nodes import NODES, module_of
 from pacman_env.ros.topics import HEARD_LATCHED, LATCHED, RosAction
 from tools.reference import table, update
@@ -145,7 +146,7 @@ def page() -> str:
     finally:
         rclpy.shutdown()
         set_logger_level("", level)  # the level is the process's: it outlives the context that set it
-    return INTRO + _topics(nodes) + "".join(_node(name, node) for name, node in nodes.items())
+    return INTRO + _topics(nodes) + "".join(_node(name, node) for name, node in nodes.items()) + _checks()
 
 
 def _topics(nodes: dict[str, Described]) -> str:
@@ -181,6 +182,12 @@ def _node(name: str, node: Described) -> str:
     if node.parameters:
         text += "\n" + table(("Parameter", "Type", "Default", "Range", "Meaning"), node.parameters)
     return text
+
+
+def _checks() -> str:
+    rows = [[check.name, check.question] for check in CHECKS]
+    text = "\n## Checks of `pacman-env ros doctor`\n\nWhat is BAD is best remedied in this order.\n\n"
+    return text + table(("Check", "Question"), rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

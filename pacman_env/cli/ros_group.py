@@ -29,7 +29,7 @@ def _add_where(parser: Any) -> None:
 def _add_up(group: Any) -> None:
     up = group.add_parser("up", help="start all nodes, show how the game stands, stop them in order")
     up.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
-    up.add_argument("--policy", default="ppo", help="who picks the goals: a name or an .onnx file (%(default)s)")
+    up.add_argument("--policy", default="ppo", help="what picks the goals: a name or an .onnx file (%(default)s)")
     up.add_argument(
         "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
     )
@@ -123,7 +123,11 @@ def _add_doctor(group: Any) -> None:
     doctor.add_argument("--map", metavar="FILE_OR_NAME", help="the map of the game, to compare with the robot's")
     doctor.add_argument("--sim", action="store_true", help="of a simulated game, on this machine only")
     doctor.add_argument(
-        "--wait", type=finite_number(0.5, 3600), default=WAIT_S, metavar="S", help="for what is heard (%(default)g)"
+        "--wait",
+        type=finite_number(0.5, 3600),
+        default=WAIT_S,
+        metavar="S",
+        help="for messages and answers (%(default)g)",
     )
     doctor.add_argument("--json", action="store_true", help="print the findings as JSON")
     _add_where(doctor)

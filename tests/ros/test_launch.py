@@ -183,7 +183,10 @@ def test_a_launch_in_lock_step_is_one_process_whose_end_is_the_end(started: Any)
     assert set(nodes(actions)) == {LOCK_STEP} == set(handlers(actions))
     (text,) = nodes(actions)[LOCK_STEP]["arguments"]
     assert from_json(text) == GameSetup("house", "lookahead", sim=True, lock_step=True, seed=7)
-    assert [kind(action) for action in handlers(actions)[LOCK_STEP]] == ["EmitEvent"]
+    ended = handlers(actions)[LOCK_STEP]
+    for status in (0, 1, 2):
+        assert [kind(action) for action in ended(types.SimpleNamespace(returncode=status), None)] == ["EmitEvent"]
+    assert "respawn" not in nodes(actions)[LOCK_STEP]
     assert "SetEnvironmentVariable" in map(kind, actions)
     with pytest.raises(ValueError, match="only with a simulated robot"):
         started(lock_step="true")

@@ -36,9 +36,10 @@ from pacman_env.ros.operator_page.scenes import facts_of, pellets_of_scene
 from pacman_env.ros.operator_page.wheels import PERIOD_S, Wheels
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector.goal_scores import WHY
+from pacman_env.ros.supervisor.checks import examine
+from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import Doctor
 from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
-from pacman_env.ros.supervisor.readiness import BAD, OK, find
 from pacman_env.ros.surroundings import current
 from pacman_env.web import feedback, messages
 from pacman_env.web.frame import Frame
@@ -480,18 +481,18 @@ class RosGame:
         with self._doctors:
             doctor = Doctor(self._where, self._domain, self._occupancy, self._map_file, self._sim, _CHECKS_S)
             try:
-                doctor.look(self._closed.is_set)
-                found = find(doctor.evidence())
+                doctor.observe(self._closed.is_set)
+                findings = examine(doctor.observations())
             finally:
                 doctor.close()
         rows = [
             {
                 "name": one.check,
-                "state": "bad" if one.mark == BAD else "ok" if one.mark == OK or not one.cure else "warning",
-                "words": one.seen,
-                "cure": ": ".join(filter(None, (one.cure, one.command))),
+                "state": "bad" if one.status == BAD else "ok" if one.status == OK or not one.remedy else "warning",
+                "words": one.summary,
+                "cure": ": ".join(filter(None, (one.remedy, one.command))),
             }
-            for one in found
+            for one in findings
         ]
         return [*rows, self.stop_row()]
 

@@ -25,7 +25,7 @@ def main() -> None:
     """Tie this process to its parent, then become the module."""
     parent, module = int(sys.argv[1]), sys.argv[2]
     end_with_parent()
-    if os.getppid() != parent:  # gone before it could be said
+    if os.getppid() != parent:  # gone before the signal was set
         sys.exit(1)
     sys.argv = sys.argv[2:]
     runpy.run_module(module, run_name="__main__", alter_sys=True)

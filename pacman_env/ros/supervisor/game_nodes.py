@@ -1,6 +1,6 @@
-"""Which nodes make up a game, in the order in which they start and stop, and their parameters.
+"""The processes of a game: which there are, in the order of their start, their parameters, and what their end means.
 
-Read by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; imports nothing of ROS.
+One table, read by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; imports nothing of ROS.
 """
 
 from __future__ import annotations
@@ -17,23 +17,48 @@ SELECTOR = "goal_selector"
 REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
 PAGE = "operator_page"  # no node of the game: it is left out unless asked for
-#: Those that only listen and answer, in the order of their start.
-GAME = (
-    "pellet_manager",
-    "audio_node",
-    "game_light_node",
-    "clyde_ghost_node",
-    "game_event_mapper",
-    REFEREE,
-)
-#: All that can be started, in order: the robot where it is simulated, the game, then the two that need a pose.
-NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
-_WITH_MAP = (SIMULATOR, "pellet_manager", "clyde_ghost_node", SELECTOR)
-_FOLDERS = {SIMULATOR: "simulated_robot", SELECTOR: "selector"}  # all others are in ``nodes``
+
+#: What the end of a process means: it is started again; the same, but the game goes on where that does not help; the
+#: next one starts if all was well; the end of the game.
+RESTARTED, SPARE, FIRST_STEP, FINAL = "restarted", "spare", "first step", "final"
+
+
+@dataclass(frozen=True)
+class GameProcess:
+    """One row of the table."""
+
+    name: str
+    folder: str = "nodes"  # of its module, below pacman_env/ros
+    parameters: tuple[str, ...] = ()  # of the setup, beside the configuration that every node plays by
+    configured: bool = True
+    end: str = RESTARTED
+    after: str = ""  # the process whose good end starts it
+
+
+PROCESSES = {
+    process.name: process
+    for process in (
+        GameProcess(SIMULATOR, "simulated_robot", ("map_yaml", "speed", "home")),
+        GameProcess("pellet_manager", parameters=("map_yaml",)),
+        GameProcess("audio_node"),
+        GameProcess("game_light_node"),
+        GameProcess("clyde_ghost_node", parameters=("map_yaml",)),
+        GameProcess("game_event_mapper"),
+        GameProcess(REFEREE),
+        GameProcess(WAIT, configured=False, end=FIRST_STEP),
+        GameProcess(SELECTOR, "selector", ("map_yaml", "policy", "home"), after=WAIT),
+        GameProcess(PAGE, "operator_page", end=SPARE),
+        GameProcess(LOCK_STEP, "lock_step", end=FINAL),
+    )
+}
+#: Those that are nodes: the robot where it is simulated, the game, then the two that need a pose.
+NODES = tuple(name for name in PROCESSES if name not in (PAGE, LOCK_STEP))
+#: Those that only listen and answer.
+GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
 #: What moves the robot stops first, then the lights: the others may take their time.
 STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
 
-QUIET = ("--disable-external-lib-logs",)  # what a node says is kept once, by the process that started it
+QUIET = ("--disable-external-lib-logs",)  # what a node prints is kept once, by the process that started it
 
 Value = str | bool | int | float | list[str] | list[float]
 
@@ -78,31 +103,25 @@ class GameSetup:
 
     @property
     def first_nodes(self) -> tuple[str, ...]:
-        """The nodes that start at once, in order; the goal selector follows when WAIT has ended well."""
-        return (*((SIMULATOR,) if self.sim else ()), *GAME, WAIT)
+        """The nodes that start at once, in order."""
+        return tuple(name for name in NODES if not PROCESSES[name].after and (self.sim or name != SIMULATOR))
 
     @property
     def first_processes(self) -> tuple[str, ...]:
         """The processes that start at once, in order."""
-        return (LOCK_STEP,) if self.lock_step else self.first_nodes
+        nodes = (LOCK_STEP,) if self.lock_step else self.first_nodes
+        return nodes if self.web is None else (*nodes, PAGE)
 
     def parameters(self, node: str) -> dict[str, Value]:
         """The parameters that ``node`` is started with; all others have their defaults."""
-        found: dict[str, Value] = {"map_yaml": self.map} if node in _WITH_MAP else {}
-        if node == SELECTOR:
-            found["policy"] = self.policy
-            if self.home is not None:
-                found["home"] = list(self.home)
-        if node == SIMULATOR:
-            found["speed"] = self.speed
-            if self.home is not None:
-                found["home"] = ",".join(map(repr, self.home))
-        if node != WAIT:
-            played: dict[str, Value] = {
-                "preset": self.preset,
-                "execution": self.execution,
-                "settings": list(self.settings),
-            }
+        process, home = PROCESSES[node], self.home
+        known: dict[str, Value] = {"map_yaml": self.map, "policy": self.policy, "speed": self.speed}
+        if home is not None:
+            known["home"] = ",".join(map(repr, home)) if node == SIMULATOR else list(home)
+        found = {name: known[name] for name in process.parameters if name in known}
+        if process.configured:
+            played: dict[str, Value] = {"preset": self.preset, "execution": self.execution}
+            played["settings"] = list(self.settings)
             standard = {"preset": "robot", "execution": "robust", "settings": []}  # ROS cannot pass an empty list
             found |= {name: value for name, value in played.items() if value != standard[name]}
         if self.sim:
@@ -110,7 +129,7 @@ class GameSetup:
         return found | self.extra.get(node, {})
 
     def as_json(self) -> str:
-        """All fields, as the process of a lock-step game takes them (:func:`from_json`)."""
+        """All fields, as the process of a lock-step game reads them (:func:`from_json`)."""
         return json.dumps(asdict(self), ensure_ascii=False)
 
     def command(self, node: str) -> list[str]:
@@ -128,7 +147,17 @@ class GameSetup:
 
 def module_of(node: str) -> str:
     """The module that ``python -m`` runs as that node."""
-    return f"pacman_env.ros.{_FOLDERS.get(node, 'nodes')}.{node}"
+    return f"pacman_env.ros.{PROCESSES[node].folder}.{node}"
+
+
+def ending(end: str) -> list[str]:
+    """The processes whose end means that."""
+    return [process.name for process in PROCESSES.values() if process.end == end]
+
+
+def following(name: str) -> list[str]:
+    """The processes that start when ``name`` has ended well."""
+    return [process.name for process in PROCESSES.values() if process.after == name]
 
 
 def from_json(text: str) -> GameSetup:

@@ -15,7 +15,7 @@ from pacman_env.ros.discovery import join
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.topics import OPERATOR_STOP, RESET_GAME, START_GAME
 
-DONE, REFUSED, NOBODY = 0, 1, 3  # exit statuses, beside 2 for bad arguments
+DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses, beside 2 for bad arguments
 SERVICES = {"start": START_GAME, "reset": RESET_GAME}
 ANSWER_S = 2.0  # then it is asked again: an answer may be lost
 SETTLE_S = 0.5  # in which what is latched comes in, once anything has
@@ -37,7 +37,7 @@ def listening(namespace: str, domain: int | None, sim: bool) -> Iterator[StatusL
 
 
 def ask(what: str, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
-    """Start or reset the game, and print what the referee says.
+    """Start or reset the game, and print the referee's answer.
 
     Args:
         what: ``start`` or ``reset``.
@@ -63,33 +63,24 @@ def ask(what: str, namespace: str, domain: int | None, sim: bool, wait_s: float)
             elif status_line.spin_until(answer.done, min(ANSWER_S, end - asked_s)):
                 break
         if answer is None or not answer.done():
-            return _nobody(status_line, service.name)
+            return _no_answer(status_line, service.name)
         result = answer.result()
         print(result.message)
         return DONE if result.success else REFUSED
 
 
 def stop(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
-    """Stop the robot until it is released, and print who obeys.
-
-    Args:
-        namespace: of the robot.
-        domain: ROS_DOMAIN_ID; None: that of the environment.
-        sim: a simulated game, on this machine alone.
-        wait_s: for a node that obeys.
+    """Stop the robot until it is released, and print which nodes obey; arguments and errors are those of :func:`ask`.
 
     Returns:
-        The exit status: 0, or 3 where nobody says that he obeys.
-
-    Raises:
-        ValueError: a namespace or domain that there is not.
+        The exit status: 0, or 3 where no node obeys.
     """
     with listening(namespace, domain, sim) as status_line:
         operator = status_line.operator
         operator.say(True, "a terminal")
         status_line.halt()
         if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
-            return _nobody(status_line, OPERATOR_STOP.name)
+            return _no_answer(status_line, OPERATOR_STOP.name)
         status_line.spin_until(lambda: False, SETTLE_S)
         print(f"stopped: {', '.join(operator.obeyed_by)} obey until 'pacman-env ros release'")
     return DONE
@@ -100,39 +91,29 @@ def release(namespace: str, domain: int | None, sim: bool, wait_s: float) -> int
     with listening(namespace, domain, sim) as status_line:
         operator = status_line.operator
         if not status_line.spin_until(lambda: operator.known, wait_s):
-            return _nobody(status_line, OPERATOR_STOP.name)
+            return _no_answer(status_line, OPERATOR_STOP.name)
         status_line.spin_until(lambda: False, SETTLE_S)
         if not operator.stopped:
             print("nothing was stopped")
             return DONE
         operator.say(False, "a terminal")
         if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
-            return _nobody(status_line, OPERATOR_STOP.name)
+            return _no_answer(status_line, OPERATOR_STOP.name)
         status_line.spin_until(lambda: False, SETTLE_S)
-        print(f"released: {', '.join(operator.obeyed_by)} have heard it")
+        print(f"released: {', '.join(operator.obeyed_by)} know it")
     return DONE
 
 
 def status(namespace: str, domain: int | None, sim: bool, wait_s: float, as_json: bool = False) -> int:
-    """Print how the game stands.
-
-    Args:
-        namespace: of the robot.
-        domain: ROS_DOMAIN_ID; None: that of the environment.
-        sim: a simulated game, on this machine alone.
-        wait_s: for the referee.
-        as_json: everything that is known, for programs.
+    """Print how the game stands; with ``as_json`` everything that is known. Arguments and errors are as of :func:`ask`.
 
     Returns:
-        The exit status: 0, or 3 where nobody says how the game stands.
-
-    Raises:
-        ValueError: a namespace or domain that there is not.
+        The exit status: 0, or 3 where no game is up.
     """
     with listening(namespace, domain, sim) as status_line:
         if not status_line.spin_until(lambda: status_line.state is not None, wait_s):
-            return _nobody(status_line, "game_state")
-        status_line.spin_until(lambda: bool(status_line.condition), min(1.5, wait_s))  # told once a second
+            return _no_answer(status_line, "game_state")
+        status_line.spin_until(lambda: bool(status_line.condition), min(1.5, wait_s))  # published once a second
         status_line.spin_until(lambda: False, SETTLE_S)
         facts = {"version": __version__, **status_line.facts()}
     if as_json:
@@ -160,11 +141,11 @@ def _known(value: Any) -> str:
     return "-" if value is None else str(value)
 
 
-def _nobody(status_line: StatusLine, what: str) -> int:
+def _no_answer(status_line: StatusLine, what: str) -> int:
     where, number = status_line.get_namespace(), os.environ["ROS_DOMAIN_ID"]
     print(
         f"no game in {where}, ROS domain {number}: nobody answers on {what}; is 'pacman-env ros up' running there? "
-        "'pacman-env ros doctor' looks further",
+        "'pacman-env ros doctor' says more",
         file=sys.stderr,
     )
-    return NOBODY
+    return NO_ANSWER

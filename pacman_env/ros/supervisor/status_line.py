@@ -68,7 +68,7 @@ class StatusLine(Node):
         for topic in (GAME_STATE, GAME_RESULT, ROUND, SCORE, PELLETS_COLLECTED, PELLETS_SPAWNED, CLYDE_SPEED):
             topic.subscription(self, functools.partial(self._on_value, topic.name))
         DIAGNOSTICS.subscription(self, self._on_diagnostics)
-        self.condition: dict[str, Any] = {}  # what the goal selector says of itself
+        self.condition: dict[str, Any] = {}  # the goal selector's diagnostics
         CONFIGURATION.subscription(self, self._on_configuration)
         self.nodes: dict[str, dict[str, Any]] = {}  # by name: what each of the game's nodes plays by
         self._pose_ns: int | None = None
@@ -77,14 +77,14 @@ class StatusLine(Node):
         self._cmd_vel: Any = None
         self._callers: dict[str, Any] = {}
 
-    def listen(self, topic: Any, take: Callable[[Any], object], trouble: str) -> Any:
+    def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
         """A subscription whose bad messages are the nodes' to complain of."""
 
-        def hear(message: Any) -> None:
+        def receive(message: Any) -> None:
             with contextlib.suppress(BadMessage):
-                take(message)
+                handle(message)
 
-        return topic.subscription(self, hear)
+        return topic.subscription(self, receive)
 
     def spin(self, timeout_s: float) -> None:
         """Take in one message, or wait for one that long."""
@@ -98,18 +98,18 @@ class StatusLine(Node):
         return bool(condition())
 
     def close(self) -> None:
-        """Listen no more."""
+        """End the participant."""
         self.destroy_node()
         rclpy.shutdown(context=self.context)
 
     @property
     def state(self) -> str | None:
-        """The game's state, None as long as nobody has said it."""
+        """The game's state, None until it is received."""
         return self._values.get(GAME_STATE.name)
 
     @property
     def result(self) -> str | None:
-        """Of the last round, empty before the first; None as long as nobody has said it."""
+        """Of the last round, empty before the first; None until it is received."""
         return self._values.get(GAME_RESULT.name)
 
     @property
@@ -133,7 +133,7 @@ class StatusLine(Node):
         )
 
     def facts(self) -> dict[str, Any]:
-        """How the game stands, as plain values; None: nobody has said."""
+        """How the game stands, as plain values; None: not received yet."""
         named = {
             "state": GAME_STATE,
             "result": GAME_RESULT,
@@ -144,9 +144,9 @@ class StatusLine(Node):
             "clyde_speed_mps": CLYDE_SPEED,
         }
         found = {name: self._values.get(topic.name) for name, topic in named.items()}
-        said = {"policy": self._policy or None, "pose_age_s": self.pose_age_s, "nodes": sorted(self.nodes)}
-        said["stopped"] = self.operator.stopped
-        return {"namespace": self.get_namespace(), **found, **said, "goal_selector": self.condition}
+        known = {"policy": self._policy or None, "pose_age_s": self.pose_age_s, "nodes": sorted(self.nodes)}
+        known["stopped"] = self.operator.stopped
+        return {"namespace": self.get_namespace(), **found, **known, "goal_selector": self.condition}
 
     def line(self, pose_age: bool = True, width: int | None = None) -> str:
         """The game on one line, without the pose's age where lines are compared.

@@ -26,13 +26,16 @@ from pacman_env.ros.node import Stop
 from pacman_env.ros.supervisor import warm_up
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import (
+    FINAL,
     LOCK_STEP,
-    PAGE,
     REFEREE,
     SELECTOR,
+    SPARE,
     STOP_ORDER,
     WAIT,
     GameSetup,
+    ending,
+    following,
     full_namespace,
 )
 from pacman_env.ros.supervisor.keyboard import Keyboard
@@ -52,8 +55,8 @@ MEANINGS = {
     HAD_TO_KILL: "a node did not stop and was killed",
 }
 POLL_S = 0.1
-LINE_S = 0.5  # how often the line is looked at
-LOOK_S = 1.0  # for other games, before anything is started
+LINE_S = 0.5  # between two updates of the line
+DISCOVERY_S = 1.0  # of other games, before anything is started
 GOING_S = 8.0  # a game that is just being stopped is waited for so long
 NEXT_ROUND_S = 2.0  # in the menu, where round follows round
 KEYS = {"s": START_GAME, "r": RESET_GAME}
@@ -150,7 +153,7 @@ def up(
             referee = {"state_file": str(state_file), **setup.extra.get(REFEREE, {})}
             setup = dataclasses.replace(setup, extra={**setup.extra, REFEREE: referee})
             processes = ProcessGroup(
-                setup.command, logs, dict(os.environ), writer.say, spare=(PAGE,), final=(LOCK_STEP,)
+                setup.command, logs, dict(os.environ), writer.say, spare=ending(SPARE), final=ending(FINAL)
             )
             with Keyboard() as keyboard:
                 keys = "; keys: s start, r reset, space stop, g go on, q quit" if keyboard.there else ""
@@ -242,7 +245,7 @@ def _alone(status_line: StatusLine, setup: GameSetup, writer: LineWriter, stop: 
     A game that is discovered later than this is refused by its nodes: of two that act, the later one ends.
     """
     waiting = Waiting()
-    status_line.spin_until(lambda: stop.asked or status_line.others(setup.sim), LOOK_S)
+    status_line.spin_until(lambda: stop.asked or status_line.others(setup.sim), DISCOVERY_S)
     end = time.monotonic() + GOING_S
     while not stop.asked and (who := status_line.others(setup.sim)):
         if time.monotonic() > end:
@@ -280,8 +283,6 @@ class _Play:
         try:
             for name in self._setup.first_processes:
                 processes.start(name)
-            if self._setup.web is not None:
-                processes.start(PAGE)
             while not self._stop.asked:
                 self._status_line.spin(POLL_S)
                 for _ in range(_BACKLOG if self._setup.lock_step else 0):  # of seconds that last milliseconds
@@ -293,7 +294,8 @@ class _Play:
                         self._writer.say(f"the robot is not localized: {words}")
                         status = NO_POSE
                         break
-                    processes.start(SELECTOR)
+                    for name in following(WAIT):
+                        processes.start(name)
                 awaited = self._awaited()
                 if start and not awaited and self._in_menu():
                     self._wanted.append(START_GAME)

@@ -27,21 +27,26 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import pose_message, transform_message
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
-from pacman_env.ros.supervisor.doctor import BATTERY, DOCK_STATUS, Doctor, doctor
+from pacman_env.ros.supervisor.checks import CHECKS, examine
+from pacman_env.ros.supervisor.checks.base import CHARGE, DOCKED
+from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Source
+from pacman_env.ros.supervisor.checks.nav2 import CLOUDS
+from pacman_env.ros.supervisor.doctor import Doctor, doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, NODES, SELECTOR, SIMULATOR, WAIT
-from pacman_env.ros.supervisor.readiness import BAD, CLOUDS, OK, UNKNOWN, Finding, find
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.system import PATIENCE_S, Probe, System
 
 if TYPE_CHECKING:
     from pacman_env.world.maps.occupancy import OccupancyMap
 
+DOCK_STATUS = topics.Topic(DOCKED.name, DOCKED.type_name, topics.SENSOR_DATA)
+BATTERY = topics.Topic(CHARGE.name, CHARGE.type_name, topics.SENSOR_DATA)
 START_S = 240.0  # the first nodes may have to compile
 MAP = "house"
 NS = "/robot_15"
 
 
-def examine(
+def diagnose(
     domain: int,
     until: Callable[[dict[str, Finding]], bool],
     meanwhile: Callable[[], None] = lambda: None,
@@ -59,20 +64,20 @@ def examine(
         if time.monotonic() < due_s:
             return False
         due_s = time.monotonic() + 0.3
-        said = {finding.check: finding for finding in find(node.evidence())}
+        said = {finding.check: finding for finding in examine(node.observations())}
         return until(said)
 
     try:
-        node.look(enough)
-        said = {finding.check: finding for finding in find(node.evidence())}
+        node.observe(enough)
+        said = {finding.check: finding for finding in examine(node.observations())}
     finally:
         node.close()
-    assert until(said), "\n".join(f"{f.mark} {f.check}: {f.seen}" for f in said.values())
+    assert until(said), "\n".join(f"{f.status} {f.check}: {f.summary}" for f in said.values())
     return said
 
 
 def is_bad(found: dict[str, Finding], check: str, seen: str) -> bool:
-    return check in found and found[check].mark == BAD and seen in found[check].seen
+    return check in found and found[check].status == BAD and seen in found[check].summary
 
 
 class FakeRobot:
@@ -160,19 +165,19 @@ def robot(probe: Probe) -> Iterator[FakeRobot]:
     robot.close()
 
 
-def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_cure(
+def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_remedy(
     domain: int, probe: Probe, robot: FakeRobot
 ) -> None:
     def ready(found: dict[str, Finding]) -> bool:
-        return {check for check, finding in found.items() if finding.mark != OK} == {
+        return {check for check, finding in found.items() if finding.status != OK} == {
             *("game's nodes", "configuration", "game")
         }
 
-    said = examine(domain, ready, robot.tick, map=robot.house)
-    assert said["time of odom"].seen.startswith("0.")
-    assert "50 % of rays return, 2.00 to 3.50 m" in said["lidar"].seen
-    assert said["Nav2"].seen == f"navigate_to_pose is served by {NS}/probe"
-    assert said["battery"].seen == "90 %"
+    said = diagnose(domain, ready, robot.tick, map=robot.house)
+    assert said["time of odom"].summary.startswith("0.")
+    assert "50 % of rays return, 2.00 to 3.50 m" in said["lidar"].summary
+    assert said["Nav2"].summary == f"navigate_to_pose is served by {NS}/probe"
+    assert said["battery"].summary == "90 %"
     assert said["game's nodes"].command.startswith("pacman-env ros up --map house --namespace robot_15")
 
     robot.deaf()
@@ -191,7 +196,7 @@ def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_cure(
     probe.publisher(DIAGNOSTICS).publish(DIAGNOSTICS.type(data='{"policy": NaN, "troubles": "many"}'))
     probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="\x1b[2J"))
     lost = transform_message("odom", "wheel", (float("nan"), 0.0, 0.0), probe.stamp())
-    cures = {
+    remedies = {
         "time of odom": ("3.", "sudo chronyc makestep"),
         "time of tf": ("3.", "sudo chronyc makestep"),
         "dock": ("docked", f'ros2 action send_goal {NS}/undock irobot_create_msgs/action/Undock "{{}}"'),
@@ -199,8 +204,8 @@ def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_cure(
         "map": ("not house: size", "localization.launch.py namespace:=/robot_15 map:="),
         "pose": ("off the map", '"2D Pose Estimate"'),
         "Nav2's nodes": ("planner_server is inactive", f"ros2 service call {NS}/lifecycle_manager_"),
-        "clyde_obstacle": ("local_costmap and global_costmap not heard to listen within", "config/nav2.yaml"),
-        "clyde_trail": ("local_costmap and global_costmap not heard to listen within", "config/nav2.yaml"),
+        "clyde_obstacle": ("no subscription of local_costmap and global_costmap discovered within", "config/nav2.yaml"),
+        "clyde_trail": ("no subscription of local_costmap and global_costmap discovered within", "config/nav2.yaml"),
     }
 
     def broken() -> None:
@@ -208,22 +213,22 @@ def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_cure(
         probe.publisher(topics.TF).publish(topics.TF.type(transforms=[lost]))
 
     def named(found: dict[str, Finding]) -> bool:
-        return all(is_bad(found, check, seen) for check, (seen, _) in cures.items())
+        return all(is_bad(found, check, seen) for check, (seen, _) in remedies.items())
 
-    said = examine(domain, named, broken, map=robot.house)
-    for check, (_, cure) in cures.items():
-        assert cure in f"{said[check].cure}: {said[check].command}", check
-    assert said["configuration"].mark == UNKNOWN
-    assert said["tf to base"].mark == OK
+    said = diagnose(domain, named, broken, map=robot.house)
+    for check, (_, remedy) in remedies.items():
+        assert remedy in f"{said[check].remedy}: {said[check].command}", check
+    assert said["configuration"].status == UNKNOWN
+    assert said["tf to base"].status == OK
 
 
-def test_without_its_message_types_the_dock_cannot_be_told_and_the_reason_is_said(
+def test_without_its_message_types_the_dock_cannot_be_told_and_the_reason_is_given(
     domain: int, probe: Probe, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "irobot_create_msgs.msg", None)  # as if it were not there
-    said = examine(domain, lambda found: "dock" in found)
-    assert said["dock"].mark == UNKNOWN
-    assert "irobot_create_msgs/DockStatus is not installed here" in said["dock"].seen
+    said = diagnose(domain, lambda found: "dock" in found)
+    assert said["dock"].status == UNKNOWN
+    assert "irobot_create_msgs/DockStatus is not installed here" in said["dock"].summary
     assert said["dock"].command == "python -m tools.ros_interfaces.build"
 
 
@@ -234,9 +239,9 @@ def test_nobody_is_bad_in_json_and_with_status_1(domain: int) -> None:
     assert (said["namespace"], said["domain"], said["ready"]) == ("/nobody", domain, False)
     assert said["map"] == {"name": MAP, "hash": load_map(MAP).hash}
     assert said["version"]
-    marks = {finding["check"]: finding["mark"] for finding in said["findings"]}
-    assert BAD in (marks["domain"], marks["namespace"])  # who has just left may still be heard in the domain
-    assert "no node heard in /nobody within 0.1 s" in out.getvalue()
+    statuses = {finding["check"]: finding["status"] for finding in said["findings"]}
+    assert BAD in (statuses["domain"], statuses["namespace"])  # who has just left may still be discovered in the domain
+    assert "no node discovered in /nobody within 0.1 s" in out.getvalue()
 
 
 @pytest.mark.parametrize(
@@ -251,7 +256,7 @@ def test_nobody_is_bad_in_json_and_with_status_1(domain: int) -> None:
         ({"wait_s": 601.0}, "at most 600"),
     ],
 )
-def test_bad_arguments_are_refused_before_anything_is_listened_to(arguments: dict[str, Any], words: str) -> None:
+def test_bad_arguments_are_refused_before_anything_is_observed(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         doctor(**{"namespace": "robot_15", "domain": 1, **arguments})
 
@@ -282,6 +287,16 @@ def test_the_doctor_publishes_nothing_that_moves_anything(domain: int) -> None:
     finally:
         node.close()
     assert spoken <= {"/rosout", "/parameter_events"}
+
+
+def test_sources_have_the_types_of_the_games_topics() -> None:
+    known = {one.name: one.type_name for one in (*vars(topics).values(), DIAGNOSTICS) if isinstance(one, topics.Topic)}
+    known |= {DOCKED.name: DOCKED.type_name, CHARGE.name: CHARGE.type_name}
+    sources = [source for check in CHECKS for source in check.sources if isinstance(source, Source)]
+    assert len(sources) > 10
+    for source in sources:
+        assert known[source.name] == source.type_name
+        assert hasattr(topics, source.qos)
 
 
 def test_every_node_of_the_game_is_looked_for() -> None:

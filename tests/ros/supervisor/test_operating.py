@@ -7,20 +7,14 @@ and stopped by keys and by others; killed processes come back; the doctor examin
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import io
 import json
 import os
-import pty
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
-import termios
-import threading
-import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -38,78 +32,18 @@ from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
-from pacman_env.ros.supervisor.readiness import BAD, OK
 from pacman_env.ros.supervisor.status_line import fitted
 from pacman_env.world.maps.occupancy import load_map
-from tests.ros.supervisor.test_doctor import examine, is_bad
+from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
+from tests.ros.supervisor.test_doctor import diagnose, is_bad
 from tests.ros.system import Probe, Process, System
 from tests.system.campaign.schedule import part_of_map
 
 COMMAND = [sys.executable, "-m", "pacman_env.cli.main", "ros"]
-COLUMNS = 80
-PATIENCE_S = 300.0  # the first nodes may have to compile
 SHOWS = ("--set", "show.start_s=1.0", "--set", "show.death_s=1.0")
-
-
-class Terminal:
-    """A command on a terminal of its own: what it shows, line after line, and keys."""
-
-    def __init__(self, command: list[str]) -> None:
-        self._master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, COLUMNS, 0, 0))
-        environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-        self.process = subprocess.Popen(
-            command,
-            env=environment,
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # as a shell does it
-        )
-        os.close(slave)
-        self._shown = b""
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        try:
-            while block := os.read(self._master, 65536):
-                self._shown += block
-        except OSError:
-            pass  # the other end is closed
-
-    @property
-    def lines(self) -> list[str]:
-        """Everything shown, also what was written over."""
-        return [line for line in re.split(r"\r\n|\r\x1b\[K|\n|\r", self._shown.decode()) if line.strip()]
-
-    @property
-    def too_long(self) -> list[str]:
-        """Lines that do not fit, but for those with the path of a log, and the middleware's own."""
-        others = ("/logs", "RTPS_")
-        return [line for line in self.lines if len(line) >= COLUMNS and not any(word in line for word in others)]
-
-    def press(self, key: str) -> None:
-        os.write(self._master, key.encode())
-
-    def wait_for(self, condition: Callable[[], bool], what: str) -> None:
-        end = time.monotonic() + PATIENCE_S
-        while not condition():
-            shown = "\n".join(self.lines[-20:])
-            assert self.process.poll() is None, f"ended while waiting for {what}:\n{shown}"
-            assert time.monotonic() < end, f"waited for {what}:\n{shown}"
-            time.sleep(0.05)
-
-    def shows(self, pattern: str, since: int = 0) -> bool:
-        return any(re.search(pattern, line) for line in self.lines[since:])
-
-    def end(self) -> int:
-        status = self.process.wait(PATIENCE_S)
-        self._reader.join(5.0)
-        return status
 
 
 @dataclass(frozen=True)
@@ -332,17 +266,17 @@ def test_the_doctor_finds_a_whole_simulated_game_ready_and_names_another_map_and
 
     loop = load_map("loop")
     size, plays_on = "not loop: size 300 x 283, here", f"map loop is {loop.hash[:12]}"
-    said = examine(
+    said = diagnose(
         domain,
         lambda found: is_bad(found, "map", size) and is_bad(found, "configuration", plays_on),
         map=loop,
     )
-    assert "localization and game need one file" in said["map"].cure
+    assert "localization and game need one file" in said["map"].remedy
     assert said["configuration"].command.startswith("pacman-env ros up --map loop")
 
-    said = examine(domain, lambda found: "others in /robot_15" in found["namespace"].seen, namespace="/robot_7")
-    assert said["namespace"].mark == BAD
-    assert "did you mean --namespace robot_15?" in said["namespace"].cure
+    said = diagnose(domain, lambda found: "others in /robot_15" in found["namespace"].summary, namespace="/robot_7")
+    assert said["namespace"].status == BAD
+    assert "did you mean --namespace robot_15?" in said["namespace"].remedy
 
 
 def test_a_second_game_in_the_namespace_is_refused_by_the_process_of_the_first(game: Game) -> None:

@@ -103,7 +103,7 @@ class EndsOther(LineWriter):
 
 @pytest.mark.usefixtures("unlocked")
 def test_a_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(up_module, "LOOK_S", PATIENCE_S)
+    monkeypatch.setattr(up_module, "DISCOVERY_S", PATIENCE_S)
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
     setup, stop = GameSetup("house", sim=True), Stop()
     with session.nodes(tmp_path, alone=False) as nodes:

@@ -1,0 +1,62 @@
+"""What ``pacman-env ros doctor`` and the operator's page check of a robot before it plays; imports nothing of ROS.
+
+One class a check, in a file for each topic; ``doctor.py`` observes what they need.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+
+from . import base, clocks, game, localization, nav2, network
+from .check import BAD, UNKNOWN, Check, Finding, Observations
+
+#: In the order in which what is wrong is to be remedied.
+CHECKS: tuple[Check, ...] = (
+    *(*network.CHECKS, *clocks.CHECKS, *base.CHECKS),
+    *(*localization.CHECKS, *nav2.CHECKS, *game.CHECKS),
+)
+_NO_ROBOT = Finding(
+    *("robot", "Is there a robot?", UNKNOWN, "nothing else can be examined without one", "see above"), settled=False
+)
+_LONGEST = 300  # characters of a summary
+
+
+def examine(robot: Observations) -> list[Finding]:
+    """The findings of all checks, in their order."""
+    asked = [check.answer(robot) for check in CHECKS if robot.own or not check.needs_robot]
+    return [finding for finding in asked if finding is not None] + ([] if robot.own else [_NO_ROBOT])
+
+
+def is_ready(findings: Iterable[Finding]) -> bool:
+    """Whether nothing is BAD."""
+    return all(finding.status != BAD for finding in findings)
+
+
+def render(findings: Sequence[Finding], title: str, width: int = 80) -> str:
+    """The list as lines of at most ``width`` columns, but for commands, which stay whole."""
+    indent = max(len(finding.check) for finding in findings) + 6
+    space, lines = " " * indent, [title]
+
+    def wrap(text: str, first: str, rest: str) -> None:
+        lines.extend(
+            textwrap.wrap(*(text, width), initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
+        )
+
+    for finding in findings:
+        wrap(_plain(finding.summary), f"{finding.status:<4}{finding.check:<{indent - 4}}", space)
+        command = _plain(finding.command)
+        if finding.remedy or command:
+            colon = ":" if finding.remedy and command else ""
+            wrap(f"-> {_plain(finding.remedy)}{colon}".rstrip(), space, f"{space}   ")
+        if command:
+            lines.append(" " * min(indent + 3, max(width - len(command), 4)) + command)
+    bad = [finding.check for finding in findings if finding.status == BAD]
+    wrap(f"{len(bad)} of {len(findings)} BAD: {', '.join(bad)}" if bad else "nothing is BAD", "", "")
+    return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    """On one line and without control characters: names and words come from other machines."""
+    words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 3]}..."

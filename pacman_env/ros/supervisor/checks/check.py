@@ -1,0 +1,180 @@
+"""What a check is: a question about a robot, answered from what was observed of it. Imports nothing of ROS.
+
+A new check is a :class:`Check` in one of this folder's files, and an entry in ``CHECKS`` at that file's end.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+
+from pacman_env.world.maps.occupancy import OccupancyMap
+
+from ..game_nodes import SIMULATOR
+from .remedies import up
+
+OK, BAD, UNKNOWN = "ok", "BAD", "-"
+LONGEST_JSON = 100_000  # characters
+_LISTED = 5  # names in one summary
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A check's answer."""
+
+    check: str
+    question: str
+    status: str  # OK, BAD or UNKNOWN: the question cannot be answered, or does not apply
+    summary: str  # what was observed, with figures and units
+    remedy: str = ""
+    command: str = ""  # the one command of the remedy, if it is a command
+    settled: bool = True  # False while more time may change it
+
+
+class Moment(NamedTuple):
+    """A time, s, by this machine's clock, by its monotonic clock and by ``/clock`` (None: there is none)."""
+
+    wall_s: float
+    monotonic_s: float
+    clock_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Source(Generic[T]):
+    """A topic that a check needs, and what is kept of its messages."""
+
+    name: str  # relative to the robot's namespace
+    type_name: str  # package/Type
+    fold: Callable[[T | None, Any, Moment], T]  # what is kept after a message, from before (None at first) and arrival
+    qos: str = "EVENTS"  # name of a profile in topics.py
+
+
+@dataclass(frozen=True, eq=False)
+class Request(Generic[T]):
+    """A service that a check needs, and what is kept of its response."""
+
+    name: str
+    type_name: str
+    read: Callable[[Any], T]
+
+
+def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, Moment], T]:
+    """A ``fold`` that keeps the last message, as ``read`` has it."""
+    return lambda before, message, arrival: read(message)
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All that was observed of a robot. Names of nodes are full, as are those of the graph's topics."""
+
+    namespace: str  # with its slash
+    waited_s: float  # at most
+    now: Moment
+    domain: int = 0
+    simulated: bool = False  # a simulated robot was asked for
+    map: OccupancyMap | None = None  # the game's
+    map_file: str = ""  # how it was named
+    environment: Mapping[str, str] = field(default_factory=dict)
+    middleware: str = ""
+    nodes: tuple[str, ...] = ()  # all others in the domain
+    publishers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by topic: a node for each publisher
+    subscribers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    values: dict[Source[Any] | Request[Any], Any] = field(default_factory=dict)  # what is kept
+    unavailable: dict[str, str] = field(default_factory=dict)  # by relative topic, why there is no subscription
+    unreadable: dict[str, str] = field(default_factory=dict)  # by relative topic, what was wrong with messages
+
+    def full(self, name: str) -> str:
+        """A name in the robot's namespace; an absolute one stays as it is."""
+        return name if name.startswith("/") else f"{self.namespace.rstrip('/')}/{name}"
+
+    def get(self, source: Source[T] | Request[T]) -> T | None:
+        """What is kept of a source, None: nothing has come."""
+        return self.values.get(source)
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """The nodes that publish a topic, each once."""
+        return list(dict.fromkeys(self.publishers.get(self.full(topic), ())))
+
+    def subscribers_of(self, topic: str) -> list[str]:
+        """The nodes that subscribe to a topic, each once."""
+        return list(dict.fromkeys(self.subscribers.get(self.full(topic), ())))
+
+    @property
+    def own(self) -> list[str]:
+        """Nodes in the robot's namespace."""
+        return [name for name in self.nodes if name.startswith(f"{self.namespace.rstrip('/')}/")]
+
+    @property
+    def in_simulation(self) -> bool:
+        """Whether the project's simulated robot is there."""
+        return self.full(SIMULATOR) in self.nodes
+
+    @property
+    def virtual(self) -> bool:
+        """Whether a simulated robot is there, or should be."""
+        return self.simulated or self.in_simulation
+
+    @property
+    def within(self) -> str:
+        """How long was waited, in words."""
+        return f"within {self.waited_s:g} s"
+
+    def silence(self, topic: str) -> str:
+        """Why there is nothing of a topic, as far as is known."""
+        if topic in self.unavailable:
+            return self.unavailable[topic]
+        if topic in self.unreadable:
+            return f"{topic} cannot be used: {self.unreadable[topic]}"
+        return f"{topic} not received {self.within}"
+
+
+class Check(ABC):
+    """One question about a robot; ``name`` and ``question`` are set by the class or its instances."""
+
+    name: str
+    question: str
+    sources: ClassVar[tuple[Source[Any] | Request[Any], ...]] = ()
+    needs_robot = True  # False: it is asked without a robot, too
+
+    @abstractmethod
+    def answer(self, robot: Observations) -> Finding | None:
+        """The finding; None: the question does not arise."""
+
+    def ok(self, summary: str) -> Finding:
+        """A finding that all is well."""
+        return Finding(self.name, self.question, OK, summary)
+
+    def bad(self, summary: str, remedy: str, command: str = "", settled: bool = True) -> Finding:
+        """A finding that something is wrong."""
+        return Finding(self.name, self.question, BAD, summary, remedy, command, settled)
+
+    def silent(self, robot: Observations, summary: str, remedy: str, command: str = "") -> Finding:
+        """A finding that something did not come, or not yet; where the robot is simulated, with a remedy for that."""
+        if robot.virtual:
+            remedy, command = "start or restart the simulated game", up(robot)
+        return self.bad(summary, remedy, command, settled=False)
+
+    def unknown(self, summary: str, remedy: str = "", command: str = "", settled: bool = True) -> Finding:
+        """A finding that the question cannot be answered or does not apply."""
+        return Finding(self.name, self.question, UNKNOWN, summary, remedy, command, settled)
+
+
+def listed(names: Iterable[str]) -> str:
+    """The first of them, and how many more there are."""
+    found = list(names)
+    more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+    return ", ".join(found[:_LISTED]) + more
+
+
+def count(number: int, what: str) -> str:
+    """``1 node``, ``2 nodes``."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def seconds(stamp: Any) -> float:
+    """A ``builtin_interfaces/Time``."""
+    return float(stamp.sec) + float(stamp.nanosec) / 1e9

@@ -1,0 +1,158 @@
+"""Checks of the game: its nodes, what they play by, and how it stands."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from pacman_env.config import differences
+
+from ..game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
+from .check import LONGEST_JSON, Check, Finding, Moment, Observations, Source, count, listed, newest
+from .remedies import up
+
+ORIGINAL_SELECTOR = "planner_stub"
+_NODES = 100  # configurations that are kept
+
+Process = tuple[str, tuple[float, str, int]]  # a node's name; when, where and as which process it was started
+
+
+def _configured(
+    before: dict[Process, Mapping[str, Any]] | None, message: Any, arrival: Moment
+) -> dict[Process, Mapping[str, Any]]:
+    from pacman_env.ros.messages import object_of
+    from pacman_env.ros.node import started
+
+    found = {} if before is None else before
+    content = object_of(message, LONGEST_JSON)
+    key = str(content["node"])[:100], started(content)
+    node_map = None if content["map"] is None else str(content["map"])[:100]
+    configured = {"node": key[0], "acts": bool(content.get("acts")), "started": key[1], "map": node_map}
+    configured |= {"hash": str(content["hash"])[:100], "configuration": dict(content["configuration"])}
+    if key in found or len(found) < _NODES:
+        found[key] = configured
+    return found
+
+
+def _state(message: Any) -> str:
+    from pacman_env.ros.messages import word_of
+    from pacman_env.ros.topics import STATE_WORDS
+
+    return word_of(message, STATE_WORDS)
+
+
+def _diagnostics(message: Any) -> Mapping[str, Any]:
+    from pacman_env.ros.messages import object_of
+
+    return object_of(message, LONGEST_JSON)
+
+
+CONFIGURATIONS = Source("game/configuration", "std_msgs/String", _configured, "COMMANDS")
+STATE = Source("game_state", "std_msgs/String", newest(_state), "LATCHED")
+DIAGNOSTICS = Source("goal_selector/diagnostics", "std_msgs/String", newest(_diagnostics), "LATCHED")
+
+
+def _configurations(robot: Observations) -> list[Mapping[str, Any]]:
+    """Of the nodes that are there; a node that was started again meanwhile has published two."""
+    there = Counter(name.rpartition("/")[2] for name in robot.publishers.get(robot.full(CONFIGURATIONS.name), ()))
+    found: list[Mapping[str, Any]] = []
+    for (name, _), configured in sorted((robot.get(CONFIGURATIONS) or {}).items(), key=lambda pair: pair[0])[::-1]:
+        if sum(other["node"] == name for other in found) < max(there[name], 1):
+            found.append(configured)
+    return found
+
+
+class GameNodes(Check):
+    name, question = "game's nodes", "Does each node of the game run, and once?"
+    sources = (CONFIGURATIONS,)
+
+    def answer(self, robot: Observations) -> Finding:
+        wanted = [*((SIMULATOR,) if robot.virtual else ()), *GAME, SELECTOR]
+        here = {name for name in wanted if robot.full(name) in robot.nodes}
+        if robot.full(ORIGINAL_SELECTOR) in robot.nodes:
+            here.add(SELECTOR)
+        missing = [name for name in wanted if name not in here]
+        if duplicates := self._duplicates(robot):
+            remedy = "end all but one: Ctrl-C in the terminal of the other ros up or ros2 launch"
+            return self.bad("; ".join(duplicates), remedy)
+        if not missing:
+            return self.ok(f"all {len(wanted)} are there")
+        if not here - {SIMULATOR}:
+            return self.unknown("none yet", "when all else is ok", up(robot), settled=False)
+        remedy = "Ctrl-C in the game's terminal, then start it again; its log says why a node ended"
+        if missing == [SELECTOR]:
+            remedy = f"it starts when the robot has a pose; else {remedy}"
+        summary = f"{len(here)} of {len(wanted)}; not discovered {robot.within}: {listed(missing)}"
+        return self.bad(summary, remedy, up(robot), settled=False)
+
+    def _duplicates(self, robot: Observations) -> list[str]:
+        """Nodes of one kind of which only one may act, and as which processes they run."""
+        found: dict[str, list[str]] = {}
+        for configured in reversed(_configurations(robot)):
+            if configured["acts"]:
+                _, host, number = configured["started"]
+                found.setdefault(configured["node"], []).append(f"process {number} on {host}")
+        return [f"{name} runs {len(who)} times: {listed(who)}" for name, who in found.items() if len(who) > 1]
+
+
+class Configuration(Check):
+    name, question = "configuration", "Do all nodes play by one configuration, on one map?"
+    sources = (CONFIGURATIONS,)
+
+    def answer(self, robot: Observations) -> Finding:
+        nodes = sorted(_configurations(robot), key=lambda one: (one["node"] != REFEREE, one["node"]))
+        if not nodes:
+            if not any(robot.full(name) in robot.nodes for name in GAME):
+                return self.unknown("no node of the game to compare")
+            remedy = "are these the original's nodes? they publish none"
+            return self.unknown(robot.silence(CONFIGURATIONS.name), remedy, settled=False)
+        first, wrong = nodes[0], []
+        for one in nodes[1:]:
+            fields = differences(one["configuration"], first["configuration"])
+            if fields:
+                words = [f"{name} {there}, there {here}" for name, (there, here) in fields.items()]
+                wrong.append(f"{one['node']} plays by {listed(words)}")
+            elif one["hash"] != first["hash"]:
+                wrong.append(f"{one['node']} plays by {one['hash']}, {first['node']} by {first['hash']}")
+        reference = f" (there: {first['node']})" if wrong else ""
+        maps = {str(one["node"]): str(one["map"]) for one in nodes if one["map"] is not None}
+        whose, ours = next(((f"{node}'s map", there) for node, there in maps.items()), ("", None))
+        if robot.map is not None:
+            whose, ours = f"map {robot.map.name}", robot.map.hash[:12]
+        wrong += [f"{node} plays on {there}, {whose} is {ours}" for node, there in maps.items() if there != ours]
+        if wrong:
+            remedy = "start all nodes with the same --map, --preset, --execution and --set"
+            return self.bad(listed(wrong) + reference, remedy, up(robot))
+        return self.ok(f"{count(len(nodes), 'node')} by {first['hash']}{f' on map {ours}' if maps else ''}")
+
+
+class Game(Check):
+    name, question = "game", "How does the game stand?"
+    sources = (STATE, DIAGNOSTICS)
+
+    def answer(self, robot: Observations) -> Finding:
+        state, condition = robot.get(STATE), robot.get(DIAGNOSTICS) or {}
+        if state is None and not condition:
+            if not {robot.full(REFEREE), robot.full(SELECTOR)} & set(robot.nodes):
+                return self.unknown("no game goes on")
+            remedy = "wait for it: the first start compiles for a minute"
+            return self.unknown(robot.silence(STATE.name), remedy, settled=False)
+        policy, troubles = condition.get("policy"), condition.get("troubles")
+        counted = [f"{name} ({times})" for name, times in troubles.items()] if isinstance(troubles, Mapping) else []
+        faults = [
+            *(["the goal selector is not active"] if condition.get("active") is False else []),
+            *(["Nav2 does not answer it"] if condition.get("nav2") is False else []),
+            *([f"troubles: {listed(counted)}"] if counted else []),
+        ]
+        words = [state or robot.silence(STATE.name), robot.silence(DIAGNOSTICS.name)]
+        if policy is not None:
+            words[1] = f"policy {policy}"
+        summary, settled = ", ".join([*words, *faults]), state is not None and policy is not None
+        if settled and not faults:
+            return self.ok(summary)
+        remedy = "its log says more: goal_selector.log in the folder that ros up names" if counted else ""
+        return self.unknown(summary, remedy or "see the lines above", settled=settled)
+
+
+CHECKS: tuple[Check, ...] = (GameNodes(), Configuration(), Game())

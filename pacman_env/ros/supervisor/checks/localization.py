@@ -1,0 +1,204 @@
+"""Checks of where the robot is: map, pose and transforms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import SCANS
+from .check import Check, Finding, Moment, Observations, Source, newest, seconds
+from .clocks import CLOCK, by_clock
+from .remedies import RESTART, localize, patience
+
+CELLS_DIFFER = 0.001  # share; the same file gives 0
+FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
+LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, as long as no scan names another
+_LARGEST_MAP = 100_000_000  # cells
+_FRAMES = 1000
+_ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it looks'
+_CELLS = {None: "off the map", 100: "in a wall", -1: "where the map knows nothing"}
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The robot's map; ``cells`` (H, W), row 0 is the lowest."""
+
+    resolution: float
+    origin: tuple[float, float, float]
+    cells: NDArray[np.int8]
+
+
+class StampedPose(NamedTuple):
+    """x, y (m), heading (rad) and the stamp (s)."""
+
+    pose: tuple[float, float, float]
+    stamp_s: float
+
+
+class Link(NamedTuple):
+    """A frame's parent, and the monotonic time at which it was received last, s; None: it is static."""
+
+    parent: str
+    received_s: float | None
+
+
+def _grid(message: Any) -> Grid:
+    info = message.info
+    if info.width * info.height != len(message.data) or not 0 < len(message.data) <= _LARGEST_MAP:
+        raise ValueError(f"{info.width} x {info.height} cells, {len(message.data)} values")
+    position, q = info.origin.position, info.origin.orientation
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
+    return Grid(float(info.resolution), (position.x, position.y, yaw), cells)
+
+
+def _pose(message: Any) -> StampedPose:
+    from pacman_env.ros.messages import pose_of
+
+    return StampedPose(pose_of(message), seconds(message.header.stamp))
+
+
+def _links(static: bool) -> Callable[[dict[str, Link] | None, Any, Moment], dict[str, Link]]:
+    def fold(before: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
+        from pacman_env.ros.messages import transform_of
+
+        links = {} if before is None else before
+        for transform in message.transforms:
+            parent, child, _ = transform_of(transform)
+            child = child.lstrip("/")
+            if child in links or len(links) < _FRAMES:
+                links[child] = Link(parent.lstrip("/"), None if static else arrival.monotonic_s)
+        return links
+
+    return fold
+
+
+GRID = Source("map", "nav_msgs/OccupancyGrid", newest(_grid), "LATCHED")
+POSE = Source("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", newest(_pose), "LATCHED")
+LINKS = Source("tf", "tf2_msgs/TFMessage", _links(static=False))
+STATIC_LINKS = Source("tf_static", "tf2_msgs/TFMessage", _links(static=True), "STATIC_TRANSFORMS")
+
+
+class Map(Check):
+    name, question = "map", "Do localization and game use the same map?"
+    sources = (GRID,)
+
+    def answer(self, robot: Observations) -> Finding:
+        grid, game = robot.get(GRID), robot.map
+        if grid is None:
+            return self.silent(robot, robot.silence("map"), "start localization with the game's map", localize(robot))
+        rows, columns = grid.cells.shape
+        summary = f"{columns} x {rows} cells of {grid.resolution:.3g} m"
+        if game is None:
+            return self.unknown(f"{summary}; not compared", "name the game's: --map FILE_OR_NAME")
+        wrong = []
+        if (columns, rows) != (game.width, game.height):
+            wrong.append(f"size {columns} x {rows}, here {game.width} x {game.height}")
+        if not math.isclose(grid.resolution, game.resolution, rel_tol=1e-4):
+            wrong.append(f"cells of {grid.resolution:.4g} m, here {game.resolution:.4g} m")
+        if not all(math.isclose(a, b, abs_tol=1e-3) for a, b in zip(grid.origin, game.origin, strict=True)):
+            theirs, ours = (f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (grid.origin, game.origin))
+            wrong.append(f"origin {theirs}, here {ours}")
+        if not wrong:
+            share = float(np.mean(np.flipud(grid.cells) != game.occupancy))
+            if share <= CELLS_DIFFER:
+                return self.ok(f"{summary}, {100 * share:.1f} % differ from {game.name}")
+            wrong.append(f"{100 * share:.1f} % of cells differ")
+        remedy = "localization and game need one file: start one of them again with the other's"
+        command = "" if robot.in_simulation else localize(robot)
+        return self.bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)
+
+
+class Pose(Check):
+    name, question = "pose", "Is the robot localized, on free floor?"
+    sources = (POSE,)
+
+    def answer(self, robot: Observations) -> Finding:
+        stamped = robot.get(POSE)
+        if stamped is None:
+            if robot.in_simulation or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
+                return self.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
+            remedy = "no amcl discovered either: start localization"
+            return self.silent(robot, robot.silence("amcl_pose"), remedy, localize(robot))
+        (x, y, heading), stamp_s = stamped
+        clock = robot.get(CLOCK)
+        now_s = clock.clock_s if clock is not None and by_clock(robot) else robot.now.wall_s
+        age = f"{now_s - stamp_s:.1f} s old"  # AMCL is silent while the robot stands
+        summary = f"({x:.2f}, {y:.2f}) m, {math.degrees(heading):.0f} degrees, {age}"
+        if robot.map is None:
+            return self.ok(summary)
+        column, row = (round(float(v)) for v in robot.map.world_to_cell(x, y))
+        inside = 0 <= column < robot.map.width and 0 <= row < robot.map.height
+        cell = int(robot.map.occupancy[row, column]) if inside else None
+        if cell in _CELLS:
+            return self.bad(f"{summary}: {_CELLS[cell]}", f"wrong map, or {_ESTIMATE}")
+        return self.ok(f"{summary}, on free floor")
+
+
+class BaseTransforms(Check):
+    name, question = "tf to base", "Are the transforms from map to base_link complete and recent?"
+    sources = (LINKS, STATIC_LINKS)
+
+    def answer(self, robot: Observations) -> Finding:
+        frames, ages = _climb(robot, "base_link", "map")
+        if frames[-1] != "map":
+            summary = _no_parent(robot, LINKS, frames[-1])
+            return self.silent(robot, summary, *self._remedy(robot, frames[-1]))
+        chain, oldest = " > ".join(reversed(frames)), max(ages, key=lambda child: ages[child], default=None)
+        if oldest is None:
+            return self.ok(chain)
+        if ages[oldest] > FRESH_S:
+            parent = frames[frames.index(oldest) + 1]
+            summary = f"{parent} > {oldest} is {ages[oldest]:.1f} s old, more than {FRESH_S:g} s"
+            return self.silent(robot, summary, *self._remedy(robot, oldest, stale=True))
+        return self.ok(f"{chain}, {ages[oldest]:.2f} s old at most")
+
+    def _remedy(self, robot: Observations, child: str, stale: bool = False) -> tuple[str, str]:
+        if LINKS.name in robot.unavailable:
+            return patience(robot, LINKS.name)
+        if child == "odom":
+            if stale:
+                return "AMCL publishes it with every scan: see lidar and dock", ""
+            return "AMCL publishes it when it has an initial pose and scans: see pose and lidar", ""
+        return "the base publishes it; on the robot", RESTART
+
+
+class LidarTransforms(Check):
+    name, question = "tf to lidar", "Is the lidar's place on the robot known?"
+    sources = (LINKS, STATIC_LINKS)
+
+    def answer(self, robot: Observations) -> Finding:
+        scans = robot.get(SCANS)
+        frames, _ = _climb(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
+        if frames[-1] == "base_link":
+            return self.ok(" > ".join(reversed(frames)))
+        remedy = "the robot's description is not published; on the robot"
+        return self.silent(robot, _no_parent(robot, STATIC_LINKS, frames[-1]), remedy, RESTART)
+
+
+def _climb(robot: Observations, frame: str, top: str) -> tuple[list[str], dict[str, float]]:
+    """The frames upwards as far as they go, and the ages (s) of the links that are not static, by child."""
+    static, moving = robot.get(STATIC_LINKS), robot.get(LINKS)
+    links = {**(static or {}), **(moving or {})}
+    frames, ages = [frame], {}
+    while frame != top and frame in links and len(frames) <= len(links):
+        parent, received_s = links[frame]
+        if received_s is not None:
+            ages[frame] = robot.now.monotonic_s - received_s
+        frame = parent
+        frames.append(frame)
+    return frames, ages
+
+
+def _no_parent(robot: Observations, source: Source[Any], frame: str) -> str:
+    if source.name in robot.unavailable or source.name in robot.unreadable:
+        return robot.silence(source.name)
+    return f"no parent of {frame} received on {robot.full(source.name)} {robot.within}"
+
+
+CHECKS: tuple[Check, ...] = (Map(), Pose(), BaseTransforms(), LidarTransforms())

@@ -1,0 +1,378 @@
+"""Each check of a robot, good and bad, and the remedy of everything that is bad. No ROS runs here."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
+from pacman_env.ros.supervisor.checks.base import CHARGE, DOCKED, SCANS, Scan
+from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Moment, Observations
+from pacman_env.ros.supervisor.checks.clocks import CLOCK, STAMPS, Clock, Delays
+from pacman_env.ros.supervisor.checks.game import CONFIGURATIONS, DIAGNOSTICS, STATE
+from pacman_env.ros.supervisor.checks.localization import GRID, LINKS, POSE, Grid, Link, StampedPose
+from pacman_env.ros.supervisor.checks.nav2 import CLOUDS, MANAGERS, STATES
+from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR
+from pacman_env.world.maps.occupancy import load_map
+
+HOUSE = load_map("house")
+NS = "/robot_15"
+HASH = HOUSE.hash[:12]
+COSTMAPS = (f"{NS}/global_costmap/global_costmap", f"{NS}/local_costmap/local_costmap")
+BASE, LIDAR, NAVIGATOR = f"{NS}/create3_repub", f"{NS}/rplidar_composition", f"{NS}/bt_navigator"
+SIM = f"{NS}/{SIMULATOR}"
+NOW = Moment(wall_s=1000.0, monotonic_s=50.0)
+WAITED = "within 10 s"
+SOURCES = {
+    "clock": CLOCK,
+    "grid": GRID,
+    "pose": POSE,
+    "links": LINKS,
+    "scans": SCANS,
+    "docked": DOCKED,
+    "charge": CHARGE,
+    "state": STATE,
+    "condition": DIAGNOSTICS,
+}
+
+
+def delays(*wall_s: float, clock_s: tuple[float, ...] = (), turn_s: float = 0.0) -> Delays:
+    return Delays(deque(wall_s), deque(clock_s), turn_s)
+
+
+LATE = delays(*[0.02] * 20)
+
+
+def scans(
+    count: int, rate_hz: float, share: float, nearest_m: float, farthest_m: float, frame: str = "l"
+) -> deque[Scan]:
+    returns = round(100 * share)
+    return deque(Scan(number / rate_hz, 100, returns, nearest_m, farthest_m, frame) for number in range(count))
+
+
+def link(parent: str, age_s: float | None) -> Link:
+    return Link(parent, None if age_s is None else NOW.monotonic_s - age_s)
+
+
+def plays(node: str, **changes: Any) -> dict[str, Any]:
+    content = {
+        "node": node,
+        "acts": True,
+        "started": (1000.0, "laptop", 17),
+        "hash": "abc",
+        "map": HASH if node in ("pellet_manager", SELECTOR) else None,
+        "configuration": {"clyde": {"speed_mps": 0.25}, "show": {"start_s": 8.0}},
+    }
+    return content | changes
+
+
+def grid(**changes: Any) -> Grid:
+    house: dict[str, Any] = {"resolution": float(np.float32(HOUSE.resolution)), "origin": HOUSE.origin}
+    return Grid(**{**house, "cells": np.flipud(HOUSE.occupancy), **changes})
+
+
+def full(name: str) -> str:
+    return name if name.startswith("/") else f"{NS}/{name}"
+
+
+def observed(**facts: Any) -> Observations:
+    """Observations from facts by name: those of sources, and the graph's with relative names of topics."""
+    values = {SOURCES[name]: facts.pop(name) for name in list(facts) if name in SOURCES}
+    values |= {STAMPS[topic]: kept for topic, kept in facts.pop("delays").items()}
+    values |= {MANAGERS[name]: answer for name, answer in facts.pop("managers").items()}
+    values |= {STATES[name]: state for name, state in facts.pop("states").items()}
+    configurations = facts.pop("configurations")
+    values[CONFIGURATIONS] = {(one["node"], one["started"]): one for one in configurations}
+    publishers = {full(topic): nodes for topic, nodes in facts.pop("publishers").items()}
+    publishers[full("navigate_to_pose/_action/status")] = facts.pop("navigators")
+    publishers[full("game/configuration")] = tuple(f"{NS}/{one['node']}" for one in configurations)
+    subscribers = {full(topic): nodes for topic, nodes in facts.pop("subscribers").items()}
+    return Observations(NS, 10.0, NOW, publishers=publishers, subscribers=subscribers, values=values, **facts)
+
+
+FACTS: dict[str, Any] = {
+    "domain": 15,
+    "map": HOUSE,
+    "map_file": "house",
+    "middleware": "rmw_fastrtps_cpp",
+    "nodes": (BASE, LIDAR, NAVIGATOR, f"{NS}/amcl", *COSTMAPS, *(f"{NS}/{name}" for name in (*GAME, SELECTOR))),
+    "publishers": {"odom": (BASE,), "scan": (LIDAR,), "tf": (BASE,), "amcl_pose": (f"{NS}/amcl",)},
+    "subscribers": dict.fromkeys(CLOUDS, COSTMAPS),
+    "delays": {"odom": LATE, "scan": delays(*[0.15] * 9, turn_s=0.13), "tf": LATE},
+    "grid": grid(),
+    "pose": StampedPose((0.0, 0.0, 0.0), NOW.wall_s - 200.0),  # standing still, AMCL is silent
+    "links": {"odom": link("map", 0.1), "base_link": link("odom", 0.05), "rplidar_link": link("base_link", None)},
+    "scans": scans(20, 7.5, 0.95, 0.3, 8.0, "rplidar_link"),
+    "docked": False,
+    "charge": 0.8,
+    "navigators": (NAVIGATOR,),
+    "managers": dict.fromkeys(MANAGERS, True),
+    "states": {"amcl": "active", "bt_navigator": "active"},
+    "configurations": tuple(plays(name) for name in (*GAME, SELECTOR)),
+    "state": "menu",
+    "condition": {"policy": "ppo", "active": True, "nav2": True, "troubles": {}},
+}
+
+
+def robot(**changes: Any) -> Observations:
+    """A real robot in a game where all is well, but for the changes."""
+    return observed(**{**FACTS, **changes})
+
+
+def simulated(**changes: Any) -> Observations:
+    """The same with the simulated robot."""
+    facts = {
+        "simulated": True,
+        "nodes": (SIM, *(f"{NS}/{name}" for name in (*GAME, SELECTOR))),
+        "publishers": dict.fromkeys(("odom", "scan", "tf", "amcl_pose", "/clock"), (SIM,)),
+        "subscribers": {CLOUDS[0]: (SIM,)},
+        "delays": {"odom": delays(*[1.7e9] * 20, clock_s=(0.05,) * 20)},
+        "clock": Clock(0.0, 0.0, 1.0, 10.0),
+        "docked": None,
+        "charge": None,
+        "navigators": (SIM,),
+        "managers": {},
+        "states": {},
+    }
+    return robot(**{**facts, **changes})
+
+
+def found(observations: Observations, check: str) -> Finding:
+    (one,) = [finding for finding in examine(observations) if finding.check == check]
+    return one
+
+
+def test_every_check_has_a_name_of_its_own_and_a_question() -> None:
+    assert len({check.name for check in CHECKS}) == len(CHECKS)
+    assert all(check.question.endswith("?") for check in CHECKS)
+
+
+def test_a_robot_where_all_is_well_is_ready_and_nothing_is_left_to_listen_for() -> None:
+    findings = examine(robot())
+    assert [(f.check, f.summary) for f in findings if f.status != OK or f.remedy or not f.settled] == []
+    assert is_ready(findings)
+
+
+def test_a_simulated_robot_where_all_is_well_has_no_dock_no_battery_and_no_nav2_nodes() -> None:
+    findings = examine(simulated())
+    assert [f.check for f in findings if f.status != OK] == ["dock", "battery", "Nav2's nodes", "clyde_trail"]
+    assert all(f.settled for f in findings)
+    assert is_ready(findings)
+    assert "10.0 times as fast" in found(simulated(), "clock").summary
+
+
+def test_before_a_game_its_nodes_are_no_fault_and_the_command_that_starts_them_is_named() -> None:
+    nodes = tuple(name for name in robot().nodes if name.rpartition("/")[2] not in (*GAME, SELECTOR))
+    observations = robot(nodes=nodes, configurations=(), state=None, condition=None)
+    assert is_ready(examine(observations))
+    one = found(observations, "game's nodes")
+    assert (one.status, one.command) == (UNKNOWN, "pacman-env ros up --map house --namespace robot_15")
+
+
+UNDOCK = f'ros2 action send_goal {NS}/undock irobot_create_msgs/action/Undock "{{}}"'
+NAV2 = f"ros2 launch turtlebot4_navigation nav2.launch.py namespace:={NS} params_file:=$PWD/config/nav2.yaml"
+LOCALIZE = f"ros2 launch turtlebot4_navigation localization.launch.py namespace:={NS} map:=$PWD/maps/house.yaml"
+RESTART = "sudo systemctl restart turtlebot4"
+STARTUP = f'{NS}/lifecycle_manager_navigation/manage_nodes nav2_msgs/srv/ManageLifecycleNodes "{{command: 0}}"'
+UP = "pacman-env ros up --map house --namespace robot_15"
+SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "summary", "remedy"),
+    [
+        ({"environment": {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}}, "ROS", "sees nobody", "RANGE=SUBNET"),
+        ({"nodes": ()}, "domain", f"no node discovered in domain 15 {WAITED}", "one ROS_DOMAIN_ID"),
+        ({"nodes": ()}, "domain", "no node discovered", "discovery server of turtlebot4-setup"),
+        ({"nodes": ("/robot_7/amcl",), "publishers": {"/robot_7/odom": ("/robot_7/base",)}}, "namespace",
+         "others in /robot_7", "did you mean --namespace robot_7?"),
+        ({"nodes": ("/amcl",), "publishers": {}}, "namespace", "others in /", "did you mean --namespace /?"),
+        ({"publishers": {}}, "base", f"no publisher of {NS}/odom discovered {WAITED}", RESTART),
+        ({"publishers": {"odom": (BASE, "/other")}}, "base", f"2 nodes publish {NS}/odom: {BASE}, /other",
+         "set another for"),
+        ({"nodes": (*robot().nodes, SIM), "publishers": {"odom": (BASE, SIM)}}, "base",
+         f"a simulated robot, {SIM}, and a real one, {BASE}", "--sim --domain-id 16"),
+        ({"publishers": {"odom": (BASE,), "/clock": ("/a/sim", "/b/sim")}}, "clock", "2 publish /clock: /a/sim, /b/sim",
+         "ROS_DOMAIN_ID=16"),
+        ({"delays": {"odom": delays(*[3.0] * 9), "tf": LATE}}, "time of odom", "3.00 s behind this machine's clock",
+         "sudo chronyc makestep"),
+        ({"delays": {"odom": LATE, "tf": delays(*[-0.25] * 9)}}, "time of tf", "0.25 s ahead of this machine's clock",
+         "apt install chrony"),
+        ({"delays": {"odom": LATE, "scan": delays(*[0.5] * 9), "tf": LATE}}, "time of scan", "0.50 s behind", "NTP"),
+        ({"delays": {"odom": delays(*[3.0] * 9), "scan": LATE}}, "time of odom", "3.00 s behind", "Restart ntpd"),
+        ({"delays": {}}, "time of odom", f"odom not received {WAITED}", "sudo ufw allow proto udp"),
+        ({"docked": True}, "dock", "docked, where", UNDOCK),
+        ({"charge": 0.19}, "battery", "19 %, less than 20 %", f"ros2 action send_goal {NS}/dock "),
+        ({"charge": 0.1, "docked": True}, "battery", "10 %", "leave it on its dock"),
+        ({"scans": None}, "lidar", f"scan not received {WAITED}", f"ros2 service call {NS}/start_motor std_srvs/srv/"),
+        ({"scans": None, "docked": True}, "lidar", "scan not received", "undock: a docked TurtleBot 4 stops it"),
+        ({"scans": scans(20, 2.0, 0.9, 0.2, 5.0)}, "lidar", "2.0 Hz, 90 % of rays return, 0.20 to 5.00 m",
+         "run the game on the robot"),
+        ({"scans": scans(20, 7.0, 0.01, 0.2, 0.3)}, "lidar", "1 % of rays", "covered"),
+        ({"grid": None}, "map", f"map not received {WAITED}", LOCALIZE),
+        ({"grid": grid(cells=np.zeros((5, 4), np.int8))}, "map", "not house: size 4 x 5, here 300 x 283", LOCALIZE),
+        ({"grid": grid(resolution=0.06)}, "map", "cells of 0.06 m, here 0.05 m", LOCALIZE),
+        ({"grid": grid(origin=(1.0, 2.0, 0.0))}, "map", "origin (1.00, 2.00, 0.00), here (", LOCALIZE),
+        ({"grid": grid(cells=np.zeros_like(HOUSE.occupancy))}, "map", "% of cells differ", LOCALIZE),
+        ({"grid": grid(resolution=math.nan)}, "map", "cells of nan m", LOCALIZE),
+        ({"pose": None}, "pose", f"amcl_pose not received {WAITED}: no initial pose yet", '"2D Pose Estimate"'),
+        ({"pose": None, "nodes": (BASE,), "publishers": {}}, "pose", "amcl_pose not received", LOCALIZE),
+        ({"pose": StampedPose((99.0, 0.0, 0.0), 0.0)}, "pose", "off the map", '"2D Pose Estimate"'),
+        ({"links": {}}, "tf to base", f"no parent of base_link received on {NS}/tf {WAITED}", RESTART),
+        ({"links": {"base_link": link("odom", 0.1)}}, "tf to base", "no parent of odom", "see pose and lidar"),
+        ({"links": {"odom": link("map", 4.0), "base_link": link("odom", 0.1)}}, "tf to base",
+         "map > odom is 4.0 s old, more than 1 s", "see lidar and dock"),
+        ({"links": {"odom": link("map", 0.1), "base_link": link("odom", 4.0)}}, "tf to base", "odom > base_link is 4.0",
+         RESTART),
+        ({"links": {"a": link("b", 0.1), "b": link("a", 0.1), "base_link": link("a", 0.1)}}, "tf to base", "no parent",
+         RESTART),
+        ({"links": {"odom": link("map", 0.1), "base_link": link("odom", 0.1)}}, "tf to lidar",
+         f"no parent of rplidar_link received on {NS}/tf_static", RESTART),
+        ({"navigators": ()}, "Nav2", f"no server of navigate_to_pose discovered {WAITED}", NAV2),
+        ({"navigators": ("/a", "/b")}, "Nav2", "2 serve navigate_to_pose: /a, /b", "end all but one"),
+        ({"managers": {"lifecycle_manager_localization": True, "lifecycle_manager_navigation": False}}, "Nav2's nodes",
+         "lifecycle_manager_navigation is not active", STARTUP),
+        ({"states": {"planner_server": "inactive"}}, "Nav2's nodes", "planner_server is inactive", STARTUP),
+        ({"subscribers": {}}, "clyde_obstacle",
+         f"no subscription of local_costmap and global_costmap discovered {WAITED}", NAV2),
+        ({"subscribers": {CLOUDS[0]: COSTMAPS[:1], CLOUDS[1]: COSTMAPS}}, "clyde_obstacle",
+         "no subscription of local_costmap discovered",
+         "config/nav2.yaml"),
+        ({"subscribers": {CLOUDS[0]: COSTMAPS}}, "clyde_trail",
+         "no subscription of local_costmap and global_costmap", NAV2),
+        ({"subscribers": {"local_costmap/clyde_obstacle": COSTMAPS[1:]}}, "clyde_obstacle",
+         f"but of {NS}/local_costmap/clyde_obstacle, which no node publishes", NAV2),
+        ({"nodes": tuple(n for n in robot().nodes if "audio" not in n)}, "game's nodes",
+         f"6 of 7; not discovered {WAITED}: audio_node", UP),
+        ({"nodes": tuple(n for n in robot().nodes if SELECTOR not in n)}, "game's nodes", "goal_selector",
+         "it starts when the robot has a pose"),
+        ({"configurations": (plays("audio_node"), plays("audio_node", started=(2000.0, "pi", 4)))}, "game's nodes",
+         "audio_node runs 2 times: process 17 on laptop, process 4 on pi", "end all but one"),
+        ({"configurations": (plays("game_controller"), plays("audio_node", hash="d", configuration=SPEEDY))},
+         "configuration", "audio_node plays by clyde.speed_mps 0.35, there 0.25 (there: game_controller)", UP),
+        ({"configurations": (plays("game_controller"), plays("audio_node", hash="d"))}, "configuration",
+         "audio_node plays by d, game_controller by abc", "the same --map"),
+        ({"configurations": (plays("pellet_manager", map="feed"),)}, "configuration",
+         f"pellet_manager plays on feed, map house is {HASH}", UP),
+        ({"map": None, "configurations": (plays("pellet_manager", map="feed"), plays(SELECTOR))}, "configuration",
+         f"pellet_manager plays on feed, goal_selector's map is {HASH}", "the same --map"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_bad_with_figures_and_its_remedy(
+    changes: dict[str, Any], check: str, summary: str, remedy: str
+) -> None:
+    observations = robot(**changes)
+    one = found(observations, check)
+    assert one.status == BAD
+    assert summary in one.summary
+    assert remedy in f"{one.remedy}: {one.command}"
+    assert not is_ready(examine(observations))
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "summary", "remedy"),
+    [
+        ({"environment": {"ROS_DISCOVERY_SERVER": "10.0.0.2:11811"}}, "ROS", "ROS_DISCOVERY_SERVER=10.0.0.2:11811",
+         "export ROS_SUPER_CLIENT=True"),
+        ({"docked": None}, "dock", f"dock_status not received {WAITED}", "--wait 60"),
+        ({"docked": None, "unavailable": {"dock_status": "no type"}}, "dock", "no type", "tools.ros_interfaces.build"),
+        ({"charge": None, "unreadable": {"battery_state": "percentage nan"}}, "battery", "percentage nan", "--wait"),
+        ({"map": None}, "map", "300 x 283 cells of 0.05 m; not compared", "--map FILE_OR_NAME"),
+        ({"managers": {}}, "Nav2's nodes", f"not answering {WAITED}; active: amcl, bt_navigator", LOCALIZE),
+        ({"managers": {"lifecycle_manager_localization": True}}, "Nav2's nodes", "lifecycle_manager_navigation", NAV2),
+        ({"publishers": {"odom": (BASE,), "/clock": ("/a",)}}, "clock", "/clock not received", "--wait 30"),
+        ({"configurations": ()}, "configuration", "game/configuration not received", "the original's"),
+        ({"state": None, "condition": None}, "game", f"game_state not received {WAITED}", "compiles"),
+        ({"condition": {"policy": "ppo", "troubles": {"late": 3}}}, "game", "menu, policy ppo, troubles: late (3)",
+         "goal_selector.log"),
+        ({"condition": {"policy": "ppo", "nav2": False}}, "game", "Nav2 does not answer it", "see the lines above"),
+        ({"condition": {"policy": 5, "troubles": [1]}, "state": None}, "game", "game_state not received", "see"),
+    ],
+)  # fmt: skip
+def test_a_question_without_an_answer_has_its_reason_and_is_no_fault(
+    changes: dict[str, Any], check: str, summary: str, remedy: str
+) -> None:
+    observations = robot(**changes)
+    one = found(observations, check)
+    assert one.status == UNKNOWN
+    assert summary in one.summary
+    assert remedy in f"{one.remedy}: {one.command}"
+    assert is_ready(examine(observations))
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "remedy"),
+    [
+        ({"subscribers": {}}, "clyde_obstacle", f"{UP} --sim"),
+        ({"navigators": ()}, "Nav2", f"{UP} --sim"),
+        ({"grid": None}, "map", f"{UP} --sim"),
+        ({"scans": None}, "lidar", f"{UP} --sim"),
+        ({"links": {}}, "tf to base", f"{UP} --sim"),
+        ({"links": {}}, "tf to lidar", f"{UP} --sim"),
+        ({"nodes": (), "publishers": {}}, "domain", f"{UP} --sim"),
+        ({"pose": None}, "pose", '"2D Pose Estimate"'),
+    ],
+)
+def test_the_remedies_of_a_simulated_robot_are_no_commands_for_a_real_one(
+    changes: dict[str, Any], check: str, remedy: str
+) -> None:
+    one = found(simulated(**changes), check)
+    assert one.status == BAD
+    assert remedy in f"{one.remedy}: {one.command}"
+    assert "ros2 " not in one.command + one.remedy
+
+
+def test_skew_of_a_fifth_of_a_second_is_borne_and_a_scan_may_be_late_by_its_turn() -> None:
+    late = {"odom": delays(*[0.2] * 9), "scan": delays(*[0.32] * 9, turn_s=0.13), "tf": delays(*[-0.2] * 9)}
+    assert is_ready(examine(robot(delays=late)))
+    later = delays(*[0.34] * 9, turn_s=0.13)
+    assert found(robot(delays=late | {"scan": later}), "time of scan").status == BAD
+
+
+def test_some_outliers_are_no_skew() -> None:
+    late = {"odom": delays(*[0.02] * 9, *[40.0] * 4), "tf": LATE}
+    assert found(robot(delays=late), "time of odom").status == OK
+
+
+def test_a_clock_of_another_simulation_is_not_the_robots_time() -> None:
+    changes = {"publishers": {"odom": (BASE,), "/clock": ("/sim/robot",)}, "clock": Clock(0.0, 0.0, 1.0, 1.0)}
+    late = {"odom": delays(*[3.0] * 9, clock_s=(-1.7e9,) * 9)}
+    observations = robot(**changes, delays=late)
+    assert "the robot's stamps are not by it" in found(observations, "clock").summary
+    assert found(observations, "time of odom").status == BAD
+    assert not [f for f in examine(simulated(clock=None)) if f.check.startswith("time of")]
+
+
+def test_the_original_planner_counts_as_the_goal_selector() -> None:
+    nodes = [f"{NS}/planner_stub" if name == f"{NS}/{SELECTOR}" else name for name in robot().nodes]
+    assert found(robot(nodes=tuple(nodes)), "game's nodes").status == OK
+
+
+def test_in_the_root_namespace_names_have_one_slash_and_launches_no_namespace() -> None:
+    observations = dataclasses.replace(robot(docked=True, grid=None), namespace="/")
+    assert 'send_goal /undock irobot_create_msgs/action/Undock "{}"' in found(observations, "dock").command
+    assert "namespace:=" not in found(observations, "map").command
+
+
+def test_the_list_fits_80_columns_but_for_commands_which_stay_whole() -> None:
+    findings = examine(robot(docked=True, scans=None, subscribers={}, delays={"odom": delays(*[3.0] * 9)}, grid=None))
+    commands = {f.command for f in findings if f.command}
+    lines = render(findings, "title").splitlines()
+    assert {line.strip() for line in lines} >= commands
+    assert [line for line in lines if len(line) > 80 and line.strip() not in commands] == []
+    assert lines[1].startswith("ok  ROS ")
+    assert any(line.startswith("BAD dock ") for line in lines)
+    assert lines[-1] == "6 of 21 BAD: time of odom, dock, lidar, map, clyde_obstacle, clyde_trail"
+    assert render(examine(robot()), "title").endswith("\nnothing is BAD")
+
+
+def test_names_from_other_machines_cannot_write_to_the_terminal() -> None:
+    text = render(examine(robot(navigators=("/a\x1b[2J\nBAD all", "/" + "b" * 5000))), "title")
+    assert "\x1b" not in text
+    assert not any(line.startswith("BAD all") for line in text.splitlines())
+    assert len(text) < 6000
