@@ -92,6 +92,7 @@ class RosGame:
         self._shows_until_s = 0.0  # a motion that an operator has asked for
         self._why = self._lidar = False
         self._there: bool | None = None  # the referee; None: nobody has looked yet
+        self._gone = True  # neither referee nor robot
         self._state: str | None = None
         self._looked_s = self._cancelled_s = 0.0
         self._error = ""  # the last
@@ -289,8 +290,10 @@ class RosGame:
             self._news.add(words=f"the game is gone: {self._notice}")
             self._wheels.let_go()
             node.state = None
-        if not there and not node.alive:
+        gone = not there and not node.alive
+        if gone and not self._gone:  # once: what is latched of the next robot may come before its odometry
             node.forget_robot()
+        self._gone = gone
 
     def _set_scene(self) -> None:
         node = self._node

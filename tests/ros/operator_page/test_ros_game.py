@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,13 +15,19 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
+from nav_msgs.msg import Odometry
 from rclpy.action import CancelResponse
+from std_msgs.msg import Header
 
 from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode
+from pacman_env.ros.operator_page.ros_game import RosGame
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
+from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.web import messages
 from pacman_env.web.frame import decode
 from pacman_env.web.game import Refused
+from pacman_env.world.maps.occupancy import load_map
 from tests.ros import session
 from tests.ros.operator_page.page_game import EXTRA, HOME, MAP, POLICY, SETTINGS, STILL_MPS, STILL_RADPS, PageGame
 
@@ -285,6 +292,28 @@ def test_speed_and_policy_change_and_what_cannot_says_why(game: PageGame) -> Non
         game.page.add_map("mine", "", b"")
     assert game.tell(messages.Stories()) == []
     assert game.page.story(1) is None
+
+
+def test_a_map_that_comes_before_all_else_is_kept_and_goes_with_its_robot(domain: int, tmp_path: Path) -> None:
+    with session.nodes(tmp_path) as nodes:
+        pages: list[RosGame] = []
+
+        def make() -> BaseNode:
+            pages.append(RosGame(session.NAMESPACE, domain, True, MAP))
+            return pages[0].node
+
+        nodes.start("pacman_page", make)
+        try:
+            nodes.publish(topics.MAP, map_message(load_map(MAP), nodes.stamp()))
+            nodes.advance(5.0)
+            assert pages[0].scene().facts["map"]["name"] == "map"
+            nodes.publish(topics.ODOMETRY, Odometry(header=Header(frame_id="odom", stamp=nodes.stamp())))
+            nodes.advance(2.0)
+            assert pages[0].scene().facts["map"] is not None
+            nodes.advance(5.0)
+            assert pages[0].scene().facts["map"] is None
+        finally:
+            pages[0].close()
 
 
 def test_a_referee_that_is_gone_and_back_is_said(game: PageGame) -> None:
