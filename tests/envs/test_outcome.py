@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pacman_env.config import RewardConfig
 from pacman_env.envs.outcome import OUTCOMES, infos, reward_and_end
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
-from pacman_env.sim.core.kernels import TOLD, tell
+from pacman_env.sim.core.kernels import SUMMARY, summarize
 from pacman_env.sim.core.records import GAME
 
 REWARD = RewardConfig(pellet=1.5, death=-20.0, completion=7.0, tick=-0.25, timeout=-3.0)
@@ -18,11 +18,11 @@ AT_END = {RUNNING: 0.0, DEAD: -20.0, COMPLETE: 7.0, CLEARED: 0.0, TIMEOUT: -3.0}
 NAMES = {RUNNING: "running", DEAD: "caught", COMPLETE: "complete", CLEARED: "cleared", TIMEOUT: "timeout"}
 
 
-def told(batch: np.ndarray) -> np.ndarray:
+def summary(batch: np.ndarray) -> np.ndarray:
     """As a batch tells it together with its situations."""
-    numbers = np.zeros((TOLD, len(batch)), dtype=np.int64)
+    numbers = np.zeros((len(SUMMARY), len(batch)), dtype=np.int64)
     for i in range(len(batch)):
-        tell(batch[i], i, numbers)
+        summarize(batch[i], i, numbers)
     return numbers
 
 
@@ -49,7 +49,7 @@ def test_a_tick_is_worth_its_time_its_pellets_and_its_end(cases: list[tuple[int,
 @pytest.mark.parametrize("end", list(AT_END))
 def test_the_outcome_is_named(end: int) -> None:
     assert OUTCOMES[end] == NAMES[end]
-    assert infos(told(games([end])))["outcome"].tolist() == [NAMES[end]]
+    assert infos(summary(games([end])))["outcome"].tolist() == [NAMES[end]]
     assert len(OUTCOMES) == len(NAMES)
 
 
@@ -57,7 +57,7 @@ def test_the_counts_are_the_games_own() -> None:
     batch = games([RUNNING, DEAD])
     batch["collected"], batch["lost"], batch["spawned"], batch["aborts"] = [1, 2], [3, 4], [5, 6], [7, 8]
     batch["episode_seed"] = [9, 2**63 - 1]
-    info = infos(told(batch))
+    info = infos(summary(batch))
     assert {key: array.tolist() for key, array in info.items()} == {
         "outcome": ["running", "caught"],
         "collected": [1, 2],
@@ -71,7 +71,7 @@ def test_the_counts_are_the_games_own() -> None:
 def test_the_infos_of_a_tick_outlive_what_is_told() -> None:
     batch = games([DEAD])
     batch["collected"] = 4
-    numbers = told(batch)
+    numbers = summary(batch)
     info = infos(numbers)
     numbers[:] = 0
     assert info["collected"].tolist() == [4]

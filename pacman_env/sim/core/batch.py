@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
+from ...engine.bucket_queue import queue_arrays
 from ...engine.native import Table
 from ...engine.threads import Threads
 from ...game.execution import COMPLETE, TIMEOUT
@@ -30,14 +31,10 @@ from ..observation.situation import Situation
 from . import kernels, records, ticks
 from .ghosts import BEHAVIOUR_NAMES, Ghosts, behaviour_choice
 from .history import History, RoundSoFar
-from .parameters import batch_parameters, draw_episodes, next_seeds, reward_numbers
+from .parameters import batch_parameters, draw_episodes, next_seeds, reward_record
 
 _ALL_TICKS = 2**62
 _MOST_AHEAD = 64  # levels, of some 4 MB each
-_MAPS = (
-    *("affine", "clearance_cm", "clear", "goal_xy", "plan_end"),
-    *("snap", "neighbours", "cell_xy", "length_cm", "next_step"),
-)
 
 
 class GameBatch:
@@ -92,12 +89,11 @@ class GameBatch:
         self._velocity = config.action == "velocity"
         #: Whether features are written together with a situation, for whoever asks for them next.
         self.shows_features = False
-        #: (TOLD, N) int64, written with each situation (:func:`kernels.tell`).
-        self.told = np.zeros((kernels.TOLD, n), dtype=np.int64)
-        self._view = np.zeros(situation_kernel.VIEW, dtype=np.int64)
-        self._control = np.zeros(ticks.CONTROL, dtype=np.int64)
-        self._rewards = reward_numbers(config.reward)
-        self._discount = np.array([config.decisions.discount_per_s**config.execution.tick_s])
+        #: (len(SUMMARY), N) int64, written with each situation (``kernels.SUMMARY``).
+        self.summary = np.zeros((len(kernels.SUMMARY), n), dtype=np.int64)
+        self._request = np.zeros(1, dtype=situation_kernel.REQUEST)
+        self._control = np.zeros(1, dtype=ticks.CONTROL)
+        self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
         self._awake = np.zeros(n, dtype=np.uint8)
         self._since = np.zeros(n, dtype=np.int32), np.zeros(n), np.zeros(n, dtype=np.int32)
         self.reward, self._factor, self.elapsed_s = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -189,14 +185,39 @@ class GameBatch:
         a, history = self.levels.arrays, self._history
         ghosts = self._ghosts.table(self.games, history.ghost_choices, self._parameters)
         node, queue = detour_memory(a["cell_xy"].shape[1], self.levels.longest_way_cm, self.levels.resolution)
-        arrays = (
-            *(self.games, self.alive, self._waits, self._aborts, self.paths, self.obstacles, self._parameters),
-            *(self._control, self._rewards, self._discount, ghosts.numbers, self._choices, self._velocities),
-            *((self._no_choices, history.decisions) if self._velocity else (history.decisions, self._no_velocities)),
-            *(self._awake, *self._since, self.reward, self._factor, self.elapsed_s, self.terminated, self.truncated),
-            *(*self.spaces.arrays, *(a[name] for name in _MAPS), node, *queue),
+        remembered = {"decisions": history.decisions, "driven": self._no_velocities}
+        if self._velocity:
+            remembered = {"decisions": self._no_choices, "driven": history.decisions}
+        table = Table(
+            ticks.TickArrays,
+            games=self.games,
+            alive=self.alive,
+            waits=self._waits,
+            aborts=self._aborts,
+            paths=self.paths,
+            obstacles=self.obstacles,
+            parameters=self._parameters,
+            control=self._control,
+            rewards=self._rewards,
+            ghosts=ghosts.numbers,
+            choices=self._choices,
+            velocities=self._velocities,
+            awake=self._awake,
+            since_tick=self._since[0],
+            since_distance=self._since[1],
+            since_round=self._since[2],
+            reward=self.reward,
+            factor=self._factor,
+            elapsed_s=self.elapsed_s,
+            terminated=self.terminated,
+            truncated=self.truncated,
+            search_nodes=node,
+            **queue_arrays(queue),
+            **self.spaces.named,
+            **remembered,
+            **self.levels.arrays_for(ticks.TickArrays),
         )
-        self._tables.append(Table(ticks.TABLE, arrays))
+        self._tables.append(table)
         self._ghost_tables.append(ghosts)
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
@@ -340,11 +361,11 @@ class GameBatch:
         if not np.isfinite(velocities).all():
             raise ValueError(f"velocities {velocities.tolist()}: must be finite numbers")
         self._velocities[:] = velocities
-        self._control[ticks.BY_HAND] = 1
+        self._control["by_hand"] = 1
         try:
             self.step(np.full(self.n, self.hold, dtype=np.int64), ghost_choices)
         finally:
-            self._control[ticks.BY_HAND] = 0
+            self._control["by_hand"] = 0
 
     def step_until_due(
         self,
@@ -390,18 +411,18 @@ class GameBatch:
             self._tables.clear()
             self._ghost_tables.clear()
         control = self._control
-        control[ticks.FRESH], control[ticks.WATCH], control[ticks.TICKS] = fresh, watch, most
+        control["fresh"], control["watch"], control["ticks"] = fresh, watch, most
         if self.after_physics_step is not None:
             for step in range(1, self.substeps + 1):
-                control[ticks.UNTIL] = step
+                control["until"] = step
                 self._play(resume=step > 1)
                 self.after_physics_step()
-        control[ticks.UNTIL] = self.substeps + 1
+        control["until"] = self.substeps + 1
         self._play(resume=self.after_physics_step is not None)
 
     def _play(self, resume: bool) -> None:
         """Let all games go on; those that come near a wall are given spaces."""
-        self._control[ticks.RESUME] = resume
+        self._control["resume"] = resume
         while len(self._tables) < self.threads.number:
             self._table()
         while waiting := self.threads.run(ticks.play, self._tables, self.n):
@@ -409,7 +430,7 @@ class GameBatch:
                 self.games["stage"] = ticks.BEGIN
                 self._ghosts.raise_again(self._ghost_tables[0].address, -1 - waiting)
             self._give_spaces()
-            self._control[ticks.RESUME] = 1
+            self._control["resume"] = 1
 
     def _give_spaces(self) -> None:
         """One for each game that waits for one."""
@@ -487,9 +508,20 @@ class GameBatch:
         lengths = self.n, self.candidates, self.ghosts.shape[1]
         situation = Situation.empty(*lengths, self.levels, self.threads, self._blocks[0]) if again is None else again
         if self._look_table is None:
-            state = self.games, self.ghosts, self._ghosts.paths, self.obstacles, self.alive, self._waits
-            self._look_table = situation_kernel.look_table(*state, self._parameters, self._view, self.told, self.levels)
-        situation_kernel.direct(self._view, situation, seat, self._blocks[1] if self.shows_features else None)
+            self._look_table = Table(
+                situation_kernel.LookArrays,
+                games=self.games,
+                ghosts=self.ghosts,
+                ghost_paths=self._ghosts.paths,
+                obstacles=self.obstacles,
+                alive=self.alive,
+                waits=self._waits,
+                parameters=self._parameters,
+                request=self._request,
+                summary=self.summary,
+                **self.levels.arrays_for(situation_kernel.LookArrays),
+            )
+        situation_kernel.direct(self._request, situation, seat, self._blocks[1] if self.shows_features else None)
         if index is None:
             self.threads.run(situation_kernel.look, [self._look_table], self.n)
         else:

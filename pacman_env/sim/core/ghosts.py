@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
+from ...engine.bucket_queue import queue_arrays
 from ...engine.native import Table, address, address_of_kernel
 from ...game.ghosts import BEHAVIOURS, POLICY, WANDER, Behaviour, find_behaviour
 from ..maps.ghost_cells import search_memory
 from ..maps.level_stack import LevelStack
 from . import records
-from .ghost_kernels import TABLE, behaviour_kernel
+from .ghost_kernels import GhostArrays, behaviour_kernel
 
 _TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
-_PLACES = ("affine", "ghost_snap", "ghost_place", "ghost_corner", "ghost_xy")
-_WAYS = ("ghost_graph", "ghost_part", "ghost_part_start", "ghost_part_cells")
 
 
 def behaviour_choice(hold: int, number: int) -> int:
@@ -80,9 +79,8 @@ class Ghosts:
     def bind(self, levels: LevelStack, hold: int) -> None:
         """Take over the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
         self._hold = hold
-        a = levels.arrays
-        self._maps = tuple(a[k] for k in (*_PLACES, *_WAYS))
-        self._searched = self._maps[4].shape[1], levels.longest_ghost_way
+        self._maps = levels.arrays_for(GhostArrays)
+        self._searched = self._maps["ghost_xy"].shape[1], levels.longest_ghost_way
         # A ghost that turns round between two cells walks on to the second one first.
         room = max(levels.longest_ghost_way + 1, self.paths.shape[2])
         paths = np.zeros((*self.state.shape, room), dtype=np.int32)
@@ -92,8 +90,20 @@ class Ghosts:
     def table(self, games: NDArray[Any], remembered: NDArray[np.int16], parameters: NDArray[Any]) -> Table:
         """What the kernels work on, with scratch memory of its own: one for each thread."""
         node, queue = search_memory(*self._searched)
-        state = (games, self.state, self.paths, self.obstacles, parameters, self.choices, remembered, self._behaviours)
-        return Table(TABLE, (*state, *self._maps, node, *queue))
+        return Table(
+            GhostArrays,
+            games=games,
+            ghosts=self.state,
+            paths=self.paths,
+            obstacles=self.obstacles,
+            parameters=parameters,
+            choices=self.choices,
+            remembered=remembered,
+            behaviours=self._behaviours,
+            search_nodes=node,
+            **queue_arrays(queue),
+            **self._maps,
+        )
 
     def raise_again(self, table: int, game: int) -> None:
         """Raise what a behaviour's function raised in a game."""

@@ -1,4 +1,4 @@
-"""What befalls one game, compiled; the rules live in ``game/``, the robot's in ``world/``.
+"""What happens in one game, compiled; the rules live in ``game/``, the robot's in ``world/``.
 
 Game i reads and writes row i only, so that a game is the same alone and among others.
 """
@@ -32,7 +32,7 @@ from ...world.navigation.controller import drive_wheels, limit, refresh_heading
 from ...world.navigation.physics import move, place
 
 _LONG_AGO = -9
-TOLD = 6  # numbers that are told of a game
+SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # of a game, by row
 
 
 @kernel
@@ -276,24 +276,24 @@ def step_robot(games, by_hand, paths, obstacles, parameters, plan_end, nav, sear
 
 
 @kernel
-def worth(g, rewards):  # type: ignore[no-untyped-def]
-    """The reward of a game's tick; ``rewards``: of a tick, of a pellet, then by the five codes of an end."""
-    completed = rewards[2 + COMPLETE] * g.tick_rounds
-    return rewards[0] + rewards[1] * g.tick_pellets + completed + rewards[2 + g.end]
+def reward(g, rewards):  # type: ignore[no-untyped-def]
+    """The reward of a game's tick."""
+    completed = rewards.end[COMPLETE] * g.tick_rounds
+    return rewards.tick + rewards.pellet * g.tick_pellets + completed + rewards.end[g.end]
 
 
 @kernel
-def summarize(games, rewards, terminated, truncated, over_before, reward):  # type: ignore[no-untyped-def]
-    """Reward (:func:`worth`) and ending of the tick, per game; games that were over before get no reward."""
+def reward_and_end(games, rewards, terminated, truncated, over_before, result):  # type: ignore[no-untyped-def]
+    """Reward (:func:`reward`) and ending of the tick, per game; games that were over before get no reward."""
     for i in range(len(games)):
         g = games[i]
         terminated[i] = g.end != RUNNING and g.end != TIMEOUT
         truncated[i] = g.end == TIMEOUT
-        reward[i] = 0.0 if over_before[i] else worth(g, rewards)
+        result[i] = 0.0 if over_before[i] else reward(g, rewards[0])
 
 
 @kernel
-def tell(g, i, told):  # type: ignore[no-untyped-def]
-    """What is told of a game, (TOLD, N): how it ended, pellets collected, lost and in all, aborts, its seed."""
-    told[0, i], told[1, i], told[2, i] = g.end, g.collected, g.lost
-    told[3, i], told[4, i], told[5, i] = g.spawned, g.aborts, g.episode_seed
+def summarize(g, i, summary):  # type: ignore[no-untyped-def]
+    """Write a game's column of the summary (len(SUMMARY), N)."""
+    summary[0, i], summary[1, i], summary[2, i] = g.end, g.collected, g.lost
+    summary[3, i], summary[4, i], summary[5, i] = g.spawned, g.aborts, g.episode_seed
