@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import sys
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,6 @@ from numpy.typing import NDArray
 
 from .native import array_at, declared, named_tuple_type
 
-_UNUSED = 3  # references to a block that lies in a list and is looked at
-_MOST_KEPT = 4
 LENGTHS = "N", "C", "G"  # that a block is made for: games, candidates, ghosts
 _ALIGNMENT = 8
 _WORD = ir.IntType(64)
@@ -46,19 +43,6 @@ class Layout:
     def new(self, *lengths: int) -> NDArray[np.uint8]:
         """A block with whatever was in the memory before."""
         return np.empty(max(self.places(*lengths)[1], 1), dtype=np.uint8)
-
-    def again(self, known: list[NDArray[np.uint8]], *lengths: int) -> NDArray[np.uint8]:
-        """One of the blocks ``known`` that nobody holds any more, of which no array is left; else one more.
-
-        A large block that is new at each step is memory that the system has to find and clear at each step.
-        """
-        for block in known:
-            if sys.getrefcount(block) == _UNUSED:
-                return block
-        block = self.new(*lengths)
-        if len(known) < _MOST_KEPT:
-            known.append(block)
-        return block
 
     def view(self, block: NDArray[np.uint8], name: str, *lengths: int) -> NDArray[Any]:
         """One of a block's arrays."""

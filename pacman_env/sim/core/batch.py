@@ -85,7 +85,6 @@ class GameBatch:
         #: Called after each physics step, if it is set.
         self.after_physics_step: Callable[[], None] | None = None
         self._choices, self._velocities = np.zeros(n, dtype=np.int64), np.zeros((n, 2))
-        self._blocks: tuple[list[Any], list[Any]] = [], []  # of situations and of features, to be used again
         self._velocity = config.action == "velocity"
         #: Whether features are written together with a situation, for whoever asks for them next.
         self.shows_features = False
@@ -506,7 +505,7 @@ class GameBatch:
         that only the games ``index``, if the others are as they were.
         """
         lengths = self.n, self.candidates, self.ghosts.shape[1]
-        situation = Situation.empty(*lengths, self.levels, self.threads, self._blocks[0]) if again is None else again
+        situation = Situation.empty(*lengths, self.levels, self.threads) if again is None else again
         if self._look_table is None:
             self._look_table = Table(
                 situation_kernel.LookArrays,
@@ -521,7 +520,7 @@ class GameBatch:
                 summary=self.summary,
                 **self.levels.arrays_for(situation_kernel.LookArrays),
             )
-        situation_kernel.direct(self._request, situation, seat, self._blocks[1] if self.shows_features else None)
+        situation_kernel.direct(self._request, situation, seat, self.shows_features)
         if index is None:
             self.threads.run(situation_kernel.look, [self._look_table], self.n)
         else:

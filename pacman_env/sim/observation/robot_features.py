@@ -124,12 +124,12 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
-def room_for_features(situation: Situation, known: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+def room_for_features(situation: Situation) -> NDArray[np.uint8]:
     """A block that :func:`write_features` may fill; the next call of :func:`features` takes it over."""
     _, *lengths = situation.block()
     seen: NDArray[np.uint8] | None = situation.__dict__.get(_ROOM)
     if seen is None:
-        seen = situation.__dict__[_ROOM] = LAYOUT.again(known, *lengths)
+        seen = situation.__dict__[_ROOM] = LAYOUT.new(*lengths)
     situation.__dict__[_WRITTEN] = seen
     return seen
 

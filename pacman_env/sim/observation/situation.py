@@ -100,14 +100,12 @@ class Situation:
         ghosts: int = 1,
         maps: LevelStack | None = None,
         threads: Threads = ALONE,
-        known: list[NDArray[np.uint8]] | None = None,
     ) -> Situation:
-        """Arrays for n situations, not yet filled; in one of the blocks ``known`` where nobody uses it any more."""
+        """Arrays for n situations, not yet filled."""
         situation = cls.__new__(cls)
         lengths = n, candidates, ghosts
         # The fields of a frozen dataclass; the arrays follow when they are asked for.
-        block = LAYOUT.new(*lengths) if known is None else LAYOUT.again(known, *lengths)
-        situation.__dict__.update(_block=(block, *lengths), maps=maps, threads=threads)
+        situation.__dict__.update(_block=(LAYOUT.new(*lengths), *lengths), maps=maps, threads=threads)
         return situation
 
 

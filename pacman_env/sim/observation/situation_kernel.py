@@ -64,13 +64,13 @@ _NOTHING = np.zeros(0, dtype=np.uint8)
 _arrays, _situation = arrays_by_address(LookArrays), LAYOUT.arrays
 
 
-def direct(request: NDArray[Any], situation: Situation, player: int, known: list[Any] | None = None) -> None:
+def direct(request: NDArray[Any], situation: Situation, player: int, features: bool = False) -> None:
     """Let the next look fill a situation: as the robot's policy sees it (-1), or that of ghost ``player``.
 
-    With blocks that are ``known`` the features are written as well.
+    With ``features`` it writes those as well, in arrays of their own.
     """
     block, *lengths = situation.block()
-    _aim(request, block, _NOTHING if known is None else room_for_features(situation, known), *lengths, player)
+    _aim(request, block, room_for_features(situation) if features else _NOTHING, *lengths, player)
 
 
 @kernel
