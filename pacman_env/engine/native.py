@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,6 +113,15 @@ class Table:
             numbers += [address(array), *shape]
         self.numbers = np.array(numbers, dtype=np.int64)
         self.address = address(self.numbers)
+
+
+def zeros(kind: type[tuple[Any, ...]], names: Iterable[str], **lengths: int) -> dict[str, NDArray[Any]]:
+    """Some of the arrays that a named tuple declares, by name."""
+    fields = declared(kind)
+    return {
+        name: np.zeros([axis if isinstance(axis, int) else lengths[axis] for axis in axes], dtype)
+        for name, (dtype, axes) in ((name, fields[name]) for name in names)
+    }
 
 
 def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:

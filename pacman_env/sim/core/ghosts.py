@@ -69,6 +69,28 @@ class Ghosts:
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
+    def send(self, choices: NDArray[np.int64] | None) -> None:
+        """Take the ``choices`` (N, G) for those sent from outside; None: all wander on.
+
+        Raises:
+            ValueError: a choice is none; nothing has been changed then.
+        """
+        if not self.sent_from_outside.any():
+            return
+        if choices is None:
+            self.choices[:] = self._hold
+            return
+        if choices.shape != self.choices.shape:
+            raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")
+        most = behaviour_choice(self._hold, len(BEHAVIOUR_NAMES) - 1)
+        bad = np.flatnonzero(((choices < 0) | (choices > most)).any(axis=1))
+        if len(bad) > 0:
+            raise ValueError(
+                f"ghost choices {choices[bad[0]].tolist()} of game {bad[0]}: candidates are 0 to {self._hold}"
+            )
+        self.choices[:] = choices
+        self.compile_choices()
+
     def compile_choices(self) -> None:
         """Have the behaviours ready that ``choices`` ask for."""
         number = int(self.choices.max()) - behaviour_choice(self._hold, 0)

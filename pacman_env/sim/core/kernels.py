@@ -71,15 +71,11 @@ def place_ghost(games, ghost, ghosts, path, obstacles, cell, ghost_xy):  # type:
 
 
 @kernel
-def reset_games(  # type: ignore[no-untyped-def]
-    games, index, seeds, fresh, alive, waits, aborts, ghosts, ghost_paths, obstacles, wander_first, maps, parameters
-):
-    """Start a new round in the games ``index``; ``fresh`` (M,) holds the per-round parameters already filled in.
+def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-def]
+    """Begin a new round in the games ``index`` (M,): the robot stands at ``home``, by level, and has no goal.
 
-    ``maps`` is (home, spawn_cells, spawn_count, ghost_xy), stacked.
+    ``fresh`` (M,) holds the per-round parameters already filled in.
     """
-    home, spawn_cells, spawn_count, ghost_xy = maps
-    p = parameters[0]
     for k in range(len(index)):
         i = index[k]
         games[i] = fresh[k]
@@ -87,8 +83,7 @@ def reset_games(  # type: ignore[no-untyped-def]
         g.seed = seeds[k]
         g.localization_stream = stream(g.seed, LOCALIZATION)
         g.nav_stream = stream(g.seed, NAVIGATION)
-        level = g.level
-        g.x, g.y, g.heading = home[level, 0], home[level, 1], home[level, 2]
+        g.x, g.y, g.heading = home[g.level, 0], home[g.level, 1], home[g.level, 2]
         place(g, g.x, g.y)
         g.nav_goal = -1
         g.nav_next = -1
@@ -99,19 +94,36 @@ def reset_games(  # type: ignore[no-untyped-def]
         g.pursued = NO_CHOICE
         g.catcher = -1
         g.spawned = g.pellets
+        localization.update(g, np.int64(0))
+
+
+@kernel
+def reset_candidates(games, index, alive, waits, aborts):  # type: ignore[no-untyped-def]
+    """Lay out all pellets of the games ``index``; every candidate may be chosen."""
+    for i in index:
         for slot in range(alive.shape[1]):
-            alive[i, slot] = slot < g.pellets
+            alive[i, slot] = slot < games[i].pellets
         waits[i, :] = 0
         aborts[i, :] = 0
-        localization.update(g, np.int64(0))
+
+
+@kernel
+def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, starts, use_tf):  # type: ignore[no-untyped-def]
+    """Put the ghosts of the games ``index`` on cells that are drawn from ``starts``, by level.
+
+    ``starts`` are the cells, how many they are, and the positions of all cells.
+    """
+    cells, counts, ghost_xy = starts
+    for i in index:
+        g = games[i]
         for n in range(ghosts.shape[1]):
             ghost = ghosts[i, n]
             ghost.speed = g.clyde_speed
             ghost.wanders = wander_first[n]
-            ghost.stream, pick = below(ghost_stream(g.seed, n), spawn_count[level])
-            spawn(ghost, spawn_cells[level, pick], ghost_paths[i, n], ghost_xy[level])
+            ghost.stream, pick = below(ghost_stream(g.seed, n), counts[g.level])
+            spawn(ghost, cells[g.level, pick], paths[i, n], ghost_xy[g.level])
         see_ghosts(g, ghosts[i], obstacles[i])
-        bx, by, _ = believed(g, p.use_tf)
+        bx, by, _ = believed(g, use_tf)
         _, g.distance = nearest(bx, by, obstacles[i])
 
 
@@ -141,13 +153,13 @@ def follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, abo
 
 
 @kernel
-def take(choices, most, taken):  # type: ignore[no-untyped-def]
+def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
     """Copy the choices (N,); the first that is not within 0 and ``most``, and nothing is copied then; -1: all are."""
     for i in range(len(choices)):
         if choices[i] < 0 or choices[i] > most:
             return i
     for i in range(len(choices)):
-        taken[i] = choices[i]
+        copied[i] = choices[i]
     return -1
 
 

@@ -16,6 +16,7 @@ from ...game.execution import RUNNING, TIMEOUT
 from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
+from ...world.navigation.planner import PATH_POINTS
 from . import ghost_kernels, kernels, records
 
 ASLEEP, ONE_TICK, UNTIL_DUE = range(3)
@@ -42,7 +43,7 @@ class TickArrays(NamedTuple):
     alive: Any = Array(np.bool_, "N P")  # the pellet is there
     waits: Any = Array(np.int64, "N C")  # physics step until which an aborted goal may not be chosen
     aborts: Any = Array(np.int64, "N C")  # of the goal in this round
-    paths: Any = Array(np.float32, "N l 2")  # m, the plan that the controller follows
+    paths: Any = Array(np.float32, f"N {PATH_POINTS} 2")  # m, the plan that the controller follows
     obstacles: Any = Array(np.float64, "N G 3")  # x, y, keep-out radius of the ghosts, m
     parameters: Any = Array(records.PARAMETERS, "1")
     rewards: Any = Array(records.REWARDS, "1")
