@@ -128,19 +128,14 @@ def test_threads_that_fell_asleep_are_woken() -> None:
     worked: set[int] = set()
     end_s = time.monotonic() + 120.0
     while worked != {0, 1, 2}:
-        while (threads._shared[_asleep(1)], threads._shared[_asleep(2)]) != (1, 1):
+        while not all(wake.empty() for wake in threads._wake[1:]):
             assert time.monotonic() < end_s, "they stay awake"
             time.sleep(0.001)
+        time.sleep(0.01)  # a hundred times as long as they wait in machine code
         parts = [counted(1000, 10000) for _ in range(3)]  # long enough that all of them may come to it
         assert threads.run(count_up, [table for _, table in parts], 1000) == 499500
         worked |= {k for k, (met, _) in enumerate(parts) if met.any()}
         assert time.monotonic() < end_s, f"only {worked} were at work"
-
-
-def _asleep(thread: int) -> int:
-    from pacman_env.engine.threads import _LINE, _PLACES, _SLEEP
-
-    return _PLACES + _LINE * thread + _SLEEP
 
 
 @pytest.mark.parametrize("bad", [-1, 1.0, "2", None, True, np.float64(2)])
