@@ -236,11 +236,11 @@ class GameBatch(GameState):
         if not np.isfinite(velocities).all():
             raise ValueError(f"velocities {velocities.tolist()}: must be finite numbers")
         self.arrays["velocities"][:] = velocities
-        self._stepper.control["by_hand"] = 1
+        self._stepper.control["by_hand"][0] = 1
         try:
             self.step(np.full(self.n, self.hold, dtype=np.int64), ghost_choices)
         finally:
-            self._stepper.control["by_hand"] = 0
+            self._stepper.control["by_hand"][0] = 0
 
     def step_until_due(
         self,
@@ -280,13 +280,13 @@ class GameBatch(GameState):
         if self._history.make_room(self.games, 1 if most == 1 else self._longest):
             self._stepper.forget_tables()
         control = self._stepper.control
-        control["fresh"], control["watch"], control["ticks"] = fresh, watch, most
+        control["fresh"][0], control["watch"][0], control["ticks"][0] = fresh, watch, most
         if self.after_physics_step is not None:
             for step in range(1, self.substeps + 1):
-                control["until"] = step
+                control["until"][0] = step
                 self._stepper.play(resume=step > 1)
                 self.after_physics_step()
-        control["until"] = self.substeps + 1
+        control["until"][0] = self.substeps + 1
         self._stepper.play(resume=self.after_physics_step is not None)
 
     def _set_actions(self, actions: NDArray[Any]) -> None:

@@ -53,6 +53,7 @@ class Ghosts:
         self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
+        self._any_sent = bool(self.sent_from_outside.any())
         self._config = config
         self._behaviours = np.zeros((count + len(_TABLE), 2), dtype=np.int64)
         self._constants: list[NDArray[np.float64]] = []
@@ -75,7 +76,7 @@ class Ghosts:
         Raises:
             ValueError: a choice is none; nothing has been changed then.
         """
-        if not self.sent_from_outside.any():
+        if not self._any_sent:
             return
         if choices is None:
             self.choices[:] = self._hold
