@@ -75,7 +75,6 @@ class _MapArrays(NamedTuple):
 class _FillArrays(NamedTuple):
     block: Any = Array(np.uint8, "b")  # the situation's
     request: Any = Array(prediction.REQUEST, "1")
-    maps: Any = Array(np.int64, "n")  # the numbers of a table of _MapArrays
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
     whole: Any = Array(np.float32, f"N {len(GLOBAL_FEATURES)}")
 
@@ -90,12 +89,10 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     Raises:
         ValueError: the situation has no maps.
     """
-    request = prediction.request_of(situation, robot_speed_mps)
-    assert situation.maps is not None
-    maps = situation.maps.table(_MapArrays).numbers
+    request = prediction.request_of(situation, robot_speed_mps, _MapArrays)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    table = Table(_FillArrays, **request, maps=maps, candidates=candidates, whole=whole)
+    table = Table(_FillArrays, **request, candidates=candidates, whole=whole)
     situation.threads.run(_fill, [table], len(candidates))
     return candidates, whole
 
@@ -104,7 +101,7 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.request[0]
-    maps, meeting_maps, speed = _maps(address_of(a.maps)), _meeting_maps(request.maps), request.robot_speed
+    maps, meeting_maps, speed = _maps(request.other_maps), _meeting_maps(request.maps), request.robot_speed
     s = _situation(address_of(a.block), request.games, request.candidates, request.ghosts)
     room = prediction.room_to_meet(meeting_maps.coarse_steps, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)

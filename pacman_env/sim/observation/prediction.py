@@ -38,6 +38,7 @@ REQUEST = np.dtype(
         ("candidates", np.int64),
         ("ghosts", np.int64),
         ("maps", np.int64),  # address of a table of MapArrays
+        ("other_maps", np.int64),  # likewise of what a caller reads beside them
         ("across", np.int64),  # tiles that lie side by side
         ("robot_speed", np.float64),  # m/s
     ]
@@ -84,7 +85,9 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     return result
 
 
-def request_of(situation: Situation, robot_speed_mps: float) -> dict[str, NDArray[Any]]:
+def request_of(
+    situation: Situation, robot_speed_mps: float, other_maps: type[tuple[Any, ...]] | None = None
+) -> dict[str, NDArray[Any]]:
     """Where a kernel finds a situation: its ``block``, which is there as long as somebody has it, and a ``request``.
 
     Raises:
@@ -92,9 +95,10 @@ def request_of(situation: Situation, robot_speed_mps: float) -> dict[str, NDArra
     """
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    across = situation.maps.find_coarse_steps(situation.level)
+    maps, across = situation.maps, situation.maps.find_coarse_steps(situation.level)
+    other = 0 if other_maps is None else maps.table(other_maps).address
     block, *lengths = situation.block()
-    values = (*lengths, situation.maps.table(MapArrays).address, across, robot_speed_mps)
+    values = (*lengths, maps.table(MapArrays).address, other, across, robot_speed_mps)
     return {"block": block, "request": np.array([values], dtype=REQUEST)}
 
 
