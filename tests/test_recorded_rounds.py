@@ -65,7 +65,7 @@ class Recorded:
             ended = ended if ended in (SUCCEEDED, ABORTED) else 0
             step, pursued = int(before["step"]), None if ended else int(after["pursued"])
             if k == 0:
-                self._note(i, (step, "choose", int(self.batch._choices[i])), self._ghosts[i], pursued)
+                self._note(i, (step, "choose", int(self.batch.arrays["choices"][i])), self._ghosts[i], pursued)
             elif k % self._check_steps == 0:
                 self._note(i, (step, "look", None), self._ghosts[i], pursued)
             if ended:

@@ -3,64 +3,46 @@
 from __future__ import annotations
 
 import functools
-import sys
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
-from numba.np import numpy_support
 from numpy.typing import NDArray
 
-from .native import array_at
+from .native import array_at, declared, named_tuple_type
 
-_UNUSED = 3  # references to a block that lies in a list and is looked at
-_MOST_KEPT = 4
-N, CANDIDATES, GHOSTS = -1, -2, -3  # lengths that a block is made for, in place of a number
+LENGTHS = "N", "C", "G"  # that a block is made for: games, candidates, ghosts
 _ALIGNMENT = 8
 _WORD = ir.IntType(64)
 
 
 class Layout:
-    """The arrays of a kind of block: dtype and shape by name, where a shape holds numbers and the lengths above.
+    """Where the arrays lie that a named tuple declares (``native.Array``).
 
     Attributes:
-        arrays: for kernels: from a block's address and the three lengths to its arrays.
+        arrays: for kernels: from a block's address and the three lengths to the named tuple of its arrays.
     """
 
-    def __init__(self, fields: Mapping[str, tuple[Any, tuple[int, ...]]]) -> None:
-        self.fields = {name: (np.dtype(dtype), shape) for name, (dtype, shape) in fields.items()}
-        self.arrays = _arrays_of(tuple(self.fields.values()))
+    def __init__(self, kind: type[tuple[Any, ...]]) -> None:
+        self.fields = declared(kind)
+        self.arrays = _arrays_of(named_tuple_type(kind), tuple(self.fields.values()))
         self.places = functools.lru_cache(maxsize=64)(self._places)
 
     def _places(self, *lengths: int) -> tuple[dict[str, tuple[np.dtype[Any], tuple[int, ...], int]], int]:
         """dtype, shape and offset of each array, and the bytes of all."""
-        known = dict(zip((N, CANDIDATES, GHOSTS), lengths, strict=True))
+        known = dict(zip(LENGTHS, lengths, strict=True))
         places, at = {}, 0
-        for name, (dtype, shape) in self.fields.items():
-            numbers = tuple(known.get(length, length) for length in shape)
-            places[name] = dtype, numbers, at
-            at += -(-int(np.prod(numbers)) * dtype.itemsize // _ALIGNMENT) * _ALIGNMENT
+        for name, (dtype, axes) in self.fields.items():
+            shape = tuple(axis if isinstance(axis, int) else known[axis] for axis in axes)
+            places[name] = dtype, shape, at
+            at += -(-int(np.prod(shape)) * dtype.itemsize // _ALIGNMENT) * _ALIGNMENT
         return places, at
 
     def new(self, *lengths: int) -> NDArray[np.uint8]:
         """A block with whatever was in the memory before."""
         return np.empty(max(self.places(*lengths)[1], 1), dtype=np.uint8)
-
-    def again(self, known: list[NDArray[np.uint8]], *lengths: int) -> NDArray[np.uint8]:
-        """One of the blocks ``known`` that nobody holds any more, of which no array is left; else one more.
-
-        A large block that is new at each step is memory that the system has to find and clear at each step.
-        """
-        for block in known:
-            if sys.getrefcount(block) == _UNUSED:
-                return block
-        block = self.new(*lengths)
-        if len(known) < _MOST_KEPT:
-            known.append(block)
-        return block
 
     def view(self, block: NDArray[np.uint8], name: str, *lengths: int) -> NDArray[Any]:
         """One of a block's arrays."""
@@ -73,23 +55,19 @@ class Layout:
         return {name: np.ndarray(shape, dtype, block, at) for name, (dtype, shape, at) in places.items()}
 
 
-def _arrays_of(fields: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]) -> Any:
-    made = types.Tuple(  # type: ignore[attr-defined]
-        [types.Array(numpy_support.from_dtype(dtype), len(shape), "C") for dtype, shape in fields]
-    )
-
+def _arrays_of(made: Any, fields: tuple[tuple[np.dtype[Any], tuple[int | str, ...]], ...]) -> Any:
     @intrinsic
     def arrays(typing_context, block, n, candidates, ghosts):  # type: ignore[no-untyped-def]
         del typing_context
 
         def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
             block, *lengths = arguments
-            known = dict(zip((N, CANDIDATES, GHOSTS), lengths, strict=True))
+            known = dict(zip(LENGTHS, lengths, strict=True))
             made_here, at = [], block
-            for kind, (dtype, shape) in zip(made.types, fields, strict=True):
-                numbers = [known[length] if length < 0 else _WORD(length) for length in shape]
-                made_here.append(array_at(context, builder, kind, at, numbers))
-                size = functools.reduce(builder.mul, numbers, _WORD(dtype.itemsize))
+            for kind, (dtype, axes) in zip(made.types, fields, strict=True):
+                shape = [_WORD(axis) if isinstance(axis, int) else known[axis] for axis in axes]
+                made_here.append(array_at(context, builder, kind, at, shape))
+                size = functools.reduce(builder.mul, shape, _WORD(dtype.itemsize))
                 up = builder.add(size, _WORD(_ALIGNMENT - 1))
                 at = builder.add(at, builder.and_(up, _WORD(-_ALIGNMENT)))
             return context.make_tuple(builder, signature.return_type, made_here)

@@ -6,6 +6,8 @@ A queue is a tuple of arrays, made once by :func:`new_queue` and emptied in cons
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,12 @@ def new_queue(keys: int, entries: int) -> Queue:
         np.zeros(entries, dtype=np.int32),  # the item
         np.zeros(4, dtype=np.int64),
     )
+
+
+def queue_arrays(queue: Queue) -> dict[str, NDArray[Any]]:
+    """The arrays of a queue by the names that they have in tables."""
+    names = ("queue_heads", "queue_stamps", "queue_following", "queue_items", "queue_state")
+    return dict(zip(names, queue, strict=True))
 
 
 @kernel

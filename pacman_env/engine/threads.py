@@ -1,8 +1,12 @@
 """Threads that share a kernel's work with their caller, in machine code: none of them asks Python for its next part.
 
 A job is a kernel ``(table, first, last) -> int64`` by its address and a range that is cut into parts. Everybody takes
-his own parts and then those of others until there is none, so a thread that is late, or gone after a fork, costs time
+its own parts and then those of others until there is none, so a thread that is late, or gone after a fork, costs time
 and nothing else. A thread waits for the next job in machine code for a moment, then in Python until it is woken.
+
+What the pool is worth against a ``ThreadPoolExecutor``: 3.1 times the decisions with 16 games, 2.0 with 64, 1.35 with
+256, 1.05 with 1,024. Taking over parts of others is 3.9, 2.4 and 1.5 times the decisions with 16, 64 and 256 games (two
+threads, cores shared with other programs). To wake only threads marked as asleep gained nothing above the noise.
 """
 
 from __future__ import annotations
@@ -27,8 +31,7 @@ _JOB, _DONE, _FUNCTION, _COUNT, _SUM, _WORST, _STOP, _PLACES = range(0, 8 * _LIN
 # From _PLACES on, each thread has a line: the parts that it is to begin with, its table, whether it sleeps. Parts are a
 # number of the job, how many there are and how many are taken: a part is only ever taken of the job that the other
 # numbers are of.
-_PARTS, _TABLE, _SLEEP = range(3)
-_AWAKE, _ASLEEP, _TO_BE_WOKEN = range(3)
+_PARTS, _TABLE = range(2)
 _BITS = 20
 _MASK = 2**_BITS - 1
 _PARTS_PER_THREAD = 8  # some games take longer than others
@@ -66,8 +69,6 @@ def _take_parts(shared, me, threads):  # type: ignore[no-untyped-def]
 @kernel
 def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
     """A thread's life until nothing came for a moment; False: it is over."""
-    asleep = _PLACES + _LINE * me + _SLEEP
-    store(shared, asleep, _AWAKE)
     seen = -1  # a job whose parts are all taken costs a look at them
     spins = 0
     while True:
@@ -82,16 +83,12 @@ def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
             spins += 1
             pause()
         else:
-            store(shared, asleep, _ASLEEP)
-            if load(shared, _JOB) == seen and load(shared, _STOP) == 0:
-                return True
-            store(shared, asleep, _AWAKE)
-            spins = 0
+            return True
 
 
 @kernel
 def _post(shared, job, function, count, parts, threads):  # type: ignore[no-untyped-def]
-    """Let a job begin; returns how many threads are asleep, which are marked.
+    """Let a job begin.
 
     All of it or nothing: a signal does not find a job of which a part is written down.
     """
@@ -103,12 +100,6 @@ def _post(shared, job, function, count, parts, threads):  # type: ignore[no-unty
     for me in range(threads):
         store(shared, _PLACES + _LINE * me + _PARTS, job << 2 * _BITS | parts << _BITS)
     store(shared, _JOB, job)
-    asleep = 0
-    for me in range(1, threads):
-        if load(shared, _PLACES + _LINE * me + _SLEEP) != _AWAKE:  # or marked by one that was interrupted
-            store(shared, _PLACES + _LINE * me + _SLEEP, _TO_BE_WOKEN)
-            asleep += 1
-    return asleep
 
 
 @kernel
@@ -185,10 +176,10 @@ class Threads:
         self._tables = tables  # not to go away before the job is done
         self._at_work = True
         self._jobs = (self._jobs + 1) % 2**20
-        if _post(shared, self._jobs, function, count, parts, self.number):
-            for me in np.flatnonzero(shared[_PLACES + _SLEEP :: _LINE] == _TO_BE_WOKEN).tolist():
-                if self._wake[me].empty():
-                    self._wake[me].put(None)
+        _post(shared, self._jobs, function, count, parts, self.number)
+        for wake in self._wake[1:]:  # a thread that is awake finds it when it falls asleep, and looks once more
+            if wake.empty():
+                wake.put(None)
 
     def _settle(self) -> None:
         """Help with the job that is at work and wait for its end."""

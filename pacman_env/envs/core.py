@@ -262,7 +262,7 @@ class EnvCore:
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, numbers as Python's."""
         if not self._more_infos:
-            return outcome.info(self.batch.told, self._numeric)
+            return outcome.info(self.batch.summary, self._numeric)
         return {key: array[0].copy() if array.ndim > 1 else array.tolist()[0] for key, array in self.infos().items()}
 
     @staticmethod
@@ -275,7 +275,7 @@ class EnvCore:
     def infos(self) -> dict[str, NDArray[Any]]:
         """Per game; see the environment."""
         batch, games = self.batch, self.batch.games
-        result = outcome.infos(batch.told, self._numeric)
+        result = outcome.infos(batch.summary, self._numeric)
         if self._mask_in_info:
             result[MASK] = self.masks().astype(np.int8)
         if len(batch.levels) > 1:

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RewardConfig
-from ..sim.core.kernels import summarize
-from ..sim.core.parameters import reward_numbers
+from ..sim.core import kernels
+from ..sim.core.parameters import reward_record
 from ..sim.observation.situation import Situation
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)
-_NAMES = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")
 
 
 def reward_and_end(
@@ -27,7 +26,7 @@ def reward_and_end(
     """
     n = len(games)
     reward, terminated, truncated = np.empty(n), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
-    summarize(games, reward_numbers(config), terminated, truncated, over_before, reward)
+    kernels.reward_and_end(games, reward_record(config), terminated, truncated, over_before, reward)
     return reward, terminated, truncated
 
 
@@ -47,7 +46,7 @@ def infos(summary: NDArray[np.int64], numeric: bool = False) -> dict[str, NDArra
     ``outcome`` is a word (object), or with ``numeric`` the number of its place in ``OUTCOMES``.
     """
     summary = summary.copy()
-    result: dict[str, NDArray[Any]] = dict(zip(_NAMES, summary, strict=True))
+    result: dict[str, NDArray[Any]] = dict(zip(kernels.SUMMARY, summary, strict=True))
     if not numeric:
         result["outcome"] = OUTCOMES[summary[0]]
     return result
@@ -55,7 +54,7 @@ def infos(summary: NDArray[np.int64], numeric: bool = False) -> dict[str, NDArra
 
 def info(summary: NDArray[np.int64], numeric: bool = False) -> dict[str, Any]:
     """The same of the first game, as Python's numbers."""
-    result = dict(zip(_NAMES, summary[:, 0].tolist(), strict=True))
+    result = dict(zip(kernels.SUMMARY, summary[:, 0].tolist(), strict=True))
     if not numeric:
         result["outcome"] = OUTCOMES[result["outcome"]]
     return result

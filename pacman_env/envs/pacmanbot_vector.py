@@ -165,7 +165,7 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
                 raise ValueError(f"actions of shape {actions.shape}: must be of {self.num_envs} games")
             return self._sub_batches.all(actions)
         core = self._core
-        over = (self.batch.told[0] != RUNNING) | self._cut
+        over = (self.batch.summary[0] != RUNNING) | self._cut
         reward, terminated, truncated = core.step(self._checked(actions))
         self._cut_long_episodes(terminated, truncated)
         final: dict[str, Any] = {}

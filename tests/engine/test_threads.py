@@ -11,25 +11,32 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from pacman_env.engine.jit import kernel
-from pacman_env.engine.native import Table, arrays_by_address
+from pacman_env.engine.native import Array, Table, arrays_by_address
 from pacman_env.engine.threads import Threads, cores
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
 ROOT = Path(__file__).resolve().parents[2]
-_TABLE = ((np.int64, 1), (np.int64, 1))  # how often each index was met; (work per index, first of those that fail)
-_arrays = arrays_by_address(_TABLE)
+
+
+class Counted(NamedTuple):
+    met: Any = Array(np.int64, "N")  # how often each index was met
+    order: Any = Array(np.int64, "2")  # work per index, first of those that fail
+
+
+_arrays = arrays_by_address(Counted)
 
 
 @kernel
 def count_up(table, first, last):  # type: ignore[no-untyped-def]
     """Count each index; returns their sum, or -1 - i at the first that fails."""
-    met, order = _arrays(table)
+    a = _arrays(table)
+    met, order = a.met, a.order
     total = 0
     for i in range(first, last):
         if i >= order[1]:
@@ -52,7 +59,7 @@ def give_up(table, first, last):  # type: ignore[no-untyped-def]
 
 def counted(count: int, work: int = 1, fails_from: int = 2**40) -> tuple[np.ndarray, Table]:
     met = np.zeros(count, dtype=np.int64)
-    return met, Table(_TABLE, (met, np.array([work, fails_from])))
+    return met, Table(Counted, met=met, order=np.array([work, fails_from]))
 
 
 def ours() -> list[str]:
@@ -121,19 +128,14 @@ def test_threads_that_fell_asleep_are_woken() -> None:
     worked: set[int] = set()
     end_s = time.monotonic() + 120.0
     while worked != {0, 1, 2}:
-        while (threads._shared[_asleep(1)], threads._shared[_asleep(2)]) != (1, 1):
+        while not all(wake.empty() for wake in threads._wake[1:]):
             assert time.monotonic() < end_s, "they stay awake"
             time.sleep(0.001)
+        time.sleep(0.01)  # a hundred times as long as they wait in machine code
         parts = [counted(1000, 10000) for _ in range(3)]  # long enough that all of them may come to it
         assert threads.run(count_up, [table for _, table in parts], 1000) == 499500
         worked |= {k for k, (met, _) in enumerate(parts) if met.any()}
         assert time.monotonic() < end_s, f"only {worked} were at work"
-
-
-def _asleep(thread: int) -> int:
-    from pacman_env.engine.threads import _LINE, _PLACES, _SLEEP
-
-    return _PLACES + _LINE * thread + _SLEEP
 
 
 @pytest.mark.parametrize("bad", [-1, 1.0, "2", None, True, np.float64(2)])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pacman_env.config import RewardConfig
 from pacman_env.envs.outcome import OUTCOMES, infos, reward_and_end
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
-from pacman_env.sim.core.kernels import TOLD, tell
+from pacman_env.sim.core.kernels import SUMMARY, summarize
 from pacman_env.sim.core.records import GAME
 
 REWARD = RewardConfig(pellet=1.5, death=-20.0, completion=7.0, tick=-0.25, timeout=-3.0)
@@ -20,9 +20,9 @@ NAMES = {RUNNING: "running", DEAD: "caught", COMPLETE: "complete", CLEARED: "cle
 
 def summary(batch: np.ndarray) -> np.ndarray:
     """As a batch tells it together with its situations."""
-    numbers = np.zeros((TOLD, len(batch)), dtype=np.int64)
+    numbers = np.zeros((len(SUMMARY), len(batch)), dtype=np.int64)
     for i in range(len(batch)):
-        tell(batch[i], i, numbers)
+        summarize(batch[i], i, numbers)
     return numbers
 
 

@@ -1,9 +1,8 @@
 """The ghosts' part of a tick, compiled; their rules live in ``game/ghosts.py``.
 
-``ways`` are the arrays of the ghosts' cells (graph, part, part_start, part_cells) and ``places`` (affine, nearest cell,
-cell of each goal, cell of each corner, position of the cells), stacked by level; ``search`` is the scratch memory of
-their search, a node table and a queue. All of it is in a table (``TABLE``), so that a behaviour's kernel can be called
-by its address.
+``ways`` are the arrays of the ghosts' cells (graph, part, part_start, part_cells), stacked by level; ``search`` is the
+scratch memory of their search, a node table and a queue. All of it is in a table (:class:`GhostArrays`), so that a
+behaviour's kernel can be called by its address.
 """
 
 from __future__ import annotations
@@ -11,36 +10,56 @@ from __future__ import annotations
 import math
 import types
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ...engine.jit import kernel
-from ...engine.native import array_by_address, arrays_by_address, call_range
+from ...engine.native import Array, array_by_address, arrays_by_address, call_range
 from ...game.ghosts import BEHAVIOURS, Behaviour, GhostView, at_target, choose_target, walk
 from ...world.navigation.grid import cell_of
 from ..maps.ghost_cells import find_path
 from . import records
 from .kernels import believed, see_ghosts
 
-_WHOLE, _REAL = np.int32, np.float64
-#: dtype and axes of what :func:`follow` and its like work on.
-TABLE = (
-    *((records.GAME, 1), (records.GHOST, 2), (_WHOLE, 3), (_REAL, 3), (records.PARAMETERS, 1)),
-    *((np.int64, 2), (np.int16, 3)),  # choices of those sent from outside, and what is remembered of them
-    (np.int64, 2),  # by behaviour: the address of its kernel and of its constants
-    *((_REAL, 2), (_WHOLE, 3), (_WHOLE, 2), (_WHOLE, 2), (_REAL, 3)),  # places
-    *((_WHOLE, 3), (_WHOLE, 2), (np.int64, 2), (_WHOLE, 2)),  # ways
-    *((_WHOLE, 2), *4 * ((_WHOLE, 1),), (np.int64, 1)),  # search
-)
-_arrays = arrays_by_address(TABLE)
+
+class GhostArrays(NamedTuple):
+    """What :func:`decide` and :func:`move` work on: N games, G ghosts, M maps, B behaviours."""
+
+    games: Any = Array(records.GAME, "N")
+    ghosts: Any = Array(records.GHOST, "N G")
+    paths: Any = Array(np.int32, "N G l")  # cells of the way that each is on
+    obstacles: Any = Array(np.float64, "N G 3")  # m, where they are seen
+    parameters: Any = Array(records.PARAMETERS, "1")
+    choices: Any = Array(np.int64, "N G")  # of those sent from outside
+    remembered: Any = Array(np.int16, "N t G")  # the choice at each tick of the round
+    behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and of its constants
+    affine: Any = Array(np.float64, "M 6")
+    ghost_snap: Any = Array(np.int32, "M h w")  # nearest cell
+    ghost_place: Any = Array(np.int32, "M g")  # cell of each goal
+    ghost_corner: Any = Array(np.int32, "M 4")  # cell of each corner
+    ghost_xy: Any = Array(np.float64, "M k 2")  # m, of the cells
+    ghost_graph: Any = Array(np.int32, "M k 16")  # the search's view of a cell
+    ghost_part: Any = Array(np.int32, "M k")
+    ghost_part_start: Any = Array(np.int64, "M p")
+    ghost_part_cells: Any = Array(np.int32, "M k")
+    search_nodes: Any = Array(np.int32, "k 4")  # ghost_cells.search_memory, from here on
+    queue_heads: Any = Array(np.int32, "b")
+    queue_stamps: Any = Array(np.int32, "b")
+    queue_following: Any = Array(np.int32, "e")
+    queue_items: Any = Array(np.int32, "e")
+    queue_state: Any = Array(np.int64, "4")
+
+
+_arrays = arrays_by_address(GhostArrays)
 
 
 @kernel
-def _unpacked(table):  # type: ignore[no-untyped-def]
-    """(state, choices, remembered, behaviours, places, ways, search) of a table."""
-    a = _arrays(table)
-    return a[:5], a[5], a[6], a[7], a[8:13], a[13:17], (a[17], a[18:23])
+def _graph(a):  # type: ignore[no-untyped-def]
+    """The arrays of the ghosts' cells and the scratch memory of their search."""
+    queue = (a.queue_heads, a.queue_stamps, a.queue_following, a.queue_items, a.queue_state)
+    return (a.ghost_graph, a.ghost_part, a.ghost_part_start, a.ghost_part_cells), (a.search_nodes, queue)
 
 
 @kernel
@@ -91,13 +110,13 @@ def _go(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _send(ghost, path, g, chosen, p, places, ways, search):  # type: ignore[no-untyped-def]
+def _send(ghost, path, g, chosen, p, ghost_place, ways, search):  # type: ignore[no-untyped-def]
     """Send a ghost to a candidate of the robot's, or let him wander on: the last one."""
     goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
     target = -1
     hold = p.pellet_slots + p.refuge_slots
     if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
-        target = places[2][g.level, goal]
+        target = ghost_place[g.level, goal]
     _go(ghost, path, target, g.level, ways, search)
     ghost.place = -1 if ghost.wanders else chosen
 
@@ -105,8 +124,10 @@ def _send(ghost, path, g, chosen, p, places, ways, search):  # type: ignore[no-u
 @kernel
 def decide(table, i):  # type: ignore[no-untyped-def]
     """Where the ghosts of a game that do not just wander go now; False if a behaviour's function raised."""
-    (games, ghosts, paths, _, parameters), choices, remembered, behaviours, places, ways, search = _unpacked(table)
-    g, p = games[i], parameters[0]
+    a = _arrays(table)
+    ways, search = _graph(a)
+    ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
+    g, p = a.games[i], a.parameters[0]
     count = ghosts.shape[1]
     hold = p.pellet_slots + p.refuge_slots
     for k in range(count):
@@ -114,10 +135,10 @@ def decide(table, i):  # type: ignore[no-untyped-def]
         if behaviours[k, 0] > 0:
             row = k
         elif behaviours[k, 0] < 0:  # somebody outside sends him
-            chosen = choices[i, k]
-            remembered[i, g.tick, k] = chosen
+            chosen = a.choices[i, k]
+            a.remembered[i, g.tick, k] = chosen
             if chosen <= hold:
-                _send(ghosts[i, k], paths[i, k], g, chosen, p, places, ways, search)
+                _send(ghosts[i, k], paths[i, k], g, chosen, p, a.ghost_place, ways, search)
             else:
                 ghosts[i, k].place = -1
                 row = count + chosen - hold - 1
@@ -129,12 +150,14 @@ def decide(table, i):  # type: ignore[no-untyped-def]
 @kernel
 def move(table, i):  # type: ignore[no-untyped-def]
     """The ghosts' update in a game; who stands at the end of his way and wanders gets another."""
-    (games, ghosts, paths, obstacles, parameters), _, _, _, places, ways, search = _unpacked(table)
-    g, p = games[i], parameters[0]
+    a = _arrays(table)
+    ways, search = _graph(a)
+    ghosts, paths = a.ghosts, a.paths
+    g, p = a.games[i], a.parameters[0]
     count = ghosts.shape[1]
     for k in range(count):
-        walk(ghosts[i, k], paths[i, k], places[4][g.level], p.clyde_period)
-    see_ghosts(g, ghosts[i], obstacles[i])
+        walk(ghosts[i, k], paths[i, k], a.ghost_xy[g.level], p.clyde_period)
+    see_ghosts(g, ghosts[i], a.obstacles[i])
     for k in range(count):
         if ghosts[i, k].wanders & at_target(ghosts[i, k]):
             wander_on(ghosts[i, k], paths[i, k], g.level, ways, search)
@@ -161,14 +184,15 @@ _CONSTANTS = 0  # stands for the number of its constants
 
 def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     """Let a ghost of game i decide where he goes now; ``which``: the row times the ghosts plus his number."""
-    (games, ghosts, paths, _, parameters), _, _, behaviours, places, ways, search = _unpacked(table)
-    affine, snap, _, corner, position = places
-    row, number = divmod(which, ghosts.shape[1])
-    constants = array_by_address(behaviours[row, 1], _CONSTANTS)
-    g, p = games[i], parameters[0]
-    m, ghost = g.level, ghosts[i, number]
+    a = _arrays(table)
+    ways, search = _graph(a)
+    snap, position = a.ghost_snap, a.ghost_xy
+    row, number = divmod(which, a.ghosts.shape[1])
+    constants = array_by_address(a.behaviours[row, 1], _CONSTANTS)
+    g, p = a.games[i], a.parameters[0]
+    m, ghost = g.level, a.ghosts[i, number]
     bx, by, heading = believed(g, p.use_tf)
-    own_corner = corner[m, number]
+    own_corner = a.ghost_corner[m, number]
     x, y = _target(
         GhostView(
             number,
@@ -186,9 +210,9 @@ def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     )
     target = -1
     if math.isfinite(x) and math.isfinite(y):
-        column, row = cell_of(affine[m], snap.shape[1], snap.shape[2], x, y)
+        column, row = cell_of(a.affine[m], snap.shape[1], snap.shape[2], x, y)
         target = snap[m, row, column]
-    _go(ghost, paths[i, number], target, m, ways, search)
+    _go(ghost, a.paths[i, number], target, m, ways, search)
     return 0
 
 

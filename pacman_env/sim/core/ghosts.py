@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
+from ...engine.bucket_queue import queue_arrays
 from ...engine.native import Table, address, address_of_kernel
 from ...game.ghosts import BEHAVIOURS, POLICY, WANDER, Behaviour, find_behaviour
 from ..maps.ghost_cells import search_memory
 from ..maps.level_stack import LevelStack
 from . import records
-from .ghost_kernels import TABLE, behaviour_kernel
+from .ghost_kernels import GhostArrays, behaviour_kernel
 
 _TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
-_PLACES = ("affine", "ghost_snap", "ghost_place", "ghost_corner", "ghost_xy")
-_WAYS = ("ghost_graph", "ghost_part", "ghost_part_start", "ghost_part_cells")
 
 
 def behaviour_choice(hold: int, number: int) -> int:
@@ -54,6 +53,7 @@ class Ghosts:
         self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
+        self._any_sent = bool(self.sent_from_outside.any())
         self._config = config
         self._behaviours = np.zeros((count + len(_TABLE), 2), dtype=np.int64)
         self._constants: list[NDArray[np.float64]] = []
@@ -70,6 +70,28 @@ class Ghosts:
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
+    def send(self, choices: NDArray[np.int64] | None) -> None:
+        """Take the ``choices`` (N, G) for those sent from outside; None: all wander on.
+
+        Raises:
+            ValueError: a choice is none; nothing has been changed then.
+        """
+        if not self._any_sent:
+            return
+        if choices is None:
+            self.choices[:] = self._hold
+            return
+        if choices.shape != self.choices.shape:
+            raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")
+        most = behaviour_choice(self._hold, len(BEHAVIOUR_NAMES) - 1)
+        bad = np.flatnonzero(((choices < 0) | (choices > most)).any(axis=1))
+        if len(bad) > 0:
+            raise ValueError(
+                f"ghost choices {choices[bad[0]].tolist()} of game {bad[0]}: candidates are 0 to {self._hold}"
+            )
+        self.choices[:] = choices
+        self.compile_choices()
+
     def compile_choices(self) -> None:
         """Have the behaviours ready that ``choices`` ask for."""
         number = int(self.choices.max()) - behaviour_choice(self._hold, 0)
@@ -80,9 +102,8 @@ class Ghosts:
     def bind(self, levels: LevelStack, hold: int) -> None:
         """Take over the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
         self._hold = hold
-        a = levels.arrays
-        self._maps = tuple(a[k] for k in (*_PLACES, *_WAYS))
-        self._searched = self._maps[4].shape[1], levels.longest_ghost_way
+        self._maps = levels.arrays_for(GhostArrays)
+        self._searched = self._maps["ghost_xy"].shape[1], levels.longest_ghost_way
         # A ghost that turns round between two cells walks on to the second one first.
         room = max(levels.longest_ghost_way + 1, self.paths.shape[2])
         paths = np.zeros((*self.state.shape, room), dtype=np.int32)
@@ -92,8 +113,20 @@ class Ghosts:
     def table(self, games: NDArray[Any], remembered: NDArray[np.int16], parameters: NDArray[Any]) -> Table:
         """What the kernels work on, with scratch memory of its own: one for each thread."""
         node, queue = search_memory(*self._searched)
-        state = (games, self.state, self.paths, self.obstacles, parameters, self.choices, remembered, self._behaviours)
-        return Table(TABLE, (*state, *self._maps, node, *queue))
+        return Table(
+            GhostArrays,
+            games=games,
+            ghosts=self.state,
+            paths=self.paths,
+            obstacles=self.obstacles,
+            parameters=parameters,
+            choices=self.choices,
+            remembered=remembered,
+            behaviours=self._behaviours,
+            search_nodes=node,
+            **queue_arrays(queue),
+            **self._maps,
+        )
 
     def raise_again(self, table: int, game: int) -> None:
         """Raise what a behaviour's function raised in a game."""

@@ -1,4 +1,4 @@
-"""What befalls one game, compiled; the rules live in ``game/``, the robot's in ``world/``.
+"""What happens in one game, compiled; the rules live in ``game/``, the robot's in ``world/``.
 
 Game i reads and writes row i only, so that a game is the same alone and among others.
 """
@@ -32,7 +32,7 @@ from ...world.navigation.controller import drive_wheels, limit, refresh_heading
 from ...world.navigation.physics import move, place
 
 _LONG_AGO = -9
-TOLD = 6  # numbers that are told of a game
+SUMMARY = ("outcome", "collected", "lost", "spawned", "aborts", "round_seed")  # of a game, by row
 
 
 @kernel
@@ -71,15 +71,11 @@ def place_ghost(games, ghost, ghosts, path, obstacles, cell, ghost_xy):  # type:
 
 
 @kernel
-def reset_games(  # type: ignore[no-untyped-def]
-    games, index, seeds, fresh, alive, waits, aborts, ghosts, ghost_paths, obstacles, wander_first, maps, parameters
-):
-    """Start a new round in the games ``index``; ``fresh`` (M,) holds the per-round parameters already filled in.
+def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-def]
+    """Begin a new round in the games ``index`` (M,): the robot stands at ``home``, by level, and has no goal.
 
-    ``maps`` is (home, spawn_cells, spawn_count, ghost_xy), stacked.
+    ``fresh`` (M,) holds the per-round parameters already filled in.
     """
-    home, spawn_cells, spawn_count, ghost_xy = maps
-    p = parameters[0]
     for k in range(len(index)):
         i = index[k]
         games[i] = fresh[k]
@@ -87,8 +83,7 @@ def reset_games(  # type: ignore[no-untyped-def]
         g.seed = seeds[k]
         g.localization_stream = stream(g.seed, LOCALIZATION)
         g.nav_stream = stream(g.seed, NAVIGATION)
-        level = g.level
-        g.x, g.y, g.heading = home[level, 0], home[level, 1], home[level, 2]
+        g.x, g.y, g.heading = home[g.level, 0], home[g.level, 1], home[g.level, 2]
         place(g, g.x, g.y)
         g.nav_goal = -1
         g.nav_next = -1
@@ -99,19 +94,36 @@ def reset_games(  # type: ignore[no-untyped-def]
         g.pursued = NO_CHOICE
         g.catcher = -1
         g.spawned = g.pellets
+        localization.update(g, np.int64(0))
+
+
+@kernel
+def reset_candidates(games, index, alive, waits, aborts):  # type: ignore[no-untyped-def]
+    """Lay out all pellets of the games ``index``; every candidate may be chosen."""
+    for i in index:
         for slot in range(alive.shape[1]):
-            alive[i, slot] = slot < g.pellets
+            alive[i, slot] = slot < games[i].pellets
         waits[i, :] = 0
         aborts[i, :] = 0
-        localization.update(g, np.int64(0))
+
+
+@kernel
+def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, starts, use_tf):  # type: ignore[no-untyped-def]
+    """Put the ghosts of the games ``index`` on cells that are drawn from ``starts``, by level.
+
+    ``starts`` are the cells, how many they are, and the positions of all cells.
+    """
+    cells, counts, ghost_xy = starts
+    for i in index:
+        g = games[i]
         for n in range(ghosts.shape[1]):
             ghost = ghosts[i, n]
             ghost.speed = g.clyde_speed
             ghost.wanders = wander_first[n]
-            ghost.stream, pick = below(ghost_stream(g.seed, n), spawn_count[level])
-            spawn(ghost, spawn_cells[level, pick], ghost_paths[i, n], ghost_xy[level])
+            ghost.stream, pick = below(ghost_stream(g.seed, n), counts[g.level])
+            spawn(ghost, cells[g.level, pick], paths[i, n], ghost_xy[g.level])
         see_ghosts(g, ghosts[i], obstacles[i])
-        bx, by, _ = believed(g, p.use_tf)
+        bx, by, _ = believed(g, use_tf)
         _, g.distance = nearest(bx, by, obstacles[i])
 
 
@@ -141,13 +153,13 @@ def follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, abo
 
 
 @kernel
-def take(choices, most, taken):  # type: ignore[no-untyped-def]
+def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
     """Copy the choices (N,); the first that is not within 0 and ``most``, and nothing is copied then; -1: all are."""
     for i in range(len(choices)):
         if choices[i] < 0 or choices[i] > most:
             return i
     for i in range(len(choices)):
-        taken[i] = choices[i]
+        copied[i] = choices[i]
     return -1
 
 
@@ -276,24 +288,24 @@ def step_robot(games, by_hand, paths, obstacles, parameters, plan_end, nav, sear
 
 
 @kernel
-def worth(g, rewards):  # type: ignore[no-untyped-def]
-    """The reward of a game's tick; ``rewards``: of a tick, of a pellet, then by the five codes of an end."""
-    completed = rewards[2 + COMPLETE] * g.tick_rounds
-    return rewards[0] + rewards[1] * g.tick_pellets + completed + rewards[2 + g.end]
+def reward(g, rewards):  # type: ignore[no-untyped-def]
+    """The reward of a game's tick."""
+    completed = rewards.end[COMPLETE] * g.tick_rounds
+    return rewards.tick + rewards.pellet * g.tick_pellets + completed + rewards.end[g.end]
 
 
 @kernel
-def summarize(games, rewards, terminated, truncated, over_before, reward):  # type: ignore[no-untyped-def]
-    """Reward (:func:`worth`) and ending of the tick, per game; games that were over before get no reward."""
+def reward_and_end(games, rewards, terminated, truncated, over_before, result):  # type: ignore[no-untyped-def]
+    """Reward (:func:`reward`) and ending of the tick, per game; games that were over before get no reward."""
     for i in range(len(games)):
         g = games[i]
         terminated[i] = g.end != RUNNING and g.end != TIMEOUT
         truncated[i] = g.end == TIMEOUT
-        reward[i] = 0.0 if over_before[i] else worth(g, rewards)
+        result[i] = 0.0 if over_before[i] else reward(g, rewards[0])
 
 
 @kernel
-def tell(g, i, told):  # type: ignore[no-untyped-def]
-    """What is told of a game, (TOLD, N): how it ended, pellets collected, lost and in all, aborts, its seed."""
-    told[0, i], told[1, i], told[2, i] = g.end, g.collected, g.lost
-    told[3, i], told[4, i], told[5, i] = g.spawned, g.aborts, g.episode_seed
+def summarize(g, i, summary):  # type: ignore[no-untyped-def]
+    """Write a game's column of the summary (len(SUMMARY), N)."""
+    summary[0, i], summary[1, i], summary[2, i] = g.end, g.collected, g.lost
+    summary[3, i], summary[4, i], summary[5, i] = g.spawned, g.aborts, g.episode_seed

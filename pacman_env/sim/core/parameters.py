@@ -72,13 +72,13 @@ def batch_parameters(config: Config, resolution: float, pellet_slots: int, refug
     return record
 
 
-def reward_numbers(reward: RewardConfig) -> NDArray[np.float64]:
-    """As :func:`pacman_env.sim.core.kernels.worth` takes them."""
-    numbers = np.zeros(7)
-    numbers[:2] = reward.tick, reward.pellet
+def reward_record(reward: RewardConfig, tick_discount: float = 1.0) -> NDArray[Any]:
+    """The rewards as one record."""
+    record = np.zeros(1, dtype=records.REWARDS)
+    record["tick"], record["pellet"], record["discount"] = reward.tick, reward.pellet, tick_discount
     for code, value in ((DEAD, reward.death), (COMPLETE, reward.completion), (TIMEOUT, reward.timeout)):
-        numbers[2 + code] = value
-    return numbers
+        record["end"][0, code] = value
+    return record
 
 
 #: Field of the game that each field of ``config.randomize`` sets.

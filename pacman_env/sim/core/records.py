@@ -162,3 +162,13 @@ PARAMETERS = np.dtype(
     ],
     align=True,
 )
+
+REWARDS = np.dtype(
+    [
+        ("tick", np.float64),
+        ("pellet", np.float64),
+        ("end", np.float64, (5,)),  # by the code of the end; completion also counts for a round that another follows
+        ("discount", np.float64),  # of a tick
+    ],
+    align=True,
+)

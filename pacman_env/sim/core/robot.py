@@ -91,21 +91,10 @@ class SimulatedRobot:
     def _reset(self, seed: int) -> None:
         """Begin at home, at rest and without a goal."""
         self._spaces.leave(np.zeros(1, dtype=np.int64))
-        nothing = np.zeros((1, 1), dtype=np.bool_), np.zeros((1, 1), dtype=np.int64), np.zeros((1, 1), dtype=np.int64)
-        ghosts = np.zeros((1, 1), dtype=records.GHOST), np.zeros((1, 1, 1), dtype=np.int32), np.zeros((1, 1, 3))
-        start_cells = np.zeros((1, 1), dtype=np.int32), np.ones(1, dtype=np.int32), np.full((1, 1, 2), _FAR_M)
         seeds = np.array([seed], dtype=np.uint64)
-        kernels.reset_games(
-            self._games,
-            np.zeros(1, dtype=np.int64),
-            seeds,
-            draw_episodes(seeds, self.config),
-            *nothing,
-            *ghosts,
-            np.ones(1, dtype=np.bool_),
-            (self.grid.home[None], *start_cells),
-            self._parameters,
-        )
+        fresh = draw_episodes(seeds, self.config)
+        kernels.reset_robots(self._games, np.zeros(1, dtype=np.int64), seeds, fresh, self.grid.home[None])
+        self._g["clyde_x"], self._g["clyde_y"] = _FAR_M, _FAR_M
 
     # What is
 

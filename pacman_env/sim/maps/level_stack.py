@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.jit import kernel
-from ...engine.native import Kinds, Table
+from ...engine.native import Table, declared
 from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
 from ...world.navigation.paths import UNREACHABLE_CM
@@ -95,7 +95,7 @@ class LevelStack:
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
         self._coarse_steps = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
-        self._tables: dict[tuple[str, ...], tuple[int, Table]] = {}  # with the version that they are of
+        self._tables: dict[type, tuple[int, Table]] = {}  # with the version that they are of
         self._has_coarse_steps = np.zeros(slots, dtype=np.bool_)  # of the map that lies in the slot now
         kinds = _kinds(first, config)
         if slots == 1:
@@ -115,14 +115,20 @@ class LevelStack:
         """A copy's arrays lie elsewhere."""
         return {**self.__dict__, "_tables": {}}
 
-    def table(self, kinds: Kinds, names: tuple[str, ...]) -> Table:
-        """Arrays by name for kernels, and ``coarse_steps`` as :meth:`find_coarse_steps` left them."""
-        version, table = self._tables.get(names, (-1, None))
+    def arrays_for(self, kind: type[tuple[Any, ...]]) -> dict[str, NDArray[Any]]:
+        """Those of the arrays that a named tuple declares; ``coarse_steps`` as :meth:`find_coarse_steps` left them."""
+        fields = declared(kind)
+        found = {name: array for name, array in self.arrays.items() if name in fields}
+        if "coarse_steps" in fields:
+            found["coarse_steps"] = self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1])
+        return found
+
+    def table(self, kind: type[tuple[Any, ...]]) -> Table:
+        """A table of nothing but arrays of maps, for kernels."""
+        version, table = self._tables.get(kind, (-1, None))
         if table is None or version != self.version:
-            tile_by_tile = self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1])
-            known = {**self.arrays, "coarse_steps": tile_by_tile}
-            table = Table(kinds, [known[name] for name in names])
-            self._tables[names] = self.version, table
+            table = Table(kind, **self.arrays_for(kind))
+            self._tables[kind] = self.version, table
         return table
 
     def assets(self, slot: int) -> MapAssets:

@@ -9,13 +9,14 @@ knows where Clyde really goes.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.jit import kernel, prefetch
 from ...engine.lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
-from ...engine.native import Kinds, Table, address_of, arrays_by_address
+from ...engine.native import Array, Table, address_of, arrays_by_address
 from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
 from .situation import LAYOUT, Situation
@@ -30,16 +31,37 @@ _FREE_TURN = 0.7  # rad off the way that are turned while driving (world/navigat
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
 _FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
 _AHEAD = 3  # instants written per coarse step, most of the time enough
-_REAL = np.float64
-#: Names, dtypes and axes of what :func:`meet` walks on.
-MAPS = ("affine", "snap", "cell_xy", "coarse_steps", "goal_count")
-MAP_KINDS = ((_REAL, 2), (np.int32, 3), (np.float32, 3), (np.uint8, 3), (np.int32, 1))
-#: Of what :func:`places_of` gives.
-PLACES = ((np.uint8, 1), (np.int64, 1))
-_TABLE = (*PLACES, (_REAL, 1), (np.float32, 3))  # where things are; the robot's speed; result
-_arrays, _maps, _situation = arrays_by_address(_TABLE), arrays_by_address(MAP_KINDS), LAYOUT.arrays
-#: In its numbers: the situation's lengths, the maps' table, how many tiles lie side by side.
-LENGTHS_AT, MAPS_AT, ACROSS = 0, 3, 4
+#: Where a kernel finds a situation's maps, and what it needs beside them.
+REQUEST = np.dtype(
+    [
+        ("games", np.int64),  # the lengths of the situation's block
+        ("candidates", np.int64),
+        ("ghosts", np.int64),
+        ("maps", np.int64),  # address of a table of MapArrays
+        ("other_maps", np.int64),  # likewise of what a caller reads beside them
+        ("across", np.int64),  # tiles that lie side by side
+        ("robot_speed", np.float64),  # m/s
+    ]
+)
+
+
+class MapArrays(NamedTuple):
+    """What :func:`meet` walks on, of M maps."""
+
+    affine: Any = Array(np.float64, "M 6")
+    snap: Any = Array(np.int32, "M h w")
+    cell_xy: Any = Array(np.float32, "M k 2")  # m
+    coarse_steps: Any = Array(np.uint8, "M t g")
+    goal_count: Any = Array(np.int32, "M")
+
+
+class _EncounterArrays(NamedTuple):
+    block: Any = Array(np.uint8, "b")  # the situation's
+    request: Any = Array(REQUEST, "1")
+    result: Any = Array(np.float32, "N C 8")
+
+
+_arrays, _maps, _situation = arrays_by_address(_EncounterArrays), arrays_by_address(MapArrays), LAYOUT.arrays
 _BLOCK = (STEPS + _AHEAD) * LANES  # numbers of a block: instant by instant, lane by lane
 
 #: Columns of :func:`encounters`.
@@ -57,23 +79,27 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     Raises:
         ValueError: the situation has no maps.
     """
-    places = places_of(situation, MAP_KINDS, MAPS)
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
-    situation.threads.run(_encounters, [Table(_TABLE, (*places, np.array([robot_speed_mps]), result))], len(result))
+    table = Table(_EncounterArrays, **request_of(situation, robot_speed_mps), result=result)
+    situation.threads.run(_encounters, [table], len(result))
     return result
 
 
-def places_of(situation: Situation, kinds: Kinds, maps: tuple[str, ...]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Where a kernel finds a situation and its maps: the block, which is there as long as somebody has it, and numbers.
+def request_of(
+    situation: Situation, robot_speed_mps: float, other_maps: type[tuple[Any, ...]] | None = None
+) -> dict[str, NDArray[Any]]:
+    """Where a kernel finds a situation: its ``block``, which is there as long as somebody has it, and a ``request``.
 
     Raises:
         ValueError: the situation has no maps.
     """
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    across = situation.maps.find_coarse_steps(situation.level)
+    maps, across = situation.maps, situation.maps.find_coarse_steps(situation.level)
+    other = 0 if other_maps is None else maps.table(other_maps).address
     block, *lengths = situation.block()
-    return block, np.array([*lengths, situation.maps.table(kinds, maps).address, across])
+    values = (*lengths, maps.table(MapArrays).address, other, across, robot_speed_mps)
+    return {"block": block, "request": np.array([values], dtype=REQUEST)}
 
 
 @kernel
@@ -291,32 +317,28 @@ def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def meet(seen, i, maps, across, speed, room, result):  # type: ignore[no-untyped-def]
-    """The encounters of one situation: fill in its rows, (C, COLUMNS)."""
-    robots, clydes, velocities, speeds, mask, goals, level = (
-        seen[1], seen[4], seen[5], seen[6], seen[10], seen[18], seen[19]
-    )  # fmt: skip
-    affines, snaps, cell_xys, all_steps, counts = maps
+def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-def]
+    """The encounters of situation i of ``s``: fill in its rows, (C, COLUMNS)."""
     his, (mine_x, mine_y, chosen), walkers, sums = room
     starts, cells, targets = walkers[:3]
-    m = level[i]
-    affine, steps = affines[m], all_steps[m]
+    m = s.level[i]
+    affine, steps = maps.affine[m], maps.coarse_steps[m]
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
-    clyde = _in_cells(affine, clydes[i, 0], clydes[i, 1])
-    cell = _drivable_cell(affine, snaps[m], cell_xys[m], clydes[i, 0], clydes[i, 1])
-    velocity = _turned(affine, velocities[i, 0], velocities[i, 1])
-    stretch, first = speeds[i] * STEP_S * per_m, _FIRST_M * per_m
-    used = _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, counts[m], walkers, his)
-    robot = _in_cells(affine, robots[i, 0], robots[i, 1])
-    cell = _drivable_cell(affine, snaps[m], cell_xys[m], robots[i, 0], robots[i, 1])
-    x, y = _turned(affine, math.cos(robots[i, 2]), math.sin(robots[i, 2]))
+    clyde = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
+    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.clyde[i, 0], s.clyde[i, 1])
+    velocity = _turned(affine, s.clyde_velocity[i, 0], s.clyde_velocity[i, 1])
+    stretch, first = s.clyde_speed[i] * STEP_S * per_m, _FIRST_M * per_m
+    used = _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, maps.goal_count[m], walkers, his)
+    robot = _in_cells(affine, s.robot[i, 0], s.robot[i, 1])
+    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.robot[i, 0], s.robot[i, 1])
+    x, y = _turned(affine, math.cos(s.robot[i, 2]), math.sin(s.robot[i, 2]))
     heading = x / per_m, y / per_m
     count = 0
     result[:] = 0.0
-    for c in range(mask.shape[1]):
-        if not mask[i, c]:
+    for c in range(s.mask.shape[1]):
+        if not s.mask[i, c]:
             continue
-        goal = goals[i, c]
+        goal = s.goal[i, c]
         starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
         if goal >= 0:
             turning = _first_stretch(steps, across, robot, cell, heading, clyde, goal, result[c])
@@ -338,10 +360,11 @@ def meet(seen, i, maps, across, speed, room, result):  # type: ignore[no-untyped
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
-    block, view, speed_mps, result = _arrays(table)
-    seen = _situation(address_of(block), view[LENGTHS_AT], view[LENGTHS_AT + 1], view[LENGTHS_AT + 2])
-    maps = _maps(view[MAPS_AT])
-    room = room_to_meet(maps[3], result.shape[1])
+    a = _arrays(table)
+    request = a.request[0]
+    seen = _situation(address_of(a.block), request.games, request.candidates, request.ghosts)
+    maps = _maps(request.maps)
+    room = room_to_meet(maps.coarse_steps, a.result.shape[1])
     for i in range(first, last):
-        meet(seen, i, maps, view[ACROSS], speed_mps[0], room, result[i])
+        meet(seen, i, maps, request.across, request.robot_speed, room, a.result[i])
     return 0

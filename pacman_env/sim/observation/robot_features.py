@@ -6,14 +6,14 @@ Directions are in the robot's frame, lengths in m, capped at ``FAR_M``. The colu
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.blocks import CANDIDATES, GHOSTS, Layout, N
+from ...engine.blocks import Layout
 from ...engine.jit import kernel
-from ...engine.native import Table, address, arrays_by_address
+from ...engine.native import Array, Table, address, arrays_by_address
 from .situation import HOLD, PELLET, REFUGE, Situation
 from .situation import LAYOUT as situation_layout
 
@@ -67,18 +67,25 @@ COLUMNS: dict[str, Columns] = {
     "ghosts": GHOST_COLUMNS,
 }
 Observation = dict[str, NDArray[Any]]
-LAYOUT = Layout(
-    {
-        "robot": (np.float32, (N, len(ROBOT_COLUMNS))),
-        "clyde": (np.float32, (N, len(CLYDE_COLUMNS))),
-        "candidates": (np.float32, (N, CANDIDATES, len(CANDIDATE_COLUMNS))),
-        "round": (np.float32, (N, len(ROUND_COLUMNS))),
-        "ghosts": (np.float32, (N, GHOSTS, len(GHOST_COLUMNS))),
-    }
-)
-_TABLE = ((np.int64, 1),)  # addresses of the situation's block, its three lengths, and of the features' block
+
+
+class FeatureArrays(NamedTuple):
+    """The features of N situations with C candidates and G ghosts; the columns are named above."""
+
+    robot: Any = Array(np.float32, f"N {len(ROBOT_COLUMNS)}")
+    clyde: Any = Array(np.float32, f"N {len(CLYDE_COLUMNS)}")
+    candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_COLUMNS)}")
+    round: Any = Array(np.float32, f"N {len(ROUND_COLUMNS)}")
+    ghosts: Any = Array(np.float32, f"N G {len(GHOST_COLUMNS)}")
+
+
+class _FillArrays(NamedTuple):
+    request: Any = Array(np.int64, "5")  # as write_features takes them
+
+
+LAYOUT = Layout(FeatureArrays)
 _ROOM, _WRITTEN = "_room", "_features"  # where a situation keeps the block; likewise, until it is asked for
-_view, _situation, _features = arrays_by_address(_TABLE), situation_layout.arrays, LAYOUT.arrays
+_fill_arrays, _situation, _features = arrays_by_address(_FillArrays), situation_layout.arrays, LAYOUT.arrays
 
 
 def observe(situation: Situation) -> Observation:
@@ -98,7 +105,7 @@ def features(situation: Situation) -> Observation:
     seen = situation.__dict__.pop(_WRITTEN, None)
     if seen is None:
         seen = LAYOUT.new(*lengths)
-        table = Table(_TABLE, [np.array([address(block), *lengths, address(seen)])])
+        table = Table(_FillArrays, request=np.array([address(block), *lengths, address(seen)]))
         situation.threads.run(_fill, [table], lengths[0])
     found = LAYOUT.views(seen, *lengths)
     if lengths[2] == 1:
@@ -117,12 +124,12 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
-def room_for_features(situation: Situation, known: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+def room_for_features(situation: Situation) -> NDArray[np.uint8]:
     """A block that :func:`write_features` may fill; the next call of :func:`features` takes it over."""
     _, *lengths = situation.block()
     seen: NDArray[np.uint8] | None = situation.__dict__.get(_ROOM)
     if seen is None:
-        seen = situation.__dict__[_ROOM] = LAYOUT.again(known, *lengths)
+        seen = situation.__dict__[_ROOM] = LAYOUT.new(*lengths)
     situation.__dict__[_WRITTEN] = seen
     return seen
 
@@ -130,37 +137,34 @@ def room_for_features(situation: Situation, known: list[NDArray[np.uint8]]) -> N
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
     """Of the situations from ``first`` to ``last``."""
-    view = _view(table)[0]
-    write_features(view[0], view[1], view[2], view[3], view[4], first, last)
+    request = _fill_arrays(table).request
+    write_features(request[0], request[1], request[2], request[3], request[4], first, last)
     return 0
 
 
 @kernel
 def write_features(block, n, count, others, seen, first, last):  # type: ignore[no-untyped-def]
     """Fill a block with features at ``seen`` from that of the situations at ``block``."""
-    robot, clyde, candidates, round_, ghosts = _features(seen, n, count, others)
-    (
-        time_s, pose, velocity, pose_age, clyde_xy, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, _, _, pellets_left, everyone, _, _,
-    ) = _situation(block, n, count, others)  # fmt: skip
+    f, s = _features(seen, n, count, others), _situation(block, n, count, others)
+    robot, clyde, candidates, ghosts = f.robot, f.clyde, f.candidates, f.ghosts
     for i in range(first, last):
-        x, y = pose[i, 0], pose[i, 1]
-        ch, sh = math.cos(pose[i, 2]), math.sin(pose[i, 2])
+        x, y = s.robot[i, 0], s.robot[i, 1]
+        ch, sh = math.cos(s.robot[i, 2]), math.sin(s.robot[i, 2])
         robot[i, 0], robot[i, 1], robot[i, 2], robot[i, 3] = x, y, ch, sh
-        robot[i, 4] = _cap(velocity[i, 0], FAST_MPS)
-        robot[i, 5] = _cap(velocity[i, 1], 10.0)
-        robot[i, 6] = min(pose_age[i], OLD_S)
-        cx, cy = clyde_xy[i, 0], clyde_xy[i, 1]
+        robot[i, 4] = _cap(s.robot_velocity[i, 0], FAST_MPS)
+        robot[i, 5] = _cap(s.robot_velocity[i, 1], 10.0)
+        robot[i, 6] = min(s.pose_age_s[i], OLD_S)
+        cx, cy = s.clyde[i, 0], s.clyde[i, 1]
         dx, dy = cx - x, cy - y
-        vx, vy = clyde_velocity[i, 0], clyde_velocity[i, 1]
+        vx, vy = s.clyde_velocity[i, 0], s.clyde_velocity[i, 1]
         clyde[i, 0], clyde[i, 1] = in_robot_frame(dx, dy, ch, sh, FAR_M)
         clyde[i, 2], clyde[i, 3] = in_robot_frame(vx, vy, ch, sh, FAST_MPS)
         clyde[i, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
-        clyde[i, 5] = _cap(closing[i], FAST_MPS)
-        clyde[i, 6] = min(clyde_speed[i], FAST_MPS)
+        clyde[i, 5] = _cap(s.closing_speed[i], FAST_MPS)
+        clyde[i, 6] = min(s.clyde_speed[i], FAST_MPS)
         for c in range(count):
-            allowed = mask[i, c]
-            k = kind[i, c]
+            allowed = s.mask[i, c]
+            k = s.kind[i, c]
             candidates[i, c, 0] = k == PELLET
             candidates[i, c, 1] = k == REFUGE
             candidates[i, c, 2] = k == HOLD
@@ -168,21 +172,21 @@ def write_features(block, n, count, others, seen, first, last):  # type: ignore[
                 for column in range(3, 10):
                     candidates[i, c, column] = 0.0
                 continue
-            candidates[i, c, 3] = c == current[i]
-            px, py = position[i, c, 0], position[i, c, 1]
+            candidates[i, c, 3] = c == s.current[i]
+            px, py = s.position[i, c, 0], s.position[i, c, 1]
             dx, dy = px - x, py - y
             candidates[i, c, 4], candidates[i, c, 5] = in_robot_frame(dx, dy, ch, sh, FAR_M)
             candidates[i, c, 6] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
-            candidates[i, c, 7] = min(path_robot[i, c], FAR_M)
+            candidates[i, c, 7] = min(s.path_robot[i, c], FAR_M)
             dx, dy = px - cx, py - cy
             candidates[i, c, 8] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
-            candidates[i, c, 9] = min(path_clyde[i, c], FAR_M)
-        round_[i, 0] = time_s[i]
-        round_[i, 1] = pellets_left[i]
-        for k in range(everyone.shape[1]):
-            dx, dy = everyone[i, k, 0] - x, everyone[i, k, 1] - y
-            vx, vy = everyone[i, k, 2], everyone[i, k, 3]
+            candidates[i, c, 9] = min(s.path_clyde[i, c], FAR_M)
+        f.round[i, 0] = s.time_s[i]
+        f.round[i, 1] = s.pellets_left[i]
+        for k in range(s.ghosts.shape[1]):
+            dx, dy = s.ghosts[i, k, 0] - x, s.ghosts[i, k, 1] - y
+            vx, vy = s.ghosts[i, k, 2], s.ghosts[i, k, 3]
             ghosts[i, k, 0], ghosts[i, k, 1] = in_robot_frame(dx, dy, ch, sh, FAR_M)
             ghosts[i, k, 2], ghosts[i, k, 3] = in_robot_frame(vx, vy, ch, sh, FAST_MPS)
             ghosts[i, k, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
-            ghosts[i, k, 5] = min(everyone[i, k, 4], FAST_MPS)
+            ghosts[i, k, 5] = min(s.ghosts[i, k, 4], FAST_MPS)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...engine.native import Table
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
 from ...game.goals import Goals
@@ -25,7 +26,7 @@ from ..core.parameters import batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
 from .situation import Situation
-from .situation_kernel import VIEW, direct, look, look_table
+from .situation_kernel import REQUEST, LookArrays, direct, look
 
 _AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
 _JUMP_M = 0.5  # Clyde was put elsewhere if he moved so much farther than his speed allows
@@ -102,10 +103,19 @@ class RobotView:
         self._waits = np.zeros((1, self.hold + 1), dtype=np.int64)
         self._stamp_ns: list[int | None] = [None] * count
         self._looked_s: float | None = None
-        self._view = np.zeros(VIEW, dtype=np.int64)
-        state = self._games, self._ghosts, self._cells, self._obstacles, self._alive, self._waits
-        self._look_table = look_table(
-            *state, self._parameters, self._view, np.zeros((kernels.TOLD, 1), dtype=np.int64), self._levels
+        self._request = np.zeros(1, dtype=REQUEST)
+        self._look_table = Table(
+            LookArrays,
+            games=self._games,
+            ghosts=self._ghosts,
+            ghost_paths=self._cells,
+            obstacles=self._obstacles,
+            alive=self._alive,
+            waits=self._waits,
+            parameters=self._parameters,
+            request=self._request,
+            summary=np.zeros((len(kernels.SUMMARY), 1), dtype=np.int64),
+            **self._levels.arrays_for(LookArrays),
         )
 
     def begin(self) -> None:
@@ -203,7 +213,7 @@ class RobotView:
         self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
         situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
-        direct(self._view, situation, player)
+        direct(self._request, situation, player)
         look(self._look_table.address, 0, 1)
         situation.time_s[0] = seen.time_s
         situation.robot_velocity[0] = seen.velocity

@@ -10,45 +10,21 @@ can be sent to, and the last one is to wander on.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.blocks import CANDIDATES, GHOSTS, Layout, N
+from ...engine.blocks import Layout
+from ...engine.native import Array
 from ...engine.threads import ALONE, Threads
 
 if TYPE_CHECKING:
     from ..maps.level_stack import LevelStack
 
 PELLET, REFUGE, HOLD = 0, 1, 2
-_REAL, _WHOLE = np.float64, np.int64
-#: The arrays of a situation that was made by :meth:`Situation.empty`, in the order of its fields.
-LAYOUT = Layout(
-    {
-        "time_s": (_REAL, (N,)),
-        "robot": (_REAL, (N, 3)),
-        "robot_velocity": (_REAL, (N, 2)),
-        "pose_age_s": (_REAL, (N,)),
-        "clyde": (_REAL, (N, 2)),
-        "clyde_velocity": (_REAL, (N, 2)),
-        "clyde_speed": (_REAL, (N,)),
-        "closing_speed": (_REAL, (N,)),
-        "kind": (np.int8, (N, CANDIDATES)),
-        "position": (_REAL, (N, CANDIDATES, 2)),
-        "mask": (np.bool_, (N, CANDIDATES)),
-        "path_robot": (_REAL, (N, CANDIDATES)),
-        "path_clyde": (_REAL, (N, CANDIDATES)),
-        "current": (_WHOLE, (N,)),
-        "seed": (np.uint64, (N,)),
-        "tick": (_WHOLE, (N,)),
-        "pellets_left": (_WHOLE, (N,)),
-        "ghosts": (_REAL, (N, GHOSTS, 5)),
-        "goal": (np.int32, (N, CANDIDATES)),
-        "level": (np.int32, (N,)),
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -59,26 +35,26 @@ class Situation:
     ``position`` is (N, C, 2), ``robot`` (N, 3), velocities and ``clyde`` (N, 2), ``ghosts`` (N, G, 5).
     """
 
-    time_s: NDArray[np.float64]  # (N,) since the round began
-    robot: NDArray[np.float64]  # (N, 3) x, y, heading as believed
-    robot_velocity: NDArray[np.float64]  # (N, 2) v in m/s, omega in rad/s
-    pose_age_s: NDArray[np.float64]  # (N,) since the believed pose was measured
-    clyde: NDArray[np.float64]  # (N, 2) x, y
-    clyde_velocity: NDArray[np.float64]  # (N, 2) m/s, of his last move
-    clyde_speed: NDArray[np.float64]  # (N,) m/s, his speed in this round
-    closing_speed: NDArray[np.float64]  # (N,) m/s, positive: the straight distance shrinks (Algorithm 3)
-    kind: NDArray[np.int8]  # (N, C) PELLET, REFUGE or HOLD
-    position: NDArray[np.float64]  # (N, C, 2) m; HOLD and padding: the robot's own position
-    mask: NDArray[np.bool_]  # (N, C) may be chosen now
-    path_robot: NDArray[np.float64]  # (N, C) m, path length robot-candidate; inf: no way
-    path_clyde: NDArray[np.float64]  # (N, C) m, path length Clyde-candidate; inf: no way
-    current: NDArray[np.int64]  # (N,) candidate pursued now, -1: none
-    seed: NDArray[np.uint64]  # (N,) the round's seed, for policies that draw
-    tick: NDArray[np.int64]  # (N,) ticks of this round before this one
-    pellets_left: NDArray[np.int64]  # (N,) still on the map, those that may not be chosen now included
-    ghosts: NDArray[np.float64]  # (N, G, 5) x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
-    goal: NDArray[np.int32]  # (N, C) number of the candidate among the map's goals, -1: none
-    level: NDArray[np.int32]  # (N,) slot of the map in ``maps``
+    time_s: Annotated[NDArray[np.float64], "N"]  # since the round began
+    robot: Annotated[NDArray[np.float64], "N 3"]  # x, y, heading as believed
+    robot_velocity: Annotated[NDArray[np.float64], "N 2"]  # v in m/s, omega in rad/s
+    pose_age_s: Annotated[NDArray[np.float64], "N"]  # since the believed pose was measured
+    clyde: Annotated[NDArray[np.float64], "N 2"]  # x, y
+    clyde_velocity: Annotated[NDArray[np.float64], "N 2"]  # m/s, of his last move
+    clyde_speed: Annotated[NDArray[np.float64], "N"]  # m/s, his speed in this round
+    closing_speed: Annotated[NDArray[np.float64], "N"]  # m/s, positive: the straight distance shrinks (Algorithm 3)
+    kind: Annotated[NDArray[np.int8], "N C"]  # PELLET, REFUGE or HOLD
+    position: Annotated[NDArray[np.float64], "N C 2"]  # m; HOLD and padding: the robot's own position
+    mask: Annotated[NDArray[np.bool_], "N C"]  # may be chosen now
+    path_robot: Annotated[NDArray[np.float64], "N C"]  # m, path length robot-candidate; inf: no way
+    path_clyde: Annotated[NDArray[np.float64], "N C"]  # m, path length Clyde-candidate; inf: no way
+    current: Annotated[NDArray[np.int64], "N"]  # candidate pursued now, -1: none
+    seed: Annotated[NDArray[np.uint64], "N"]  # the round's seed, for policies that draw
+    tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
+    pellets_left: Annotated[NDArray[np.int64], "N"]  # still on the map, those that may not be chosen now included
+    ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of every ghost; Clyde is the nearest of them
+    goal: Annotated[NDArray[np.int32], "N C"]  # number of the candidate among the map's goals, -1: none
+    level: Annotated[NDArray[np.int32], "N"]  # slot of the map in ``maps``
     maps: LevelStack | None = None  # the maps themselves, for policies that plan on them; None: not known
     threads: Threads = ALONE  # who may work on what is made of the situations
 
@@ -128,12 +104,24 @@ class Situation:
         ghosts: int = 1,
         maps: LevelStack | None = None,
         threads: Threads = ALONE,
-        known: list[NDArray[np.uint8]] | None = None,
     ) -> Situation:
-        """Arrays for n situations, not yet filled; in one of the blocks ``known`` where nobody uses it any more."""
+        """Arrays for n situations, not yet filled."""
         situation = cls.__new__(cls)
         lengths = n, candidates, ghosts
         # The fields of a frozen dataclass; the arrays follow when they are asked for.
-        block = LAYOUT.new(*lengths) if known is None else LAYOUT.again(known, *lengths)
-        situation.__dict__.update(_block=(block, *lengths), maps=maps, threads=threads)
+        situation.__dict__.update(_block=(LAYOUT.new(*lengths), *lengths), maps=maps, threads=threads)
         return situation
+
+
+def _declared() -> dict[str, Array]:
+    """The arrays of a situation: those of its fields that are annotated with a shape."""
+    hints = get_type_hints(Situation, localns={"LevelStack": object}, include_extras=True)
+    shapes = {name: hint for name, hint in hints.items() if get_origin(hint) is Annotated}
+    # NDArray[scalar] is ndarray[shape, dtype[scalar]].
+    return {name: Array(get_args(get_args(hint.__origin__)[1])[0], *hint.__metadata__) for name, hint in shapes.items()}
+
+
+#: The arrays of a situation, as kernels see them.
+SituationArrays: Any = namedtuple("SituationArrays", _declared(), defaults=_declared().values())  # type: ignore[misc]
+#: Where they lie in the block of one that was made by :meth:`Situation.empty`.
+LAYOUT = Layout(SituationArrays)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.jit import kernel
-from ...engine.native import Table, address_of, arrays_by_address
+from ...engine.native import Array, address_of, arrays_by_address
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..core import records
-from ..core.kernels import allowed, believed, nearest, tell
-from ..maps.level_stack import LevelStack
+from ..core.kernels import allowed, believed, nearest, summarize
 from .robot_features import room_for_features, write_features
 from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
@@ -27,140 +26,150 @@ def _metres(cell, goal, length_cm):  # type: ignore[no-untyped-def]
     return cm * 0.01 if (cell >= 0) & (cm != UNREACHABLE_CM) else np.inf
 
 
-_WHOLE, _REAL = np.int32, np.float64
-#: dtype and axes of what :func:`look` works on.
-TABLE = (
-    *((records.GAME, 1), (records.GHOST, 2), (_WHOLE, 3), (_REAL, 3), (np.bool_, 2), (np.int64, 2)),
-    *((records.PARAMETERS, 1), (np.int64, 1), (np.int64, 2)),  # constants, view, what is told
-    *((_REAL, 3), (_REAL, 2), (_WHOLE, 3), (np.uint16, 3), (_WHOLE, 2), (_WHOLE, 2), (_WHOLE, 2)),  # maps
+#: What a look is for.
+REQUEST = np.dtype(
+    [
+        ("block", np.int64),  # address of the situation's block
+        ("games", np.int64),  # its three lengths
+        ("candidates", np.int64),
+        ("ghosts", np.int64),
+        ("player", np.int64),  # who looks: the robot (-1) or that ghost
+        ("features", np.int64),  # address of the features' block; 0: none are written
+    ]
 )
-#: Numbers of a view: the situation's block and its three lengths, who looks, the features' block; how many they are.
-BLOCK, SEAT, FEATURES, VIEW = 0, 4, 5, 6
+
+
+class LookArrays(NamedTuple):
+    """What :func:`look` works on: N games, C candidates, P pellets, G ghosts, M maps."""
+
+    games: Any = Array(records.GAME, "N")
+    ghosts: Any = Array(records.GHOST, "N G")
+    ghost_paths: Any = Array(np.int32, "N G l")  # cells of the way that each is on
+    obstacles: Any = Array(np.float64, "N G 3")  # m, where the ghosts are seen
+    alive: Any = Array(np.bool_, "N P")  # the pellet is there
+    waits: Any = Array(np.int64, "N C")  # physics step until which an aborted goal may not be chosen
+    parameters: Any = Array(records.PARAMETERS, "1")
+    request: Any = Array(REQUEST, "1")
+    summary: Any = Array(np.int64, "6 N")  # kernels.SUMMARY
+    goal_xy: Any = Array(np.float64, "M g 2")  # m
+    affine: Any = Array(np.float64, "M 6")
+    snap: Any = Array(np.int32, "M h w")
+    length_cm: Any = Array(np.uint16, "M k g")
+    ghost_drive: Any = Array(np.int32, "M k")  # drivable cell under each of the ghosts'
+    ghost_place: Any = Array(np.int32, "M g")  # the ghosts' cell of each goal
+    ghost_part: Any = Array(np.int32, "M k")
+
+
 _NOTHING = np.zeros(0, dtype=np.uint8)
-_MAPS = ("goal_xy", "affine", "snap", "length_cm", "ghost_drive", "ghost_place", "ghost_part")
-_arrays = arrays_by_address(TABLE)
-_in_block = LAYOUT.arrays
+_arrays, _situation = arrays_by_address(LookArrays), LAYOUT.arrays
 
 
-def look_table(
-    games: NDArray[Any],
-    ghosts: NDArray[Any],
-    ghost_paths: NDArray[np.int32],
-    obstacles: NDArray[np.float64],
-    alive: NDArray[np.bool_],
-    waits: NDArray[np.int64],
-    parameters: NDArray[Any],
-    view: NDArray[np.int64],
-    told: NDArray[np.int64],
-    levels: LevelStack,
-) -> Table:
-    """For :func:`look`; ``view`` (VIEW,) is written by :func:`direct`, ``told`` (TOLD, N) by it."""
-    maps = (levels.arrays[name] for name in _MAPS)
-    return Table(TABLE, (games, ghosts, ghost_paths, obstacles, alive, waits, parameters, view, told, *maps))
+def direct(request: NDArray[Any], situation: Situation, player: int, features: bool = False) -> None:
+    """Let the next look fill a situation: as the robot's policy sees it (-1), or that of ghost ``player``.
 
-
-def direct(view: NDArray[np.int64], situation: Situation, seat: int, known: list[Any] | None = None) -> None:
-    """Let the next look fill a situation: as the robot's policy sees it (-1), or that of ghost ``seat``.
-
-    With blocks that are ``known`` the features are written as well.
+    With ``features`` it writes those as well, in arrays of their own.
     """
     block, *lengths = situation.block()
-    _aim(view, block, _NOTHING if known is None else room_for_features(situation, known), *lengths, seat)
+    _aim(request, block, room_for_features(situation) if features else _NOTHING, *lengths, player)
 
 
 @kernel
-def _aim(view, block, seen, n, candidates, ghosts, seat):  # type: ignore[no-untyped-def]
-    view[0], view[1], view[2], view[3], view[SEAT] = address_of(block), n, candidates, ghosts, seat
-    view[FEATURES] = address_of(seen) if len(seen) > 0 else 0
+def _aim(request, block, features, n, candidates, ghosts, player):  # type: ignore[no-untyped-def]
+    v = request[0]
+    v.block, v.games, v.candidates, v.ghosts, v.player = address_of(block), n, candidates, ghosts, player
+    v.features = address_of(features) if len(features) > 0 else 0
 
 
 @kernel
 def look(table, first, last):  # type: ignore[no-untyped-def]
     """Write the situations of the games from ``first`` to ``last``; returns 0."""
-    (
-        games, ghosts, ghost_paths, obstacles, alive, waits, parameters, view, told,
-        goal_xys, affines, snaps, lengths, drives, places, parts,
-    ) = _arrays(table)  # fmt: skip
-    (
-        time_s, robot, robot_velocity, pose_age, clyde, clyde_velocity, clyde_speed, closing, kind, position, mask,
-        path_robot, path_clyde, current, seed, tick, pellets_left, everyone, goals, level,
-    ) = _in_block(view[BLOCK], view[BLOCK + 1], view[BLOCK + 2], view[BLOCK + 3])  # fmt: skip
-    seat = view[SEAT]
-    p = parameters[0]
+    a = _arrays(table)
+    games, ghosts, ghost_paths, obstacles, alive, waits = (
+        a.games,
+        a.ghosts,
+        a.ghost_paths,
+        a.obstacles,
+        a.alive,
+        a.waits,
+    )
+    p, request = a.parameters[0], a.request[0]
+    s = _situation(request.block, request.games, request.candidates, request.ghosts)
+    player = request.player
     slots, hold = p.pellet_slots, p.pellet_slots + p.refuge_slots
-    _, rows, columns = snaps.shape
+    _, rows, columns = a.snap.shape
     for i in range(first, last):
         g = games[i]
-        tell(g, i, told)
-        goal_xy, length_cm, drive, place = goal_xys[g.level], lengths[g.level], drives[g.level], places[g.level]
+        summarize(g, i, a.summary)
+        goal_xy, length_cm = a.goal_xy[g.level], a.length_cm[g.level]
+        drive, place = a.ghost_drive[g.level], a.ghost_place[g.level]
         bx, by, bh = believed(g, p.use_tf)
-        robot[i, 0], robot[i, 1], robot[i, 2] = bx, by, wrap(bh)
-        robot_velocity[i, 0] = 0.5 * (g.left + g.right)
-        robot_velocity[i, 1] = (g.right - g.left) * p.per_base
+        s.robot[i, 0], s.robot[i, 1], s.robot[i, 2] = bx, by, wrap(bh)
+        s.robot_velocity[i, 0] = 0.5 * (g.left + g.right)
+        s.robot_velocity[i, 1] = (g.right - g.left) * p.per_base
         for k in range(ghosts.shape[1]):
             ghost = ghosts[i, k]
-            everyone[i, k, 0], everyone[i, k, 1] = ghost.x, ghost.y
-            everyone[i, k, 2], everyone[i, k, 3] = ghost.vx, ghost.vy
-            everyone[i, k, 4] = ghost.speed
-        lead = seat
-        if seat < 0:
+            s.ghosts[i, k, 0], s.ghosts[i, k, 1] = ghost.x, ghost.y
+            s.ghosts[i, k, 2], s.ghosts[i, k, 3] = ghost.vx, ghost.vy
+            s.ghosts[i, k, 4] = ghost.speed
+        lead = player
+        if player < 0:
             lead, _ = nearest(bx, by, obstacles[i])
-        clyde[i, 0], clyde[i, 1] = everyone[i, lead, 0], everyone[i, lead, 1]
-        clyde_velocity[i, 0], clyde_velocity[i, 1] = everyone[i, lead, 2], everyone[i, lead, 3]
-        clyde_speed[i] = everyone[i, lead, 4]
-        time_s[i] = g.tick * p.tick_s
-        pose_age[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
-        closing[i] = g.closing
-        if seat >= 0:  # his own: the rate at which the straight distance shrinks
-            dx, dy = bx - clyde[i, 0], by - clyde[i, 1]
-            v = robot_velocity[i, 0]
-            ux, uy = clyde_velocity[i, 0] - v * math.cos(bh), clyde_velocity[i, 1] - v * math.sin(bh)
-            closing[i] = (dx * ux + dy * uy) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
-        current[i] = g.pursued if seat < 0 else ghosts[i, lead].place
-        seed[i] = g.seed
-        tick[i] = g.tick
-        level[i] = g.level
-        pellets_left[i] = g.spawned - g.collected - g.lost
-        column, row = cell_of(affines[g.level], rows, columns, bx, by)
-        here = snaps[g.level, row, column]
+        s.clyde[i, 0], s.clyde[i, 1] = s.ghosts[i, lead, 0], s.ghosts[i, lead, 1]
+        s.clyde_velocity[i, 0], s.clyde_velocity[i, 1] = s.ghosts[i, lead, 2], s.ghosts[i, lead, 3]
+        s.clyde_speed[i] = s.ghosts[i, lead, 4]
+        s.time_s[i] = g.tick * p.tick_s
+        s.pose_age_s[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
+        s.closing_speed[i] = g.closing
+        if player >= 0:  # his own: the rate at which the straight distance shrinks
+            dx, dy = bx - s.clyde[i, 0], by - s.clyde[i, 1]
+            v = s.robot_velocity[i, 0]
+            ux, uy = s.clyde_velocity[i, 0] - v * math.cos(bh), s.clyde_velocity[i, 1] - v * math.sin(bh)
+            s.closing_speed[i] = (dx * ux + dy * uy) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
+        s.current[i] = g.pursued if player < 0 else ghosts[i, lead].place
+        s.seed[i] = g.seed
+        s.tick[i] = g.tick
+        s.level[i] = g.level
+        s.pellets_left[i] = g.spawned - g.collected - g.lost
+        column, row = cell_of(a.affine[g.level], rows, columns, bx, by)
+        here = a.snap[g.level, row, column]
         ghost_cell = ghost_paths[i, lead, ghosts[i, lead].path_index]
         there = drive[ghost_cell]
         for c in range(hold + 1):
             goal = -1
             if c < slots:
-                kind[i, c] = PELLET
+                s.kind[i, c] = PELLET
                 if c < g.pellets:
                     goal = c
-                    if seat >= 0 and not alive[i, c]:
-                        kind[i, c] = REFUGE  # a place like others
+                    if player >= 0 and not alive[i, c]:
+                        s.kind[i, c] = REFUGE  # a place like others
             elif c < hold:
-                kind[i, c] = REFUGE
+                s.kind[i, c] = REFUGE
                 if c - slots < g.refuges:
                     goal = g.pellets + c - slots
             else:
-                kind[i, c] = HOLD
-            if seat < 0:
-                mask[i, c] = allowed(g, i, c, alive, waits, p)
+                s.kind[i, c] = HOLD
+            if player < 0:
+                s.mask[i, c] = allowed(g, i, c, alive, waits, p)
             else:
-                mask[i, c] = c == hold
+                s.mask[i, c] = c == hold
                 if goal >= 0 and place[goal] >= 0:  # there, and he can get there
-                    mask[i, c] = parts[g.level, place[goal]] == parts[g.level, ghost_cell]
-            goals[i, c] = goal
+                    s.mask[i, c] = a.ghost_part[g.level, place[goal]] == a.ghost_part[g.level, ghost_cell]
+            s.goal[i, c] = goal
             if goal < 0:
-                position[i, c, 0], position[i, c, 1] = bx, by
-                path_robot[i, c] = 0.0 if c == hold else np.inf
-                path_clyde[i, c] = np.inf
+                s.position[i, c, 0], s.position[i, c, 1] = bx, by
+                s.path_robot[i, c] = 0.0 if c == hold else np.inf
+                s.path_clyde[i, c] = np.inf
                 continue
-            position[i, c, 0], position[i, c, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
-            path_robot[i, c] = _metres(here, goal, length_cm)
-            path_clyde[i, c] = _metres(there, goal, length_cm)
-        if seat < 0:
+            s.position[i, c, 0], s.position[i, c, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
+            s.path_robot[i, c] = _metres(here, goal, length_cm)
+            s.path_clyde[i, c] = _metres(there, goal, length_cm)
+        if player < 0:
             for k in range(ghosts.shape[1]):
                 if k != lead:
                     there = drive[ghost_paths[i, k, ghosts[i, k].path_index]]
                     for goal in range(g.pellets + g.refuges):
                         c = goal if goal < g.pellets else slots + goal - g.pellets
-                        path_clyde[i, c] = min(path_clyde[i, c], _metres(there, goal, length_cm))
-    if view[FEATURES] != 0:
-        write_features(view[BLOCK], view[BLOCK + 1], view[BLOCK + 2], view[BLOCK + 3], view[FEATURES], first, last)
+                        s.path_clyde[i, c] = min(s.path_clyde[i, c], _metres(there, goal, length_cm))
+    if request.features != 0:
+        write_features(request.block, request.games, request.candidates, request.ghosts, request.features, first, last)
     return 0

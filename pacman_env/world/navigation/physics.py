@@ -36,6 +36,10 @@ BODY_FIELDS = [
 _GIVEN, _TAKEN = 6, 4  # numbers of a body: position, velocity and force; position and velocity
 _HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the table of spaces
 _EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions
+_NAMES = (
+    *("space_table", "space_given", "space_taken", "space_calls"),
+    *("space_owners", "space_levels", "space_of"),
+)
 _REMEMBERS = 5  # steps: more than Chipmunk keeps a contact (collision_persistence, 3)
 _FAR_M = 1e6
 _NONE = _FREE = -1  # in place of a space's number, of a robot's
@@ -154,6 +158,8 @@ class Spaces:
         self._owners, self._levels = np.full(most, _FREE, dtype=np.int64), np.full(most, _NONE, dtype=np.int64)
         self._space_of = np.full(robots, _NONE, dtype=np.int64)
         self.arrays = table, given, taken, _functions(), self._owners, self._levels, self._space_of
+        #: The same by the names that they have in tables.
+        self.named = dict(zip(_NAMES, self.arrays, strict=True))
 
     def __len__(self) -> int:
         """Number of spaces that there are now."""
