@@ -88,4 +88,4 @@ class Game(Protocol):
         """
 
     def story(self, number: int) -> bytes | None:
-        """The frames of a round that has ended, one after the other, each behind its length (u32, little endian)."""
+        """The frames of a round that has ended, as a JSON list; None: there is no such round."""

@@ -22,7 +22,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.web.frame import Frame, Pose
+from pacman_env.web.frame import Frame, Pose, thinned
 from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.lidar import scan
 
@@ -46,8 +46,8 @@ class Look:
     goal: int
     scores: NDArray[np.float64]
     plan: NDArray[np.float64]
-    shadow: Pose | None
-    shadow_collected: int
+    baseline: Pose | None
+    baseline_collected: int
 
 
 def between(old: Look, new: Look, share: float) -> dict[str, Any]:
@@ -56,7 +56,7 @@ def between(old: Look, new: Look, share: float) -> dict[str, Any]:
         share = 1.0
     moved = {
         name: _pose_between(getattr(old, name) or getattr(new, name), getattr(new, name), share)
-        for name in ("true", "believed", "shadow")
+        for name in ("true", "believed", "baseline")
         if getattr(new, name) is not None
     }
     ghosts = old.ghosts + share * (new.ghosts - old.ghosts) if old.ghosts.shape == new.ghosts.shape else new.ghosts
@@ -68,10 +68,10 @@ def between(old: Look, new: Look, share: float) -> dict[str, Any]:
         "ghosts": ghosts,
         "alive": last.alive,
         "collected": last.collected,
-        "shadow_collected": last.shadow_collected,
+        "baseline_collected": last.baseline_collected,
         "goal": new.goal,
         "scores": new.scores,
-        "plan": new.plan,
+        "plan": thinned(new.plan),
     }
 
 
@@ -142,8 +142,8 @@ class PlayedRound:
         self.choices: list[list[int]] = []
         self.by_person = False
         self.placed = False
-        self._shadow: GameBatch | None = None
-        self._shadow_policy: Policy | None = None
+        self._baseline: GameBatch | None = None
+        self._baseline_policy: Policy | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -207,20 +207,20 @@ class PlayedRound:
     def play_beside(self) -> None:
         """From the beginning on, let the policy play the same round beside the person."""
         if self.ticks == 0 and not self.placed and not self.seats:
-            self._shadow = GameBatch(self._made_from, self.config, 1)
-            self._shadow.reset(_ONE, np.array([self.seed], dtype=np.uint64))
-            self._shadow_policy = make_policy(self.names[0])
-            self._shadow_policy.reset(_ALL)
-            self._shadow_ghosts = {k: copy.deepcopy(policy) for k, policy in self._ghosts.items()}
+            self._baseline = GameBatch(self._made_from, self.config, 1)
+            self._baseline.reset(_ONE, np.array([self.seed], dtype=np.uint64))
+            self._baseline_policy = make_policy(self.names[0])
+            self._baseline_policy.reset(_ALL)
+            self._baseline_ghosts = {k: copy.deepcopy(policy) for k, policy in self._ghosts.items()}
             self.looks = [self._look()]
 
-    def shadow_result(self) -> dict[str, Any] | None:
+    def baseline_result(self) -> dict[str, Any] | None:
         """How the round goes on for the policy beside a person, to its end; None: there is none."""
-        if self._shadow is None:
+        if self._baseline is None:
             return None
-        while self._shadow.games["end"][0] == RUNNING:
-            self._step_shadow()
-        game = self._shadow.games[0]
+        while self._baseline.games["end"][0] == RUNNING:
+            self._step_baseline()
+        game = self._baseline.games[0]
         time_s = float(game["step"]) * self.config.physics_step_s
         return {"result": str(OUTCOMES[game["end"]]), "collected": int(game["collected"]), "time_s": time_s}
 
@@ -243,8 +243,8 @@ class PlayedRound:
                 goal = self.hold if orders.goal is None else orders.goal
             batch.step(allowed(situation, self._numbers[[goal]], batch.hold), sent)
         self.choices.append([goal, *chosen])
-        if self._shadow is not None:
-            self._step_shadow()
+        if self._baseline is not None:
+            self._step_baseline()
         self._situation = batch.situation()
         self.looks.append(self._look())
 
@@ -269,14 +269,14 @@ class PlayedRound:
                 choices[:, k] = behaviour_choice(batch.hold, BEHAVIOUR_NAMES.index(self._behaviours[k]))
         return choices
 
-    def _step_shadow(self) -> None:
-        batch, policy = self._shadow, self._shadow_policy
+    def _step_baseline(self) -> None:
+        batch, policy = self._baseline, self._baseline_policy
         assert batch is not None
         assert policy is not None
         if batch.games["end"][0] == RUNNING:
             situation = batch.situation()
             choice = allowed(situation, policy.select(situation), batch.hold)
-            batch.step(choice, self._ghost_choices(batch, Orders(), self._shadow_ghosts))
+            batch.step(choice, self._ghost_choices(batch, Orders(), self._baseline_ghosts))
 
     def _look(self) -> Look:
         batch, g = self.batch, self.batch.games[0]
@@ -287,7 +287,7 @@ class PlayedRound:
         if g["nav_state"] == navigator.ACTIVE:
             plan = batch.paths[0, int(g["nav_at"]) : int(g["nav_points"])].astype(float)
         v, omega = situation.robot_velocity[0].tolist()
-        shadow = None if self._shadow is None else self._shadow.games[0]
+        other = None if self._baseline is None else self._baseline.games[0]
         return Look(
             time_s=float(g["step"]) * self.config.physics_step_s,
             true=(float(g["x"]), float(g["y"]), float(g["heading"])),
@@ -299,8 +299,8 @@ class PlayedRound:
             goal=self._dense(np.array([pursued])) if pursued >= 0 else -1,
             scores=np.where(np.isfinite(scores) & situation.mask[0, self._numbers], scores, np.nan),
             plan=plan,
-            shadow=None if shadow is None else (float(shadow["x"]), float(shadow["y"]), float(shadow["heading"])),
-            shadow_collected=0 if shadow is None else int(shadow["collected"]),
+            baseline=None if other is None else (float(other["x"]), float(other["y"]), float(other["heading"])),
+            baseline_collected=0 if other is None else int(other["collected"]),
         )
 
     def lidar(self) -> NDArray[np.float64]:

@@ -108,7 +108,7 @@ class Pages:
                 Route("/health", self._health),
                 Route("/map", self._add_map, methods=["POST"]),
                 Route("/map/{revision:int}.png", self._picture),
-                Route("/story/{number:int}.bin", self._story),
+                Route("/story/{number:int}.json", self._story),
                 WebSocketRoute("/ws", self._socket),
             ]
         )
@@ -148,7 +148,7 @@ class Pages:
                 yield story[at : at + (1 << 16)]
 
         headers = {"cache-control": "no-store", "content-length": str(len(story))}
-        return StreamingResponse(pieces(), media_type="application/octet-stream", headers=headers)
+        return StreamingResponse(pieces(), media_type="application/json", headers=headers)
 
     async def _add_map(self, request: Request) -> Response:
         if request.scope["access"] != "operator":
@@ -223,8 +223,7 @@ class Pages:
             with contextlib.suppress(WebSocketDisconnect, RuntimeError):
                 while things := await place.take():
                     for thing in things:
-                        key = "text" if isinstance(thing, str) else "bytes"
-                        await socket.send({"type": "websocket.send", key: thing})
+                        await socket.send_text(thing)
                 await socket.close(
                     1001 if self.ending else 1008, place.why_ended.encode()[:100].decode(errors="ignore")
                 )

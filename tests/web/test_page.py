@@ -159,7 +159,7 @@ def test_a_round_played_by_clicks(visit: Visit) -> None:
     page = visit()
     page.press("tab-play")
     page.page.click("[data-seat=robot]")
-    page.wait("state.seat === 'robot' && state.frame.shadow")
+    page.wait("state.seat === 'robot' && state.frame.baseline")
     assert page.text("duel") == "you 0, ppo 0"
     start(page, 12)
     sent = -1

@@ -83,15 +83,15 @@ def test_velocities_drive_the_robot_and_goals_take_over_again() -> None:
     assert math.dist(round.looks[-1].true[:2], before.true[:2]) > 0.5
 
 
-def test_the_shadow_plays_the_round_that_the_policy_would_have_played() -> None:
+def test_the_baseline_plays_the_round_that_the_policy_would_have_played() -> None:
     alone = played(laid_out())
     beside = laid_out()
     beside.play_beside()
     played(beside, Orders(robot=True))
-    shadows = [look.shadow for look in beside.looks]
-    both = min(len(shadows), len(alone.looks))
-    assert shadows[:both] == [look.true for look in alone.looks[:both]]
-    assert beside.shadow_result() == {
+    baselines = [look.baseline for look in beside.looks]
+    both = min(len(baselines), len(alone.looks))
+    assert baselines[:both] == [look.true for look in alone.looks[:both]]
+    assert beside.baseline_result() == {
         "result": alone.outcome,
         "collected": alone.looks[-1].collected,
         "time_s": alone.looks[-1].time_s,

@@ -87,9 +87,9 @@ def test_maps_and_rounds_are_fetched_with_the_token(serve: Callable[..., WebServ
         assert web.get(at(server.viewer_url, where)).content == PICTURE
         headers = {"authorization": f"Bearer {server.tokens.viewer}"}
         base = server.url.partition("?")[0]
-        assert web.get(f"{base}story/3.bin", headers=headers).content == game.stories[3]
-        assert web.get(f"{base}story/3.bin").status_code == 401
-        for path in ("story/4.bin", "map/9.png", f"story/{10**30}.bin", "nothing"):
+        assert web.get(f"{base}story/3.json", headers=headers).content == game.stories[3]
+        assert web.get(f"{base}story/3.json").status_code == 401
+        for path in ("story/4.json", "map/9.png", f"story/{10**30}.json", "nothing"):
             assert web.get(base + path, headers=headers).status_code == 404
 
 

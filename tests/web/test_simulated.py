@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from pacman_env.web import messages as m
-from pacman_env.web.frame import Frame, decode
+from pacman_env.web.frame import Frame, decode_all
 from pacman_env.web.game import Refused
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated import SimulatedGame
@@ -83,15 +82,12 @@ def test_a_link_brings_the_same_round_back(game: SimulatedGame) -> None:
     assert {key: second[key] for key in keys} == {key: first[key] for key in keys}
 
 
-def test_a_story_is_frames_one_behind_the_other(game: SimulatedGame) -> None:
+def test_a_story_is_a_list_of_frames(game: SimulatedGame) -> None:
     number = game.tell("Ann", m.Setup(finish=True))["story"]
     facts = game.tell("Ann", m.Stories())[0]
-    data, frames = game.story(number), []
+    data = game.story(number)
     assert data is not None
-    while data:
-        (size,) = struct.unpack_from("<I", data)
-        frames.append(decode(data[4 : 4 + size]))
-        data = data[4 + size :]
+    frames = decode_all(data)
     assert len(frames) == facts["ticks"] + 1
     assert frames[-1].over
     assert frames[-1].time_s == pytest.approx(facts["time_s"], abs=0.01)
@@ -215,7 +211,7 @@ def test_a_person_plays_a_round_beside_the_policy_and_is_told_who_was_better(gam
     game.tell("Ann", m.Seat(who="robot"))
     game.tell("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
-    assert frame(game).shadow is not None
+    assert frame(game).baseline is not None
     game.tell("Ann", m.Goal(candidate=2))
     wait(lambda: frame(game).state == "menu")
     story = game.tell("Ann", m.Stories())[0]

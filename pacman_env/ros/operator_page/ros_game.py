@@ -13,7 +13,7 @@ import json
 import logging
 import math
 import threading
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import rclpy
@@ -41,7 +41,7 @@ from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
 from pacman_env.ros.supervisor.readiness import BAD, OK, find
 from pacman_env.ros.surroundings import current
 from pacman_env.web import feedback, messages
-from pacman_env.web.frame import Frame
+from pacman_env.web.frame import Frame, State, thinned
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
 from pacman_env.web.news import News
@@ -85,7 +85,7 @@ class RosGame:
         self._scene_key = ""
         self._pellet_ids: list[int] = []
         self._frame: Frame | None = None
-        self._encoded, self._number = b"", 0
+        self._encoded, self._number = "", 0
         self._seat: str | None = None
         self._armed: str | None = None  # by whom
         self._shows_until_s = 0.0  # a motion that an operator has asked for
@@ -267,7 +267,7 @@ class RosGame:
             if state != "menu":  # the game drives
                 self._wheels.let_go()
         if not (self._there or node.alive):
-            self._frame, self._encoded = None, b""
+            self._frame, self._encoded = None, ""
             return
         frame = self._framed()
         encoded = frame.encode()
@@ -307,7 +307,6 @@ class RosGame:
 
     def _framed(self, number: int = 0) -> Frame:
         node = self._node
-        state = node.state or "menu"
         numbers = node.numbers
         candidates = len(node.candidates.get("places", ()))
         scores = np.full(candidates + 1 if candidates else 0, np.nan)
@@ -316,15 +315,15 @@ class RosGame:
                 scores[candidate] = score
         ghosts = [node.ghosts[k] for k in sorted(node.ghosts)]
         return Frame(
-            state=state,
+            state=cast(State, node.state or "menu"),
             revision=self._scene.revision,
             number=number,
             time_s=round(node.round_time_s, 2),
             speed=round(node.rate, 1),
             score=int(numbers.get("score", 0)),
-            collected=min(int(numbers.get("collected", 0)), 65535),
-            spawned=min(int(numbers.get("spawned", 0)), 65535),
-            round=min(int(numbers.get("round", 1)), 65535),
+            collected=int(numbers.get("collected", 0)),
+            spawned=int(numbers.get("spawned", 0)),
+            round=int(numbers.get("round", 1)),
             goal=node.goal if node.goal < candidates else -1,
             stopped=self._operator.stopped,
             over=bool(node.result),
@@ -335,7 +334,7 @@ class RosGame:
             ghosts=np.array(ghosts, dtype=np.float64).reshape(-1, 2),
             alive=np.array([one in node.shown for one in self._pellet_ids], dtype=np.bool_),
             scores=scores,
-            plan=node.plan,
+            plan=thinned(node.plan),
             scan=node.scan if self._lidar else np.zeros(0),
         )
 

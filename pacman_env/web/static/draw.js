@@ -90,11 +90,11 @@ export function drawTop(context, view, ratio, { scene, frame, poses, trail, laye
   if (layers.lidar && frame.scan.length && poses.robot) lidar(context, view, frame.scan, poses.robot, colours);
   poses.ghosts.forEach((place, k) => ghost(context, view, place, scene.ghosts?.[k] ?? {}, layers, colours, mine === `ghost-${k}`));
   const radius = mark(view, scene.robot?.radius_m ?? 0.17, 9, 60);
-  if (poses.shadow) {
+  if (poses.baseline) {
     context.globalAlpha = 0.55;
-    pacman(context, view.toScreen(...poses.shadow), poses.shadow[2], radius, colours.shadow, colours.rim, mouth);
+    pacman(context, view.toScreen(...poses.baseline), poses.baseline[2], radius, colours.baseline, colours.rim, mouth);
     context.globalAlpha = 1;
-    if (layers.names) words(context, scene.shadow_name ?? scene.policy ?? "", view.toScreen(...poses.shadow), radius + 13, colours);
+    if (layers.names) words(context, scene.baseline_name ?? scene.policy ?? "", view.toScreen(...poses.baseline), radius + 13, colours);
   }
   if (poses.robot) pacman(context, view.toScreen(...poses.robot), poses.robot[2], radius, colours.robot, colours.rim, mouth);
   if (layers.believed && poses.believed && poses.true) believed(context, view, poses.believed, radius, colours);

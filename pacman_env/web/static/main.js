@@ -4,7 +4,7 @@ import { isLight, setUpTheme } from "./colours.js";
 import { Connection } from "./connection.js";
 import { setUpControls, setUpResult, showResult } from "./controls.js";
 import { $, clock, isTyping, make, write } from "./dom.js";
-import { decode, sameFrame } from "./frame.js";
+import { sameFrame } from "./frame.js";
 import { setUpGates } from "./gates.js";
 import { copyLink, followLink } from "./link.js";
 import { GameMap, layers, view } from "./map.js";
@@ -21,7 +21,7 @@ import { Why } from "./why.js";
 const MOST_LOG = 60;
 const count = { frames_drawn: 0, frames_per_second: 0, messages: 0, frames: 0, last_frame: -1, notes: 0, lit: 0, connections: 0, first_view_ms: null, errors: [] };
 const token = new URLSearchParams(location.search).get("token");
-let latest = null; // bytes of the newest frame
+let latest = null; // JSON of the newest frame
 let again = sessionStorage.again ?? ""; // the key by which the server knows us after a break
 
 addEventListener("error", (event) => count.errors.push(String(event.message)));
@@ -34,7 +34,7 @@ const connection = new Connection(
     if (again) query.set("again", again);
     return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${query.size ? `?${query}` : ""}`;
   },
-  { opened, lost, text, binary },
+  { opened, lost, text, frame },
 );
 const map = new GameMap({ token, count, actions: (world, candidate) => seats.tapped(world, candidate) });
 setUpGates();
@@ -130,7 +130,7 @@ function news(items) {
   tell("news", items);
 }
 
-function binary(data) {
+function frame(data) {
   count.messages++;
   count.frames++;
   const same = sameFrame(latest, data);
@@ -141,12 +141,7 @@ function binary(data) {
 
 function show() {
   if (!latest) return;
-  try {
-    state.frame = decode(latest);
-  } catch (error) {
-    count.errors.push(String(error));
-    return;
-  }
+  state.frame = JSON.parse(latest);
   count.last_frame = state.frame.number;
   count.first_view_ms ??= performance.now();
   if (!state.story) map.take(state.frame);

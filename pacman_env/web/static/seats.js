@@ -105,8 +105,8 @@ export class Seats {
   #duel() {
     const frame = state.frame;
     const robot = state.people.seats?.robot;
-    const beside = Boolean(frame?.shadow && robot) && !state.story;
-    const words = beside ? `${robot === me() ? "you" : robot} ${frame.collected}, ${state.scene?.policy ?? "policy"} ${frame.shadow_collected}` : "";
+    const beside = Boolean(frame?.baseline && robot) && !state.story;
+    const words = beside ? `${robot === me() ? "you" : robot} ${frame.collected}, ${state.scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";
     write($("duel"), words);
     $("duel").hidden = !words;
   }

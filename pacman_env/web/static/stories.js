@@ -1,7 +1,7 @@
 // Finished rounds: the list, the time line, the marks, the link.
 
 import { $, clock, debounced, isTyping, make, setIcon, write } from "./dom.js";
-import { decodeStory, robotPose } from "./frame.js";
+import { robotPose } from "./frame.js";
 import { copyLink } from "./link.js";
 import { notice, told } from "./notices.js";
 import { on, state, tell } from "./state.js";
@@ -87,9 +87,9 @@ export class Stories {
       return;
     }
     try {
-      const response = await fetch(`/story/${number}.bin`, { headers: this.token ? { Authorization: `Bearer ${this.token}` } : {} });
+      const response = await fetch(`/story/${number}.json`, { headers: this.token ? { Authorization: `Bearer ${this.token}` } : {} });
       if (!response.ok) throw new Error(await response.text());
-      const frames = decodeStory(await response.arrayBuffer());
+      const frames = await response.json();
       if (!frames.length) throw new Error("it is empty");
       this.#play(false);
       state.story = { entry, frames, index: 0, scene, trail: frames.map(robotPose) };
