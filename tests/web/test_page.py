@@ -11,7 +11,8 @@ import httpx
 import pytest
 
 from pacman_env.web.access import Tokens
-from pacman_env.web.server import STATIC, WebServer
+from pacman_env.web.routes import STATIC
+from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
 from pacman_env.world.maps.occupancy import shipped_maps
 from tests.web.browser import Visitor

@@ -24,7 +24,8 @@ from pacman_env.web import control, messages, viewers
 from pacman_env.web.access import Tokens
 from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
-from pacman_env.web.server import MOST_UPLOAD, WebServer, map_name
+from pacman_env.web.routes import MOST_UPLOAD, map_name
+from pacman_env.web.server import WebServer
 from tests.web.pages import FILES, Page, at, eventually
 from tests.web.scripted_game import PICTURE, ScriptedGame
 
