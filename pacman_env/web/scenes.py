@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import cv2
 
-from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import GHOST_COLOURS
 from pacman_env.web.game import Scene
 from pacman_env.web.played_round import PlayedRound
+from pacman_env.web.roles import ghost_role
 from pacman_env.web.rules import Rules
 
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
@@ -38,9 +37,8 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         "first_refuge": pellets,
         "ghosts": [
             {
-                "name": GHOST_NAMES[k],
+                "role": ghost_role(k),
                 "behaviour": behaviour,
-                "colour": list(GHOST_COLOURS[GHOST_NAMES[k]]),
                 "catch_m": config.execution.death_radius_m,
             }
             for k, behaviour in enumerate(rules.ghosts)

@@ -18,7 +18,7 @@ from pacman_env import __version__
 from pacman_env.config import Config
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.round import Action, RoundController
-from pacman_env.web import feedback, messages
+from pacman_env.web import messages
 from pacman_env.web.feedback import Feedback
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
@@ -28,6 +28,7 @@ from pacman_env.web.played_round import Look, Orders, PlayedRound, between
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.scenes import PREPARING, link_to, scene_of
 from pacman_env.web.stories import Stories, in_words
+from pacman_env.web.vocabulary import vocabulary
 
 _LOG = logging.getLogger(__name__)
 _HAND_S = 0.5  # after so long without a velocity the robot stands (Create 3)
@@ -108,7 +109,7 @@ class SimulatedGame:
 
     def hello(self) -> dict[str, Any]:
         """Choices, words, melodies."""
-        return {"version": __version__, "choices": self._choices.facts(), **feedback.words()}
+        return {"version": __version__, "choices": self._choices.facts(), **vocabulary()}
 
     def scene(self) -> Scene:
         """The scene now."""

@@ -11,6 +11,7 @@ from pacman_env.web import messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
+from pacman_env.web.vocabulary import vocabulary
 
 PICTURE = b"\x89PNG\r\n\x1a\n picture"
 
@@ -59,7 +60,7 @@ class ScriptedGame:
     def hello(self) -> dict[str, Any]:
         if "hello" in self.fails:
             raise RuntimeError("hello is broken")
-        return {"choices": {"maps": ["house"]}, "melodies": {}, "words": {}, "feedback": {}}
+        return {"choices": {"maps": ["house"]}, **vocabulary()}
 
     def scene(self) -> Scene:
         return Scene(self.revision, {"map": {"name": "house"}, "home": [0.0, 0.0, float("nan")]}, PICTURE)

@@ -132,7 +132,7 @@ def test_every_event_is_seen_and_heard(visit: Visit) -> None:
     page = visit()
     page.press("tab-show", "sound")
     page.wait("window.pacman.sounds.on")
-    feedback = page.value("state.hello.feedback")
+    feedback = page.value("state.hello.events")
     words = sorted(feedback, key=lambda word: word == "start theatrical")  # the longest sound is not waited for
     assert page.page.locator("#show-event button").count() == len(words)
     off = page.page.locator('[data-what="light"][data-word="off"]')
@@ -148,10 +148,10 @@ def test_every_event_is_seen_and_heard(visit: Visit) -> None:
         if feedback[word]["light"] != "off":
             page.wait(f"count.lit > {lit}", f"the light of {word}")
         if feedback[word]["sound"]:
-            notes = len(page.value("state.hello.melodies")[feedback[word]["sound"]])
+            notes = len(page.value("state.hello.sounds")[feedback[word]["sound"]])
             page.wait(f"count.notes >= {before + notes}", f"the notes of {word}")
-    assert page.page.locator("#show-light button").count() == len(page.value("state.hello.words.light"))
-    assert page.page.locator("#show-sound button").count() == len(page.value("state.hello.words.sound"))
+    assert page.page.locator("#show-light button").count() == len(page.value("state.hello.lights"))
+    assert page.page.locator("#show-sound button").count() == len(page.value("state.hello.sounds"))
     assert not page.page.is_checked("#arm")
     page.page.check("#arm")
 

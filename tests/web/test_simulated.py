@@ -244,15 +244,15 @@ def test_a_robot_driven_by_hand_stands_when_nothing_more_is_heard(game: Simulate
 
 def test_every_event_is_shown_by_the_ring_and_sounds_by_their_notes(game: SimulatedGame) -> None:
     hello = game.hello()
-    for word in hello["words"]["event"]:
+    for word in hello["events"]:
         number = game.news(0)[-1]["number"]
         game.tell("Ann", m.Event(word=word))
         told = game.news(number)
         assert told[0]["event"] == word
-        assert {"light": hello["feedback"][word]["light"]} in [{"light": n.get("light")} for n in told]
+        assert {"light": hello["events"][word]["light"]} in [{"light": n.get("light")} for n in told]
         ring = frame(game).ring
-        assert (ring is None) == (hello["feedback"][word]["light"] == "off")
-    for notes in hello["melodies"].values():
+        assert (ring is None) == (hello["events"][word]["light"] == "off")
+    for notes in hello["sounds"].values():
         assert all(20 < hz < 5000 and 0 < seconds < 2 for hz, seconds in notes)
 
 

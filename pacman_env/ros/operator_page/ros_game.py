@@ -40,11 +40,12 @@ from pacman_env.ros.supervisor.doctor import Doctor
 from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
 from pacman_env.ros.supervisor.readiness import BAD, OK, find
 from pacman_env.ros.surroundings import current
-from pacman_env.web import feedback, messages
+from pacman_env.web import messages
 from pacman_env.web.frame import Frame, State, thinned
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
 from pacman_env.web.news import News
+from pacman_env.web.vocabulary import vocabulary
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 _LOG = logging.getLogger(__name__)
@@ -139,7 +140,7 @@ class RosGame:
     def hello(self) -> dict[str, Any]:
         """Words and melodies; of the choices the policies, the rest was chosen when the game was started."""
         nothing: dict[str, Any] = {"maps": [], "presets": [], "behaviours": [], "settings": []}
-        return {"version": __version__, "choices": {**nothing, "policies": policy_names()}, **feedback.words()}
+        return {"version": __version__, "choices": {**nothing, "policies": policy_names()}, **vocabulary()}
 
     def scene(self) -> Scene:
         """The scene now."""

@@ -8,9 +8,8 @@ from functools import cache, lru_cache
 from typing import Any
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
-from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import GHOST_COLOURS
 from pacman_env.ros.operator_page.heard import Heard
+from pacman_env.web.roles import ghost_role
 
 _STANDARD = "robot", "robust"
 
@@ -78,9 +77,8 @@ def facts_of(heard: Heard) -> dict[str, Any]:
         "first_refuge": first_refuge,
         "ghosts": [
             {
-                "name": GHOST_NAMES[number],
+                "role": ghost_role(number),
                 "behaviour": str(behaviours[number])[:100] if number < len(behaviours) else "",
-                "colour": list(GHOST_COLOURS[GHOST_NAMES[number]]),
                 "catch_m": catch_m,
             }
             for number in sorted(heard.ghosts)

@@ -4,7 +4,6 @@ import { $, clock, make, setIcon, throttled, write } from "./dom.js";
 import { notice, told, unnotice } from "./notices.js";
 import { inControl, me, on, shown, state } from "./state.js";
 
-const WORDS = { menu: "Menu", returning_home: "Driving home", starting: "Starting", running: "Running", dying: "Caught", complete: "Complete" };
 const STOP_PATIENCE_MS = 900;
 const STOP_TRIES = 3;
 
@@ -32,7 +31,7 @@ export function setUpControls(connection) {
     if (!frame) return;
     const live = state.frame ?? frame;
     const label = $("state");
-    const word = state.story ? "Recording" : frame.stopped ? "Stopped" : frame.paused && frame.state === "running" ? "Paused" : WORDS[frame.state];
+    const word = state.story ? "Recording" : frame.stopped ? "Stopped" : frame.paused && frame.state === "running" ? "Paused" : state.hello.states[frame.state];
     write(label, word);
     label.dataset.state = state.story ? "story" : frame.stopped ? "stopped" : frame.state;
     write($("score"), state.story ? "–" : String(frame.score));
@@ -136,8 +135,6 @@ function setUpLease(connection) {
 }
 
 // The result of a round, seen and spoken: as soon as the game says so, and when its recording is there.
-const RESULTS = { complete: "All pellets collected", caught: "Caught", timeout: "The time is up" };
-
 export function setUpResult() {
   let before = "";
   on("frame", ({ state: now, collected, spawned, time_s }) => {
@@ -155,7 +152,7 @@ export function setUpResult() {
 let hide = 0;
 export function showResult({ result, collected, spawned, time_s }) {
   const box = $("result");
-  const [title, words] = [RESULTS[result] ?? result, `${collected} of ${spawned} pellets in ${clock(time_s)}`];
+  const [title, words] = [state.hello.results[result] ?? result, `${collected} of ${spawned} pellets in ${clock(time_s)}`];
   if (box.textContent !== title + words) box.replaceChildren(make("strong", { text: title }), words);
   box.hidden = Boolean(state.story);
   clearTimeout(hide);

@@ -1,6 +1,6 @@
 // What the two canvases show: below the map and what stands still, above it what moves.
 
-import { css, titled } from "./dom.js";
+import { css } from "./dom.js";
 
 const FULL = 2 * Math.PI;
 
@@ -229,7 +229,7 @@ function believed(context, view, [wx, wy, heading], radius, colours) {
 function ghost(context, view, place, facts, layers, colours, mine) {
   if (!Number.isFinite(place[0])) return;
   const [x, y] = view.toScreen(...place);
-  const colour = css(facts.colour ?? [255, 80, 0]);
+  const colour = facts.colour ? css(facts.colour) : colours.home;
   const size = mark(view, 0.16, 9, 44);
   if (layers.catch && facts.catch_m) {
     const radius = facts.catch_m * view.scale;
@@ -266,7 +266,7 @@ function ghost(context, view, place, facts, layers, colours, mine) {
     context.fillStyle = "#14203c";
     context.fill();
   }
-  if (layers.names) words(context, titled(facts.name ?? ""), [x, y], size + 14, colours);
+  if (layers.names) words(context, facts.name ?? "", [x, y], size + 14, colours);
 }
 
 function words(context, text, [x, y], below, colours) {

@@ -94,7 +94,8 @@ function text(message) {
       break;
     }
     case "scene":
-      state.scene = { pellets: [], refuges: [], candidates: [], ghosts: [], robot: {}, ...message };
+      state.scene = { pellets: [], refuges: [], candidates: [], robot: {}, ...message };
+      state.scene.ghosts = (message.ghosts ?? []).map((ghost) => ({ ...ghost, ...state.hello.roles[ghost.role] }));
       tell("scene", state.scene);
       if (!state.story) map.show(state.scene);
       linkOnce();

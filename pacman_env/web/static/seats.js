@@ -1,6 +1,6 @@
 // Play it yourself: seats, goals by click and by key, velocities by keys and by stick.
 
-import { $, css, isTyping, make, titled, write } from "./dom.js";
+import { $, css, isTyping, make, write } from "./dom.js";
 import { robotPose } from "./frame.js";
 import { refresh } from "./gates.js";
 import { notice, told } from "./notices.js";
@@ -63,7 +63,7 @@ export class Seats {
       tell("seat", mine);
     }
     const ghosts = state.scene?.ghosts ?? [];
-    const rows = [["robot", "Robot", null], ...ghosts.map(({ name, colour }, k) => [`ghost-${k}`, titled(name), colour])];
+    const rows = [["robot", state.hello?.roles.robot.name], ...ghosts.map(({ role, name, colour }) => [role, name, colour])];
     const key = JSON.stringify([rows, seats, me()]);
     if (this.key !== key) {
       this.key = key;
@@ -84,7 +84,7 @@ export class Seats {
     }
     $("play-robot").hidden = mine !== "robot";
     $("play-ghost").hidden = !mine.startsWith("ghost");
-    if (mine.startsWith("ghost")) write($("play-ghost-title"), `You are ${titled(ghosts[Number(mine.slice(6))]?.name ?? "a ghost")}`);
+    if (mine.startsWith("ghost")) write($("play-ghost-title"), `You are ${state.hello.roles[mine].name}`);
     this.#mode();
     this.#duel();
   }

@@ -7,7 +7,7 @@ import { notice, told } from "./notices.js";
 import { on, state, tell } from "./state.js";
 
 const TIMES = 4; // as fast as the round was
-const NAMES = { complete: "Complete", caught: "Caught", timeout: "Time up" };
+const resultName = (result) => state.hello.results[result] ?? result;
 
 export class Stories {
   #timer = 0;
@@ -65,7 +65,7 @@ export class Stories {
       const second = entry.second ? `, ${entry.policies?.[0] ?? "policy"} ${entry.second.collected} (${entry.second.result})` : "";
       const about = [entry.map, `seed ${entry.seed}`, entry.player === "person" ? "played by a person" : entry.policies?.[0], parts ? `the policies part ${parts} ${parts === 1 ? "time" : "times"}` : ""];
       return make("li", { class: state.story?.entry.story === entry.story ? "open" : "", data: { story: entry.story } },
-        make("span", {}, make("strong", { text: `${NAMES[entry.result] ?? entry.result}: ${entry.collected} of ${entry.spawned}` }), ` in ${clock(entry.time_s)}${second}`),
+        make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }), ` in ${clock(entry.time_s)}${second}`),
         make("button", { type: "button", class: "small", text: "Open", "aria-label": `Open round ${entry.story}`, onclick: () => this.open(entry.story) }),
         make("span", { class: "quiet", text: about.filter(Boolean).join(" · ") }));
     }));
@@ -100,7 +100,7 @@ export class Stories {
     $("story-bar").hidden = false;
     $("ring").hidden = true;
     $("story-range").max = String(state.story.frames.length - 1);
-    write($("story-title"), `Round ${entry.story}: ${(NAMES[entry.result] ?? entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`);
+    write($("story-title"), `Round ${entry.story}: ${resultName(entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`);
     write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
     await this.map.show(scene);
     this.map.cover($("story-bar").offsetHeight + 8);

@@ -55,12 +55,12 @@ export class Why {
     }
     const { policies, rows, chosen } = why;
     const scene = shownScene();
-    const kinds = { pellet: "Pellet", refuge: "Refuge", hold: "Hold" };
+    const { kinds } = state.hello;
     const first = scene?.first_refuge ?? 0;
     const name = (candidate) => {
       const row = rows.find((one) => one.candidate === candidate);
       if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
-      return row.kind === "hold" ? "Hold" : `${kinds[row.kind] ?? words(row.kind)} ${(row.kind === "refuge" ? candidate - first : candidate) + 1}`;
+      return row.kind === "hold" ? kinds.hold : `${kinds[row.kind] ?? words(row.kind)} ${(row.kind === "refuge" ? candidate - first : candidate) + 1}`;
     };
     const parted = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
     $("why-words").replaceChildren(

@@ -69,7 +69,7 @@ def test_the_scene_is_the_map_with_its_pellets_and_the_robot_stands_at_home(game
     assert frame.believed is not None
     assert frame.true is not None
     assert math.dist(frame.believed[:2], frame.true[:2]) < 0.3
-    assert [ghost["name"] for ghost in facts["ghosts"]] == ["clyde"]
+    assert [ghost["role"] for ghost in facts["ghosts"]] == ["ghost-0"]
 
 
 def test_a_start_leads_to_a_score_and_the_frames_show_the_choice(game: PageGame) -> None:
