@@ -127,7 +127,7 @@ def _played(game: Any) -> Iterator[None]:
         while not done.wait(0.25):
             frame = game.frame()
             if frame is not None and frame.state == "menu":
-                game.tell("benchmark", Start())
+                game.handle("benchmark", Start())
             elif frame is not None and frame.state == "running":
                 runs.set()
 

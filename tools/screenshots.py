@@ -63,8 +63,8 @@ def _running(page: Any) -> None:
 def _playing(page: Any) -> None:
     """Somebody plays the robot, the policy beside him."""
     page.click("#tab-play")
-    page.click("[data-seat=robot]")
-    _wait(page, "state.seat === 'robot' && state.frame.shadow")
+    page.click("[data-role=robot]")
+    _wait(page, "state.role === 'robot' && state.frame.shadow")
     _speed(page, 4)
     page.click("#start")
     _wait(page, "state.frame.state === 'running'")

@@ -61,7 +61,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
 
 def link_to(played: PlayedRound, rules: Rules) -> str:
     """The link to a round; empty where names and numbers alone do not bring it back."""
-    if played.placed or played.by_person or played.seats:
+    if played.placed or played.by_person or played.ghost_roles:
         return ""
     named = rules if played.level is None else replace(rules, level=played.level)
     return named.link(played.seed, played.config.clyde.speed_mps)

@@ -26,7 +26,7 @@ class Stories:
         self.count += 1
         choices = np.array(played.choices).reshape(-1, 3)
         parts = choices[:, 1] != choices[:, 2]
-        last = played.looks[-1]
+        last = played.snapshots[-1]
         told = {
             "story": self.count,
             "result": played.outcome,

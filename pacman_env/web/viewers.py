@@ -203,7 +203,7 @@ class Audience:
         """Ask the game; None: nobody wants to know."""
         why, lidar = wanted or (False, False)
         if (why, lidar) != self._watched:
-            self._game.watched(why=why, lidar=lidar)
+            self._game.watch(why=why, lidar=lidar)
             self._watched = (why, lidar)
         if wanted is None:
             return None

@@ -79,14 +79,14 @@ class ScriptedGame:
     def happens(self, **what: Any) -> None:
         self.entries.append({"number": len(self.entries) + 1, **what})
 
-    def watched(self, *, why: bool, lidar: bool) -> None:
-        self._called("watched", why, lidar)
+    def watch(self, *, why: bool, lidar: bool) -> None:
+        self._called("watch", why, lidar)
 
-    def tell(self, person: str, message: Message) -> Any:
+    def handle(self, person: str, message: Message) -> Any:
         with self._lock:
             self.told.append((person, message))
-        if "tell" in self.fails:
-            raise RuntimeError("tell is broken")
+        if "handle" in self.fails:
+            raise RuntimeError("handle is broken")
         if self._on_tell is not None:
             return self._on_tell(person, message)
         if isinstance(message, messages.PlaceClyde):
@@ -100,8 +100,8 @@ class ScriptedGame:
     def release(self, person: str) -> None:
         self._called("release", person)
 
-    def left(self, person: str) -> None:
-        self._called("left", person)
+    def leave(self, person: str) -> None:
+        self._called("leave", person)
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
         self._called("add_map", name, len(image))

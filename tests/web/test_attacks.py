@@ -136,7 +136,7 @@ def test_a_token_is_in_no_log_whatever_is_done_with_it(
     logging.getLogger("uvicorn.error").setLevel(logging.DEBUG)
     logging.getLogger("uvicorn.access").setLevel(logging.DEBUG)
     with Page(server) as page:
-        game.fails = {"tell", "hello"}
+        game.fails = {"handle", "hello"}
         page.ask("start")
         with contextlib.suppress(ConnectionClosed):
             Page(server).close()
@@ -188,7 +188,7 @@ def test_ten_thousand_malformed_messages_change_nothing(serve: Callable[..., Web
         assert page.ask("ping")["ok"]
         assert sum(text["kind"] == "refused" for text in page.texts) == 10_000
     assert (game.told, said) == ([], [])
-    assert {call[0] for call in game.calls} <= {"watched", "left"}
+    assert {call[0] for call in game.calls} <= {"watch", "leave"}
 
 
 def test_bytes_are_refused_with_words(serve: Callable[..., WebServer]) -> None:
@@ -407,7 +407,7 @@ def test_a_phone_that_is_gone_without_a_word_is_noticed(
         dead = upgrade(server)
         page.people(viewers=2)
         page.people(viewers=1)
-        assert ("left", "guest-2") in game.calls
+        assert ("leave", "guest-2") in game.calls
         dead.close()
 
 

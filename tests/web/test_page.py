@@ -159,8 +159,8 @@ def test_every_event_is_seen_and_heard(visit: Visit) -> None:
 def test_a_round_played_by_clicks(visit: Visit) -> None:
     page = visit()
     page.press("tab-play")
-    page.page.click("[data-seat=robot]")
-    page.wait("state.seat === 'robot' && state.frame.baseline")
+    page.page.click("[data-role=robot]")
+    page.wait("state.role === 'robot' && state.frame.baseline")
     assert page.text("duel") == "you 0, ppo 0"
     start(page, 12)
     sent = -1
@@ -183,15 +183,15 @@ def test_a_round_played_by_clicks(visit: Visit) -> None:
     assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
 
 
-def test_two_seats_from_two_browsers(visit: Visit) -> None:
+def test_two_roles_from_two_browsers(visit: Visit) -> None:
     robot, ghost = visit(), visit()
     robot.press("tab-play")
-    robot.page.click("[data-seat=robot]")
+    robot.page.click("[data-role=robot]")
     ghost.press("tab-play")
-    ghost.page.click("[data-seat=ghost-0]")
-    robot.wait("state.people.seats['ghost-0'] && state.seat === 'robot'")
-    ghost.wait("state.people.seats.robot && state.seat === 'ghost-0'")
-    assert ghost.page.is_disabled("[data-seat=robot]")
+    ghost.page.click("[data-role=ghost-0]")
+    robot.wait("state.people.roles['ghost-0'] && state.role === 'robot'")
+    ghost.wait("state.people.roles.robot && state.role === 'ghost-0'")
+    assert ghost.page.is_disabled("[data-role=robot]")
     start(robot, 3)
     x, y, _ = robot.value("state.frame.true")
     ghost.wait("state.frame.state === 'running'")

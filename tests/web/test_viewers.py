@@ -176,9 +176,9 @@ def test_the_terms_are_asked_for_and_told_only_while_somebody_looks_at_them() ->
     assert "news" not in kinds(taken(bob))
     there.farewell(ann)
     tick(there)
-    assert [call for call in game.calls if call[0] == "watched"] == [
-        ("watched", True, False),
-        ("watched", False, False),
+    assert [call for call in game.calls if call[0] == "watch"] == [
+        ("watch", True, False),
+        ("watch", False, False),
     ]
     there.farewell(bob)
     number = game.number

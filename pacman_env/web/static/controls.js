@@ -50,7 +50,7 @@ export function setUpControls(connection) {
       write($("speed-value"), `×${slider.value}`);
     }
     write($("hint"), live.stopped ? "Stopped: press Release to go on." : live.state === "menu" && !state.story
-      ? (state.seat === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.") : "");
+      ? (state.role === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.") : "");
   });
   on("scene", () => {
     if (state.scene?.preparing) write($("state"), "Preparing");
@@ -125,7 +125,7 @@ function setUpLease(connection) {
     asked = wants.join();
     if (before !== null && operator === me() && before !== me()) notice("You have control.");
     before = operator;
-    const others = Object.entries(state.people.seats).filter(([, who]) => who);
+    const others = Object.entries(state.people.roles).filter(([, who]) => who);
     write($("people-words"), [
       `${viewers} ${viewers === 1 ? "person looks" : "people look"} at this page. You are ${me() ?? "not connected"}.`,
       operator ? `${operator === me() ? "You have" : `${operator} has`} control.` : "Nobody has control.",

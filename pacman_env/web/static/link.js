@@ -34,7 +34,7 @@ export async function followLink(hash, connection, settings, stories) {
   const link = readLink(hash, settings);
   if (!link) return;
   const playing = state.frame && state.frame.state !== "menu";
-  const seated = Object.values(state.people.seats ?? {}).some(Boolean);
+  const seated = Object.values(state.people.roles ?? {}).some(Boolean);
   if ((playing || seated) && !(await question("This link brings back another round. The one that is played now ends. Go on?"))) return;
   const message = link.tick === null ? { ...link.message, finish: false } : link.message;
   const waiting = notice("The round of the link is laid out.", { stays: true, key: "setup" });

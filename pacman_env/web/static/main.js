@@ -10,7 +10,7 @@ import { copyLink, followLink } from "./link.js";
 import { GameMap, layers, view } from "./map.js";
 import { notice } from "./notices.js";
 import { setUpReady } from "./ready.js";
-import { Seats } from "./seats.js";
+import { Roles } from "./roles.js";
 import { Setup } from "./setup.js";
 import { setUpShow } from "./show.js";
 import { Sounds } from "./sounds.js";
@@ -36,18 +36,18 @@ const connection = new Connection(
   },
   { opened, lost, text, frame },
 );
-const map = new GameMap({ token, count, actions: (world, candidate) => seats.tapped(world, candidate) });
+const map = new GameMap({ token, count, actions: (world, candidate) => roles.tapped(world, candidate) });
 setUpGates();
 setUpControls(connection);
 setUpResult();
 setUpShow(connection, count);
 setUpReady(connection);
 const setup = new Setup(connection, token);
-const seats = new Seats(connection, map, setup);
+const roles = new Roles(connection, map, setup);
 const why = new Why(connection);
 const stories = new Stories(connection, map, token, (entry) => {
   showResult(entry);
-  seats.ended(entry);
+  roles.ended(entry);
 });
 const sounds = new Sounds(count);
 window.pacman = { count, state, sounds, connection, view };

@@ -14,9 +14,9 @@ export function setUpReady(connection) {
     const answer = await connection.ask({ do: "ready" }, 30000);
     asking = false;
     if (!told(answer)) return;
-    $("ready").replaceChildren(...(answer.data ?? []).map(({ name, state: how, words, cure }) => make("li", { data: { state: how } },
+    $("ready").replaceChildren(...(answer.data ?? []).map(({ name, state: how, words, remedy }) => make("li", { data: { state: how } },
       make("span", { class: `mark ${how}`, text: MARKS[how] ?? how }), make("strong", { text: name }),
-      make("p", {}, make("span", { text: words }), cure ? make("strong", { text: ` What to do: ${cure}.` }) : null))));
+      make("p", {}, make("span", { text: words }), remedy ? make("strong", { text: ` What to do: ${remedy}.` }) : null))));
   };
   $("ready-check").addEventListener("click", check);
   on("tab", (name) => {

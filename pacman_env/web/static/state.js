@@ -4,10 +4,10 @@ export const state = {
   connected: false,
   hello: null,
   scene: null,
-  people: { viewers: 0, operator: null, asking: [], seats: {} },
+  people: { viewers: 0, operator: null, asking: [], roles: {} },
   frame: null, // the newest of the game
   story: null, // the finished round that is open: {entry, frames, index, scene}
-  seat: "none",
+  role: "none",
   why: null,
   candidate: -1, // the one pointed at
   placing: false,

@@ -120,7 +120,7 @@ export class Why {
   }
 
   async #go(candidate, kind) {
-    if (state.seat === "robot" && !state.story) await this.connection.ask({ do: "goal", candidate: kind === "hold" ? -1 : candidate });
+    if (state.role === "robot" && !state.story) await this.connection.ask({ do: "goal", candidate: kind === "hold" ? -1 : candidate });
   }
 
   #light() {
