@@ -57,7 +57,7 @@ def greeting(address: str, port: int, tokens: Tokens | None) -> str:
         (
             f"To play and run it: {operator}",
             qr_code(operator),
-            f"To look, and for STOP: {link(shown, port, tokens.viewer)}",
+            f"To view, and to STOP: {link(shown, port, tokens.viewer)}",
             "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page.",
         )
     )

@@ -171,7 +171,7 @@ class Desk:
             viewer.why, viewer.lidar = message.why, message.lidar
             self._answer(viewer, message, "")
         elif viewer.access == "viewer" and not isinstance(message, messages.FOR_ALL):
-            self._answer(viewer, message, "your link is for looking, and for STOP")
+            self._answer(viewer, message, "your link is view only; STOP still works")
         elif viewer.waiting.qsize() >= MOST_TEXTS - 1:  # one place is for the end
             self._answer(viewer, message, "too much at once: the game has not done yet what you asked for")
         else:

@@ -120,15 +120,15 @@ class Routes:
 
     async def _add_map(self, request: Request) -> Response:
         if request.scope["access"] != "operator":
-            return _map_answer(403, "your link is for looking, and for STOP")
+            return _map_answer(403, "your link is view only; STOP still works")
         if self._upload.locked():
-            return _map_answer(429, "another map is on its way: again in a moment")
+            return _map_answer(429, "another map is being uploaded: try again in a moment")
         async with self._upload:
             try:
                 async with asyncio.timeout(self._body_s):
                     body = await _body(request)
             except TimeoutError:
-                return _map_answer(408, "the map did not come in time")
+                return _map_answer(408, "the upload took too long")
             except ClientDisconnect:
                 return Response(status_code=400)
             if body is None:

@@ -52,7 +52,7 @@ def test_pause_speed_reset(visit: Visit) -> None:
     page.press("pause")
     page.wait("state.frame.paused")
     assert page.text("state") == "Paused"
-    assert page.text("pause") == "Go on"
+    assert page.text("pause") == "Resume"
     page.page.wait_for_timeout(200)
     stood = page.value("state.frame.time_s")
     page.page.wait_for_timeout(400)
@@ -207,7 +207,7 @@ def test_two_roles_from_two_browsers(visit: Visit) -> None:
     assert ghost.page.is_disabled("#reset")
     assert "has control" in ghost.text("reason")
     ghost.press("lease-ask")
-    robot.page.click(".notice button:has-text('Give')")
+    robot.page.click(".notice button:has-text('Hand over')")
     ghost.wait("state.people.operator === state.hello.you")
     ghost.press("reset")
     robot.wait("state.frame.state === 'menu'")

@@ -304,7 +304,7 @@ def test_one_who_looks_may_stop_and_ask_and_nothing_else(serve: Callable[..., We
         assert page.hello["access"] == "viewer"
         for do, fields in {"start": {}, "control": {"what": "take"}, "role": {"role": "robot"}, "release": {}}.items():
             answer = page.ask(do, **fields)
-            assert (answer["ok"], answer["words"]) == (False, "your link is for looking, and for STOP")
+            assert (answer["ok"], answer["words"]) == (False, "your link is view only; STOP still works")
         assert game.told == []
         assert page.ask("stop")["ok"]
         assert page.ask("stories")["ok"]

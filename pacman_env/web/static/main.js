@@ -57,7 +57,7 @@ setUpKeys();
 
 $("share").addEventListener("click", () => {
   if (state.scene?.link) copyLink(state.scene.link);
-  else notice("This round cannot be brought back by a link: a person plays it, or a ghost was placed by hand.");
+  else notice("This round cannot be reproduced by a link: a person plays it, or a ghost was placed by hand.");
 });
 addEventListener("hashchange", () => followLink(location.hash, connection, setup.settings, stories));
 on("layers tab", watch);

@@ -160,7 +160,7 @@ export class GameMap {
       try {
         this.#pictures.set(address, await loadPicture(scene.map, this.token));
       } catch {
-        if (shownScene() === scene) tell("notice", { words: "The map's picture did not come." });
+        if (shownScene() === scene) tell("notice", { words: "The map image could not be loaded." });
       }
       if (this.#pictures.size > 8) this.#pictures.delete(this.#pictures.keys().next().value);
       if (shownScene() !== scene) return;

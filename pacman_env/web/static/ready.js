@@ -4,7 +4,7 @@ import { $, make } from "./dom.js";
 import { told } from "./notices.js";
 import { on, state } from "./state.js";
 
-const MARKS = { ok: "✓ Ready", warning: "! Look", bad: "✗ Not yet" };
+const MARKS = { ok: "✓ Ready", warning: "! Warning", bad: "✗ Not ready" };
 
 export function setUpReady(connection) {
   let asking = false;
@@ -23,7 +23,7 @@ export function setUpReady(connection) {
     if (name === "ready" && state.connected) check();
   });
   on("hello", ({ version, source, access, you }) => {
-    const facts = [["Version", version], ["Game", source === "ros" ? "the robot" : "the simulator"], ["You", you], ["You may", access === "operator" ? "run the game" : "look, and STOP"]];
+    const facts = [["Version", version], ["Game", source === "ros" ? "the robot" : "the simulator"], ["You", you], ["You may", access === "operator" ? "run the game" : "view, and STOP"]];
     $("about").replaceChildren(...facts.flatMap(([name, value]) => [make("dt", { text: name }), make("dd", { text: String(value ?? "–") })]));
     if (!$("panel-ready").hidden) check();
   });

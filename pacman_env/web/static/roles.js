@@ -1,4 +1,4 @@
-// Play it yourself: seats, goals by click and by key, velocities by keys and by stick.
+// Play it yourself: roles, goals by click and by key, velocities by keys and by stick.
 
 import { $, css, isTyping, make, write } from "./dom.js";
 import { robotPose } from "./frame.js";
@@ -37,7 +37,7 @@ export class Roles {
     else if (state.story) return;
     else if (state.role === "robot") this.#goal(candidate >= 0 ? { candidate } : { x: world[0], y: world[1] });
     else if (state.role !== "none") this.#goal({ x: world[0], y: world[1] });
-    else if (candidate >= 0) notice("Take the robot's seat to send it there: tab Play.", { key: "seat" });
+    else if (candidate >= 0) notice("To send the robot there, choose its role in the tab Play.", { key: "role" });
   }
 
   async #goal(where) {
@@ -48,7 +48,7 @@ export class Roles {
     this.#release();
     const answer = await this.connection.ask({ do: "role", role: who });
     if (!told(answer)) return;
-    if (answer.data?.words) notice(`The seat is ${answer.data.words}.`);
+    if (answer.data?.words) notice(`The role is ${answer.data.words}.`);
   }
 
   #show() {
@@ -90,7 +90,7 @@ export class Roles {
   }
 
   #mode() {
-    const words = state.placing ? "Click where he is to start" : state.story ? "" : state.role === "robot" ? "You are the robot" :
+    const words = state.placing ? "Click where the ghost starts" : state.story ? "" : state.role === "robot" ? "You are the robot" :
       state.role !== "none" ? $("play-ghost-title").textContent : "";
     write($("mode"), words);
     $("mode").hidden = !words;

@@ -65,13 +65,13 @@ export class Setup {
     if (!this.#edited.has("setup-level") && scene.level !== null) $("setup-level").value = String(scene.level ?? 0);
     if (!this.#edited.has("setup-seed")) {
       $("setup-seed").value = "";
-      $("setup-seed").placeholder = "drawn";
+      $("setup-seed").placeholder = "random";
     }
     if (!this.#edited.has("setup-ghosts") && scene.ghosts.length) this.#ghosts(scene.ghosts.map(({ behaviour }) => behaviour));
     if (!$("setup").contains(document.activeElement)) this.settings.values = scene.settings;
     this.#showLevel();
     const facts = [["Map", scene.level === null || scene.level === undefined ? scene.map?.name : `${scene.map?.name}, level ${scene.level}`], ["Policy", scene.policy],
-      ["Beside it", scene.second], ["Seed", scene.seed], ["Ghosts", scene.ghosts.map(({ name, behaviour }) => `${name} ${behaviour}`).join(", ")], ["Preset", scene.preset]];
+      ["Compared with", scene.second], ["Seed", scene.seed], ["Ghosts", scene.ghosts.map(({ name, behaviour }) => `${name} ${behaviour}`).join(", ")], ["Preset", scene.preset]];
     $("facts").replaceChildren(...facts.filter(([, value]) => value !== null && value !== undefined && value !== "")
       .flatMap(([name, value]) => [make("dt", { text: name }), make("dd", { text: String(value) })]));
     fill($("place-who"), scene.ghosts.map((_, k) => String(k)), undefined, Object.fromEntries(scene.ghosts.map(({ name }, k) => [k, name])));
@@ -119,7 +119,7 @@ export class Setup {
   async send(start) {
     const { message } = this;
     if (!message) return;
-    const waiting = notice("Laying the round out.", { key: "setup", stays: true });
+    const waiting = notice("Preparing the round.", { key: "setup", stays: true });
     const answer = await this.connection.ask(message, 120000);
     waiting?.();
     if (!told(answer)) return;
@@ -142,7 +142,7 @@ export class Setup {
       return;
     }
     if (image.size > MOST_UPLOAD) {
-      say(`The image has ${(image.size / 1e6).toFixed(1)} MB: at most ${MOST_UPLOAD / 1e6} MB.`);
+      say(`The image is ${(image.size / 1e6).toFixed(1)} MB large: at most ${MOST_UPLOAD / 1e6} MB.`);
       return;
     }
     say("Checking.");
@@ -161,9 +161,9 @@ export class Setup {
       select.value = answer.map;
       this.#edited.add("setup-map");
       this.#showLevel();
-      notice(`The map ${answer.map} is chosen. Press "New round with this".`);
+      notice(`The map ${answer.map} is chosen. Press "Apply and start".`);
     } catch {
-      say("The map was not delivered: no answer from the server.");
+      say("The map could not be uploaded: no answer from the server.");
     }
   }
 

@@ -26,7 +26,7 @@ export function setUpShow(connection, count) {
       element.dataset.ring = key;
     }
     $("ring").setAttribute("aria-label", `Light ring: ${lit ? "on" : "off"}`);
-    write($("ring-words"), ring ? "The colours are the frames of the robot's ring." : "The ring shows the robot's own state.");
+    write($("ring-words"), ring ? "The colours of the robot's light ring." : "The ring shows the robot's own status.");
   });
   on("hello", ({ events, lights, sounds }) => {
     const fillWith = (what, words, describe) => $(`show-${what}`).replaceChildren(...Object.entries(words ?? {}).map(([word, facts]) => {

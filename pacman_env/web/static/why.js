@@ -64,7 +64,7 @@ export class Why {
     };
     const parted = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
     $("why-words").replaceChildren(
-      parted ? make("span", { class: "parted", text: "The policies part. " }) : "",
+      parted ? make("span", { class: "parted", text: "The policies disagree. " }) : "",
       `At ${why.time_s.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${name(chosen[policy])}.`).join(" "),
     );
     const full = $("why-full").checked;
@@ -94,7 +94,7 @@ export class Why {
     table.replaceChildren(make("caption", { class: "hidden", text: "Candidates and their terms, the best of the first policy first" }), head, body);
     if (active !== undefined) table.querySelector(`tr[data-candidate="${active}"] button`)?.focus();
     const same = policies.filter((policy) => about[policy].same.length).map((policy) => `${policy}: ${about[policy].same.join(", ")}`);
-    write($("why-same"), same.length ? `The same for all. ${same.join(". ")}.` : "");
+    write($("why-same"), same.length ? `Equal for all candidates. ${same.join(". ")}.` : "");
     this.#light();
   }
 
