@@ -181,24 +181,6 @@ class Match:
         except (KeyError, ValueError) as error:
             raise Refused(f"{what} {word!r}: there is none") from error
 
-    def readiness(self) -> list[dict[str, str]]:
-        """The readiness list."""
-        played = self.round
-        if played is None:
-            return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
-        dropped = len(played.assets.dropped_ids)
-        return [
-            {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
-            {
-                "name": "map",
-                "state": "warning" if dropped else "ok",
-                "words": f"{played.assets.occupancy.name}: {played.assets.pellets} pellets"
-                + (f", {dropped} more cannot be reached" if dropped else ""),
-                "remedy": "look at the map: pacman-env map check" if dropped else "",
-            },
-            {"name": "configuration", "state": "ok", "words": f"hash {played.config.hash}", "remedy": ""},
-        ]
-
     # The round
 
     def lay_out(self, seed: int | None = None) -> None:
@@ -278,15 +260,12 @@ class Match:
             return
         self._keep_story(played)
         if played.outcome == "caught":
-            self._show_event(f"{GHOST_NAMES[max(played.catcher, 0)]} killed")
+            self.show("event", f"{GHOST_NAMES[max(played.catcher, 0)]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
         elif self._controller.state == "running":  # the time limit: the referee on a robot has none
             self._add([{"words": f"the time is up after {now.time_s:g} s - Score: {self._controller.score}"}])
             self._act(self._controller.reset(self._clock_s))
             self._to_menu()
-
-    def _show_event(self, word: str) -> None:
-        self._add(self.feedback.show("event", word, time.monotonic()))
 
     def _act(self, actions: Sequence[Action], refuse: bool = False) -> None:
         """Do what the referee wants done."""
@@ -296,7 +275,7 @@ class Match:
                     raise Refused(str(action.value))
                 _LOG.info("the referee: %s", action.value)
             elif action.kind == "event":
-                self._show_event(str(action.value))
+                self.show("event", str(action.value))
             elif action.kind == "state":
                 self.feedback.state(str(action.value), time.monotonic())
                 self._add([{"state": str(action.value)}])
@@ -350,3 +329,21 @@ class Match:
         }
         told = self.stories.keep(played, facts)
         self._add([{"story": told["story"], "words": in_words(told)}])
+
+
+def readiness(played: PlayedRound | None) -> list[dict[str, str]]:
+    """The readiness list of a round; None: there is none."""
+    if played is None:
+        return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
+    dropped = len(played.assets.dropped_ids)
+    return [
+        {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
+        {
+            "name": "map",
+            "state": "warning" if dropped else "ok",
+            "words": f"{played.assets.occupancy.name}: {played.assets.pellets} pellets"
+            + (f", {dropped} more cannot be reached" if dropped else ""),
+            "remedy": "look at the map: pacman-env map check" if dropped else "",
+        },
+        {"name": "configuration", "state": "ok", "words": f"hash {played.config.hash}", "remedy": ""},
+    ]

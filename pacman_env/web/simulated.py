@@ -17,7 +17,7 @@ from pacman_env.web import messages
 from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
-from pacman_env.web.match import Match
+from pacman_env.web.match import Match, readiness
 from pacman_env.web.messages import Message
 from pacman_env.web.news import News
 from pacman_env.web.rules import Choices, Rules
@@ -237,7 +237,7 @@ class SimulatedGame:
             case messages.Stories():
                 return game.stories.all()
             case messages.Ready():
-                return game.readiness()
+                return readiness(game.round)
             case _:
                 raise Refused(f"{type(message).__name__}: not in the simulator")
         return None
