@@ -12,8 +12,8 @@ import asyncio
 import contextlib
 import multiprocessing
 import os
+import re
 import socket
-import struct
 import sys
 import threading
 import time
@@ -35,6 +35,7 @@ PATIENCE_S = 300.0  # the first round compiles
 WARM_S = 3.0  # before anything counts
 GAME_THREAD = "game"
 MOST_FRAMES = 1 << 20
+FRAME = re.compile(r'\{"kind":"frame",.*?"number":(\d+)')
 
 
 def measure(viewers: int, seconds: float, alone_s: float, game_map: str, say: Callable[[str], None]) -> dict[str, Any]:
@@ -122,7 +123,7 @@ def _played(game: Any) -> Iterator[None]:
         while not done.wait(0.25):
             frame = game.frame()
             if frame is not None and frame.state == "menu":
-                game.tell("benchmark", Start())
+                game.handle("benchmark", Start())
             elif frame is not None and frame.state == "running":
                 runs.set()
 
@@ -220,9 +221,9 @@ async def _look_together(port: int, viewers: int, pipe: Connection, numbers: lis
         async with connect(f"ws://127.0.0.1:{port}/ws", compression=None, max_size=None, max_queue=None) as socket_:
             here.release()
             while True:
-                message = await socket_.recv()
-                if isinstance(message, bytes):
-                    numbers.append(struct.unpack_from("<I", message, 8)[0])
+                message = await socket_.recv(decode=True)
+                if number := FRAME.match(message):
+                    numbers.append(int(number[1]))
                     times.append(time.monotonic())
 
     looking = [asyncio.create_task(see()) for _ in range(viewers - 1)]

@@ -63,8 +63,8 @@ def _running(page: Any) -> None:
 def _playing(page: Any) -> None:
     """A user plays the robot, beside the policy's own choice."""
     page.click("#tab-play")
-    page.click("[data-seat=robot]")
-    _wait(page, "state.seat === 'robot' && state.frame.shadow")
+    page.click("[data-role=robot]")
+    _wait(page, "state.role === 'robot' && state.frame.baseline")
     _speed(page, 4)
     page.click("#start")
     _wait(page, "state.frame.state === 'running'")
@@ -81,7 +81,7 @@ def _explained(page: Any) -> None:
 
 
 def _recorded(page: Any) -> None:
-    """A round that has ended, where the policies part."""
+    """A round that has ended, where the policies disagree."""
     page.evaluate(f"location.hash = 'seed={_SEED}&tick=30'")
     _wait(page, "state.story")
     page.click("#tab-why")

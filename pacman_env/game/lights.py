@@ -83,6 +83,11 @@ def animations(show: ShowConfig) -> dict[str, Animation]:
     }
 
 
+def light_colour(word: str) -> Colour | None:
+    """The colour that stands for a light word, such as on a button; None: it has several, or none."""
+    return COLOURS.get(word) or GHOST_COLOURS.get(word.split()[0])
+
+
 LIGHTS = frozenset(animations(ShowConfig())) | {"off"}
 #: By state of the game: what the ring shows in it when nothing happens; ``off`` in every other.
 LASTING = {"starting": "pacman", "running": "pacman"}

@@ -1,7 +1,8 @@
-"""What is printed at the start: where the page is, as a link and, for telephones, as a QR code."""
+"""Where the page is: the socket that it is served on, and what is printed of it, a link and a QR code."""
 
 from __future__ import annotations
 
+import errno
 import socket
 
 from pacman_env.web.access import Tokens
@@ -56,7 +57,38 @@ def greeting(address: str, port: int, tokens: Tokens | None) -> str:
         (
             f"To play and run it: {operator}",
             qr_code(operator),
-            f"To look, and for STOP: {link(shown, port, tokens.viewer)}",
+            f"To view, and to STOP: {link(shown, port, tokens.viewer)}",
             "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page.",
         )
     )
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """A socket that listens soon.
+
+    Raises:
+        OSError: the address cannot be had.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError) as error:
+        raise OSError(f"{host}: no such address") from error
+    bound = socket.socket(family, kind, protocol)
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a slow reader is shown what is new
+        bound.bind(address)
+    except OSError as error:
+        bound.close()
+        raise OSError(_why_not(error, host, port)) from error
+    return bound
+
+
+def _why_not(error: OSError, host: str, port: int) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return f"port {port} of {host} is taken: another one, or 0 for any that is free"
+    if error.errno == errno.EADDRNOTAVAIL:
+        return f"{host} is no address of this computer"
+    if error.errno == errno.EACCES:
+        return f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free"
+    return f"{host}, port {port}: {error.strerror}"

@@ -1,21 +1,20 @@
-"""Who runs the game and who plays whom: one operator at a time, one person a seat. No clock and no wire in here."""
+"""Who runs the game and who plays whom: one operator at a time, one person a role. No clock and no connection here."""
 
 from __future__ import annotations
 
 from pacman_env.web.game import Refused
+from pacman_env.web.roles import Roles
 
-KEPT_S = 10.0  # control and seat of somebody whose page is gone
-ROBOT = "robot"
-SEATS = (ROBOT, "ghost-0", "ghost-1", "ghost-2", "ghost-3")
+KEPT_S = 10.0  # control and role of somebody whose page is gone
 
 
 class Control:
-    """The operator's lease and the seats. Times are of any clock, in s."""
+    """The operator's lease and the roles. Times are of any clock, in s."""
 
     def __init__(self) -> None:
         self.operator: str | None = None
         self.asking: list[str] = []  # in the order in which they asked
-        self.seats: dict[str, str] = {}  # person by seat
+        self.roles = Roles()
         self._gone: dict[str, float] = {}  # since when, by person
 
     def came(self, person: str) -> None:
@@ -26,7 +25,7 @@ class Control:
         """His page is gone: what he has is kept for a while."""
         if person in self.asking:
             self.asking.remove(person)
-        if person == self.operator or self.seat_of(person) is not None:
+        if person == self.operator or self.roles.of(person) is not None:
             self._gone[person] = now
 
     def expire(self, now: float) -> list[str]:
@@ -38,7 +37,7 @@ class Control:
         late = [person for person, since in self._gone.items() if now - since >= KEPT_S]
         for person in late:
             del self._gone[person]
-            self.stand_up(person)
+            self.roles.leave(person)
             if person == self.operator:
                 self._pass_to(None)
         return late
@@ -74,25 +73,6 @@ class Control:
         if self.operator != person:
             raise Refused("you do not have control")
         self._pass_to(self.asking[0] if self.asking else None)
-
-    def seat_of(self, person: str) -> str | None:
-        """The seat that a person has."""
-        return next((seat for seat, who in self.seats.items() if who == person), None)
-
-    def sit(self, person: str, seat: str) -> None:
-        """Have a seat, instead of the one he has.
-
-        Raises:
-            Refused: another has it.
-        """
-        if self.seats.get(seat, person) != person:
-            raise Refused(f"{self.seats[seat]} has the seat {seat}")
-        self.stand_up(person)
-        self.seats[seat] = person
-
-    def stand_up(self, person: str) -> None:
-        """Have no seat."""
-        self.seats = {seat: who for seat, who in self.seats.items() if who != person}
 
     def _pass_to(self, person: str | None) -> None:
         self.operator = person

@@ -11,9 +11,10 @@ from typing import Any
 from pacman_env import __version__
 from pacman_env.web import messages
 from pacman_env.web.access import Kind
-from pacman_env.web.control import KEPT_S, ROBOT, SEATS, Control
+from pacman_env.web.control import KEPT_S, Control
 from pacman_env.web.game import Game, Refused
 from pacman_env.web.messages import Message, as_json, parse
+from pacman_env.web.roles import ROBOT, ROLES
 from pacman_env.web.said import Said
 from pacman_env.web.viewers import MESSAGES_PER_S, MOST_TEXTS, Audience, Bucket, Place, Viewer
 from pacman_env.web.workers import Workers
@@ -22,7 +23,7 @@ WORKERS = 32  # more people than these do not ask at once
 MOST_REMEMBERED = 1000
 MOST_WORDS = 500
 #: What anybody of the operators may say; all else that is not for all needs control.
-_FREE = (messages.Control, messages.Seat, messages.Goal, messages.Drive)
+_FREE = (messages.Control, messages.Role, messages.Goal, messages.Drive)
 
 
 class Desk:
@@ -66,12 +67,12 @@ class Desk:
     def people(self) -> dict[str, Any]:
         """Who is here and who does what, for the pages."""
         control = self.control
-        seats = {seat: control.seats.get(seat) for seat in SEATS}
+        roles = {role: control.roles.person(role) for role in ROLES}
         return {
             "viewers": len(self.audience.here),
             "operator": control.operator,
             "asking": control.asking,
-            "seats": seats,
+            "roles": roles,
         }
 
     # coming and going
@@ -118,7 +119,7 @@ class Desk:
     async def tick(self) -> None:
         """Show the game, and see whose time is up; 20 times a second."""
         for person in self.control.expire(self._clock()):
-            self._said("expired", f"{person} did not come back: control and seat are free")
+            self._said("expired", f"{person} did not come back: control and role are free")
             self._forget(person)
         wanted = self.audience.wanted()
         try:
@@ -141,7 +142,7 @@ class Desk:
 
     def _left(self, viewer: Viewer) -> None:
         try:
-            self._game.left(viewer.name)
+            self._game.leave(viewer.name)
         except Exception as error:
             self._said.error("a person left", error)
 
@@ -170,7 +171,7 @@ class Desk:
             viewer.why, viewer.lidar = message.why, message.lidar
             self._answer(viewer, message, "")
         elif viewer.access == "viewer" and not isinstance(message, messages.FOR_ALL):
-            self._answer(viewer, message, "your link is for looking, and for STOP")
+            self._answer(viewer, message, "your link is view only; STOP still works")
         elif viewer.waiting.qsize() >= MOST_TEXTS - 1:  # one place is for the end
             self._answer(viewer, message, "too much at once: the game has not done yet what you asked for")
         else:
@@ -217,7 +218,7 @@ class Desk:
         pending = [one for one in (before.worker, before.leaving) if one is not None]
         if pending:
             await asyncio.wait(pending)
-            await self._sit_again(viewer)
+            await self._resume_role(viewer)
         while (item := await viewer.waiting.get()) is not None:
             message, stops = item
             words = ""
@@ -233,14 +234,14 @@ class Desk:
             if viewer.place is None and not viewer.is_back:  # he went while it was done
                 await self.in_thread(self._left, viewer)
 
-    async def _sit_again(self, viewer: Viewer) -> None:
-        """He is back: the game has him on his seat again."""
-        seat = self.control.seat_of(viewer.name)
-        if seat is not None:
+    async def _resume_role(self, viewer: Viewer) -> None:
+        """He is back: the game has the person in the role again."""
+        role = self.control.roles.of(viewer.name)
+        if role is not None:
             try:
-                await self.in_thread(self._game.tell, viewer.name, messages.Seat(who=seat))  # type: ignore[arg-type]
+                await self.in_thread(self._game.handle, viewer.name, messages.Role(role=role))  # type: ignore[arg-type]
             except Exception:
-                self.control.stand_up(viewer.name)
+                self.control.roles.leave(viewer.name)
 
     async def _do(self, viewer: Viewer, message: Message, stops: int) -> None:
         """Do it and answer.
@@ -257,18 +258,18 @@ class Desk:
         elif isinstance(message, messages.Release):
             await self._release(name, stops)
             self._answer(viewer, message, "")
-        elif isinstance(message, messages.Seat):
-            await self._change_seat(viewer, message)
+        elif isinstance(message, messages.Role):
+            await self._change_role(viewer, message)
         else:
             if isinstance(message, messages.Goal | messages.Drive):
-                self._check_seat(name, isinstance(message, messages.Drive))
+                self._check_role(name, isinstance(message, messages.Drive))
             await self._tell(viewer, message)
 
     async def _tell(self, viewer: Viewer, message: Message) -> None:
         """Have the game do it; the answer, which may be long, is written in the thread too."""
 
         def tell() -> str:
-            data = self._game.tell(viewer.name, message)
+            data = self._game.handle(viewer.name, message)
             if not message.id:
                 return ""
             return as_json({"kind": "answer", "id": message.id, "ok": True, "words": "", "data": data})
@@ -293,32 +294,32 @@ class Desk:
             self.control.ask(name)
         else:
             self.control.give(name)
-            if self._game.source == "ros" and self.control.seat_of(name) == ROBOT:
-                self.control.stand_up(name)
-                await self.in_thread(self._game.tell, name, messages.Seat(who="none"))
+            if self._game.source == "ros" and self.control.roles.of(name) == ROBOT:
+                self.control.roles.leave(name)
+                await self.in_thread(self._game.handle, name, messages.Role(role="none"))
 
-    async def _change_seat(self, viewer: Viewer, message: messages.Seat) -> None:
-        name, before = viewer.name, self.control.seat_of(viewer.name)
-        if message.who == ROBOT and self._game.source == "ros":
+    async def _change_role(self, viewer: Viewer, message: messages.Role) -> None:
+        name, before = viewer.name, self.control.roles.of(viewer.name)
+        if message.role == ROBOT and self._game.source == "ros":
             self.control.take(name)
-        if message.who == "none":
-            self.control.stand_up(name)
+        if message.role == "none":
+            self.control.roles.leave(name)
         else:
-            self.control.sit(name, message.who)
+            self.control.roles.assume(name, message.role)
         try:
             await self._tell(viewer, message)
         except Exception:
-            self.control.stand_up(name)
+            self.control.roles.leave(name)
             if before is not None:
                 with contextlib.suppress(Refused):
-                    self.control.sit(name, before)
+                    self.control.roles.assume(name, before)
             raise
 
-    def _check_seat(self, name: str, driving: bool) -> None:
-        seat = self.control.seat_of(name)
-        if seat is None or (driving and seat != ROBOT):
-            raise Refused("take the robot's seat first" if driving else "take a seat first")
-        if seat == ROBOT and self._game.source == "ros":
+    def _check_role(self, name: str, driving: bool) -> None:
+        role = self.control.roles.of(name)
+        if role is None or (driving and role != ROBOT):
+            raise Refused("take the robot's role first" if driving else "take a role first")
+        if role == ROBOT and self._game.source == "ros":
             self.control.take(name)
 
     async def in_thread(self, work: Callable[..., Any], *arguments: Any) -> Any:

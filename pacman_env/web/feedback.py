@@ -2,27 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pacman_env.config import ShowConfig
 from pacman_env.game.dances import Motion, angular_velocity
 from pacman_env.game.events import FEEDBACK
-from pacman_env.game.lights import LASTING, LIGHTS, LightRing, Ring
-from pacman_env.game.sounds import MELODIES, SoundQueue, duration_s, frequency_hz
-
-
-def words() -> dict[str, Any]:
-    """The part of ``hello`` about them: ``words``, ``melodies``, ``feedback``."""
-    return {
-        "words": {"event": sorted(FEEDBACK), "light": sorted(LIGHTS), "sound": sorted(MELODIES)},
-        "melodies": {
-            word: [[frequency_hz(note), seconds] for note, seconds in melody] for word, melody in MELODIES.items()
-        },
-        "feedback": {
-            word: {"light": answer.light, "sound": answer.sound, "motion": answer.motion}
-            for word, answer in FEEDBACK.items()
-        },
-    }
+from pacman_env.game.lights import LASTING, LightRing, Ring
+from pacman_env.game.sounds import SoundQueue, duration_s
 
 
 class Feedback:

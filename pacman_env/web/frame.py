@@ -1,170 +1,117 @@
-"""How a game stands, as one binary message (docs/web_protocol.md, "frame"); little endian."""
+"""How a game stands at one moment: the schema of the message ``frame``, which the page reads by field name."""
 
 from __future__ import annotations
 
-import math
-import struct
-from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
-STATES = ("menu", "returning_home", "starting", "running", "dying", "complete")
-KIND = 1
-PAUSED, STOPPED, BELIEVED, TRUE, SHADOW, OVER, RING = 1, 2, 4, 8, 16, 32, 64
 MOST_PLAN_POINTS = 64
-Pose = tuple[float, float, float]
-_HEAD = struct.Struct("<BBBBHHIffIHHHh18sHHH3f3fff4f")
-_NOWHERE = (math.nan, math.nan, math.nan)
+_DECIMALS = 4  # of what is in an array: a tenth of a millimetre
+
+State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
+Metres = Annotated[float, Meta(extra_json_schema={"unit": "m"})]
+Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
+Radians = Annotated[float, Meta(extra_json_schema={"unit": "rad"})]
+MetresPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "m/s"})]
+RadiansPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "rad/s"})]
+Byte = Annotated[int, Meta(ge=0, le=255)]
+Colour = tuple[Byte, Byte, Byte]  # red, green, blue
+Points = Annotated[NDArray[np.float64], Meta(description="(N, 2)", extra_json_schema={"unit": "m"})]
+Ranges = Annotated[NDArray[np.float64], Meta(description="(R,)", extra_json_schema={"unit": "m"})]
+Scores = Annotated[NDArray[np.float64], Meta(description="(C,)")]
+Present = Annotated[NDArray[np.bool_], Meta(description="(P,)")]
+Pose = tuple[Metres, Metres, Radians]  # x, y, heading
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A game at one moment.
+def _no_points() -> NDArray[np.float64]:
+    return np.zeros((0, 2))
 
-    Attributes:
-        state: one of ``STATES``.
-        revision: of the scene it belongs to.
-        number: counts up.
-        time_s: since the round began.
-        speed: of the simulated time, times real time.
-        goal: the candidate pursued, -1: none.
-        true, believed: pose of the robot, x, y (m), heading (rad); None: not known.
-        velocity: v (m/s), omega (rad/s).
-        ghosts: (G, 2) m.
-        alive: (P,) pellets that are there.
-        scores: (C,) of the candidates, NaN: none.
-        plan: (K, 2) m, the way to the goal.
-        scan: (R,) m, ray 0 ahead, the others counter-clockwise; NaN: nothing met.
-        ring: six times red, green, blue; None: not ours.
-        shadow: pose of another robot in the same round.
-        shadow_collected: its pellets.
-        over: the round has ended.
-    """
 
-    state: str
-    revision: int
-    number: int
-    time_s: float = 0.0
-    speed: float = 1.0
+def _no_numbers() -> NDArray[np.float64]:
+    return np.zeros(0)
+
+
+def _no_flags() -> NDArray[np.bool_]:
+    return np.zeros(0, dtype=np.bool_)
+
+
+class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
+    """A game at one moment; in JSON, NaN is null."""
+
+    state: State
+    revision: int  # of the scene it belongs to
+    number: int  # counts up
+    time_s: Seconds = 0.0  # since the round began
+    speed: float = 1.0  # of the simulated time, times real time
     score: int = 0
     collected: int = 0
     spawned: int = 0
     round: int = 1
-    goal: int = -1
+    goal: int = -1  # the candidate pursued, -1: none
     paused: bool = False
     stopped: bool = False
-    over: bool = False
-    true: Pose | None = None
+    over: bool = False  # the round has ended
+    true: Pose | None = None  # of the robot, None: not known
     believed: Pose | None = None
-    velocity: tuple[float, float] = (0.0, 0.0)
-    shadow: Pose | None = None
-    shadow_collected: int = 0
-    ring: tuple[tuple[int, int, int], ...] | None = None
-    ghosts: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
-    alive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    scores: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    plan: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
-    scan: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    velocity: tuple[MetresPerSecond, RadiansPerSecond] = (0.0, 0.0)
+    baseline: Pose | None = None  # of the policy's robot in the same round, beside a person's
+    baseline_collected: int = 0
+    ring: tuple[Colour, ...] | None = None  # six LEDs, None: not the game's
+    ghosts: Points = msgspec.field(default_factory=_no_points)
+    alive: Present = msgspec.field(default_factory=_no_flags)  # pellets that are there
+    scores: Scores = msgspec.field(default_factory=_no_numbers)  # of the candidates, NaN: none
+    plan: Points = msgspec.field(default_factory=_no_points)  # the path to the goal
+    scan: Ranges = msgspec.field(default_factory=_no_numbers)  # ray 0 ahead, counter-clockwise, NaN: nothing met
 
-    def encode(self) -> bytes:
-        """The message."""
-        flags = (
-            PAUSED * self.paused
-            | STOPPED * self.stopped
-            | BELIEVED * (self.believed is not None)
-            | TRUE * (self.true is not None)
-            | SHADOW * (self.shadow is not None)
-            | OVER * self.over
-            | RING * (self.ring is not None)
-        )
-        plan = self.plan
-        if len(plan) > MOST_PLAN_POINTS:
-            plan = plan[np.linspace(0, len(plan) - 1, MOST_PLAN_POINTS).round().astype(int)]
-        counts = len(self.scores), len(plan), len(self.scan)
-        head = _HEAD.pack(
-            KIND,
-            STATES.index(self.state),
-            flags,
-            len(self.ghosts),
-            self.revision,
-            len(self.alive),
-            self.number,
-            self.time_s,
-            self.speed,
-            self.score,
-            self.collected,
-            self.spawned,
-            self.round,
-            self.goal,
-            bytes(c for colour in self.ring or () for c in colour),
-            *counts,
-            *(self.true or _NOWHERE),
-            *(self.believed or _NOWHERE),
-            *self.velocity,
-            *(self.shadow or _NOWHERE),
-            self.shadow_collected,
-        )
-        millimetres = np.nan_to_num(np.clip(self.scan, 0.0, 65.0) * 1000.0, nan=0.0).astype("<u2")
-        return b"".join(
-            (
-                head,
-                self.ghosts.astype("<f4").tobytes(),
-                np.packbits(self.alive, bitorder="little").tobytes(),
-                self.scores.astype("<f4").tobytes(),
-                plan.astype("<f4").tobytes(),
-                millimetres.tobytes(),
-            )
-        )
+    def encode(self) -> str:
+        """The message, as JSON."""
+        return _encoder.encode(self).decode()
 
 
-def decode(message: bytes) -> Frame:
-    """A frame from its message, as the page reads it.
+def thinned(plan: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, 2) points of a plan, at most ``MOST_PLAN_POINTS`` of them, both ends included."""
+    if len(plan) <= MOST_PLAN_POINTS:
+        return plan
+    return plan[np.linspace(0, len(plan) - 1, MOST_PLAN_POINTS).round().astype(int)]
+
+
+def _from_array(array: Any) -> Any:
+    if not isinstance(array, np.ndarray):
+        raise NotImplementedError(type(array).__name__)
+    return (array if array.dtype == np.bool_ else array.round(_DECIMALS)).tolist()
+
+
+def _to_array(kind: Any, values: Any) -> NDArray[Any]:
+    """Of the dtype that the field declares."""
+    return np.array(values, dtype=kind.__args__[1].__args__[0])
+
+
+_encoder = msgspec.json.Encoder(enc_hook=_from_array)
+_decoder = msgspec.json.Decoder(Frame, dec_hook=_to_array)
+_several = msgspec.json.Decoder(list[Frame], dec_hook=_to_array)
+
+
+def decode(message: str | bytes) -> Frame:
+    """A frame from its message.
 
     Raises:
         ValueError: it is none.
     """
     try:
-        values = _HEAD.unpack_from(message)
-        kind, state, flags, ghosts, revision, pellets, number = values[:7]
-        counts = values[15:18]
-        sizes = (8 * ghosts, (pellets + 7) // 8, 4 * counts[0], 8 * counts[1], 2 * counts[2])
-        if kind != KIND or len(message) != _HEAD.size + sum(sizes):
-            raise ValueError(f"kind {kind}, {len(message)} bytes for {_HEAD.size + sum(sizes)}")
-        name = STATES[state]
-    except (struct.error, IndexError, ValueError) as error:
+        return _decoder.decode(message)
+    except (msgspec.DecodeError, RecursionError) as error:
         raise ValueError(f"no frame: {error}") from error
-    parts = []
-    at = _HEAD.size
-    for size in sizes:
-        parts.append(message[at : at + size])
-        at += size
-    poses = [values[18:21], values[21:24], values[26:29]]
-    ring = values[14]
-    scan = np.frombuffer(parts[4], "<u2") / 1000.0
-    return Frame(
-        state=name,
-        revision=revision,
-        number=number,
-        time_s=values[7],
-        speed=values[8],
-        score=values[9],
-        collected=values[10],
-        spawned=values[11],
-        round=values[12],
-        goal=values[13],
-        paused=bool(flags & PAUSED),
-        stopped=bool(flags & STOPPED),
-        over=bool(flags & OVER),
-        true=poses[0] if flags & TRUE else None,
-        believed=poses[1] if flags & BELIEVED else None,
-        velocity=values[24:26],
-        shadow=poses[2] if flags & SHADOW else None,
-        shadow_collected=int(values[29]),
-        ring=tuple(tuple(ring[k : k + 3]) for k in range(0, 18, 3)) if flags & RING else None,
-        ghosts=np.frombuffer(parts[0], "<f4").reshape(-1, 2).astype(float),
-        alive=np.unpackbits(np.frombuffer(parts[1], np.uint8), count=pellets, bitorder="little").astype(bool),
-        scores=np.frombuffer(parts[2], "<f4").astype(float),
-        plan=np.frombuffer(parts[3], "<f4").reshape(-1, 2).astype(float),
-        scan=np.where(scan == 0.0, np.nan, scan),
-    )
+
+
+def encode_all(frames: list[Frame]) -> bytes:
+    """The frames of a recorded round, as a JSON list."""
+    return _encoder.encode(frames)
+
+
+def decode_all(message: bytes) -> list[Frame]:
+    """The frames of a recorded round."""
+    return _several.decode(message)

@@ -30,7 +30,7 @@ class Scene:
 
 class Game(Protocol):
     """A game that people look at. Every method may be called from any thread, and none waits for the game's next tick
-    but ``tell``.
+    but ``handle``.
     """
 
     source: Literal["simulator", "ros"]
@@ -54,10 +54,10 @@ class Game(Protocol):
         ``why`` (the terms of the candidates).
         """
 
-    def watched(self, *, why: bool, lidar: bool) -> None:
+    def watch(self, *, why: bool, lidar: bool) -> None:
         """Whether anybody looks at the terms and at the lidar now."""
 
-    def tell(self, person: str, message: Message) -> Any:
+    def handle(self, person: str, message: Message) -> Any:
         """Do what a person asks; returns what the answer has as ``data``, JSON values.
 
         Raises:
@@ -74,8 +74,8 @@ class Game(Protocol):
             Refused: it cannot.
         """
 
-    def left(self, person: str) -> None:
-        """A person is gone: his seats are free, and what he drove by hand stands."""
+    def leave(self, person: str) -> None:
+        """A person is gone: the role is free, and what was driven by hand stands."""
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
         """A map of somebody's own, to be chosen from now on: its YAML file and its image.
@@ -88,4 +88,4 @@ class Game(Protocol):
         """
 
     def story(self, number: int) -> bytes | None:
-        """The frames of a round that has ended, one after the other, each behind its length (u32, little endian)."""
+        """The frames of a round that has ended, as a JSON list; None: there is no such round."""

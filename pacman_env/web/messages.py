@@ -95,15 +95,15 @@ class Control(Said, frozen=True):
     id: int = 0
 
 
-class Seat(Said, frozen=True):
+class Role(Said, frozen=True):
     """Who one plays: ``robot``, ``ghost-0`` to ``ghost-3``, or ``none``."""
 
-    who: Literal["robot", "ghost-0", "ghost-1", "ghost-2", "ghost-3", "none"]
+    role: Literal["robot", "ghost-0", "ghost-1", "ghost-2", "ghost-3", "none"]
     id: int = 0
 
 
 class Goal(Said, frozen=True):
-    """Where the one that one plays goes: a candidate, -1 to hold, or the nearest candidate to a place."""
+    """Where the one that a person plays goes: a candidate, -1 to hold, or the nearest candidate to a place."""
 
     candidate: Annotated[int, Meta(ge=-1, lt=65536)] | None = None
     x: Number | None = None
@@ -179,7 +179,7 @@ Message = (
     | Stop
     | Release
     | Control
-    | Seat
+    | Role
     | Goal
     | Drive
     | Event

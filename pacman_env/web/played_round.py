@@ -22,7 +22,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.web.frame import Frame, Pose
+from pacman_env.web.frame import Frame, Pose, thinned
 from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.lidar import scan
 
@@ -33,7 +33,7 @@ _ALL = np.ones(1, dtype=np.bool_)
 
 
 @dataclass(frozen=True)
-class Look:
+class Snapshot:
     """How a round stands after a tick; see :class:`~pacman_env.web.frame.Frame` for what is not said here."""
 
     time_s: float
@@ -46,17 +46,18 @@ class Look:
     goal: int
     scores: NDArray[np.float64]
     plan: NDArray[np.float64]
-    shadow: Pose | None
-    shadow_collected: int
+    baseline: Pose | None
+    baseline_collected: int
+    over: bool
 
 
-def between(old: Look, new: Look, share: float) -> dict[str, Any]:
-    """Fields of a frame on the way from one look to the next; 1: there."""
+def between(old: Snapshot, new: Snapshot, share: float) -> dict[str, Any]:
+    """Fields of a frame on the way from one snapshot to the next; 1: there."""
     if share >= 1.0 or new.time_s < old.time_s:
         share = 1.0
     moved = {
         name: _pose_between(getattr(old, name) or getattr(new, name), getattr(new, name), share)
-        for name in ("true", "believed", "shadow")
+        for name in ("true", "believed", "baseline")
         if getattr(new, name) is not None
     }
     ghosts = old.ghosts + share * (new.ghosts - old.ghosts) if old.ghosts.shape == new.ghosts.shape else new.ghosts
@@ -68,10 +69,11 @@ def between(old: Look, new: Look, share: float) -> dict[str, Any]:
         "ghosts": ghosts,
         "alive": last.alive,
         "collected": last.collected,
-        "shadow_collected": last.shadow_collected,
+        "over": last.over,
+        "baseline_collected": last.baseline_collected,
         "goal": new.goal,
         "scores": new.scores,
-        "plan": new.plan,
+        "plan": thinned(new.plan),
     }
 
 
@@ -101,7 +103,7 @@ class PlayedRound:
     """A round with its policies.
 
     Attributes:
-        looks: before the first tick and after each.
+        snapshots: before the first tick and after each.
         situations: that each tick was decided in.
         choices: (T,) lists of candidates, as the page numbers them: the goal of the robot, and what the two
             policies would have chosen.
@@ -114,7 +116,7 @@ class PlayedRound:
         ghosts: Mapping[int, Policy],
         policies: tuple[str, str],
         seed: int,
-        seats: frozenset[int] = frozenset(),
+        ghost_roles: frozenset[int] = frozenset(),
     ) -> None:
         """Lay it out.
 
@@ -124,26 +126,26 @@ class PlayedRound:
             ghosts: the policies of those that have one.
             policies: of the robot, and the one that is asked beside it.
             seed: of the round.
-            seats: ghosts that people may send; until somebody does they do as the configuration says.
+            ghost_roles: ghosts that people may send; until somebody does they do as the configuration says.
 
         Raises:
             ConfigError, MapError: it cannot be played.
         """
         self.seed, self.names = seed, policies
         self._behaviours = config.clyde.ghosts
-        outside = tuple(POLICY if k in seats else name for k, name in enumerate(self._behaviours))
+        outside = tuple(POLICY if k in ghost_roles else name for k, name in enumerate(self._behaviours))
         self.config = config.with_fields(**{"clyde.ghosts": outside, "action": "goal", "endless": False})
-        self.seats, self._ghosts = seats, dict(ghosts)
+        self.ghost_roles, self._ghosts = ghost_roles, dict(ghosts)
         self._made_from = source
         self.batch = GameBatch(source, self.config, 1)
         self._policies = [make_policy(name) for name in policies]
-        self.looks: list[Look] = []
+        self.snapshots: list[Snapshot] = []
         self.situations: list[Situation] = []
         self.choices: list[list[int]] = []
         self.by_person = False
         self.placed = False
-        self._shadow: GameBatch | None = None
-        self._shadow_policy: Policy | None = None
+        self._baseline: GameBatch | None = None
+        self._baseline_policy: Policy | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -161,7 +163,7 @@ class PlayedRound:
         )
         self.hold = len(self._numbers) - 1
         self._situation = batch.situation()
-        self.looks = [self._look()]
+        self.snapshots = [self._snapshot()]
         self.situations.clear()
         self.choices.clear()
 
@@ -195,7 +197,7 @@ class PlayedRound:
         self.batch.place_ghost(0, number, x, y)
         self.placed = True
         self._situation = self.batch.situation()
-        self.looks = [self._look()]
+        self.snapshots = [self._snapshot()]
 
     def nearest(self, x: float, y: float, within_m: float = 1.0) -> int | None:
         """The candidate that may be chosen nearest to a place, m; None: none is near."""
@@ -206,21 +208,21 @@ class PlayedRound:
 
     def play_beside(self) -> None:
         """From the beginning on, let the policy play the same round beside the person."""
-        if self.ticks == 0 and not self.placed and not self.seats:
-            self._shadow = GameBatch(self._made_from, self.config, 1)
-            self._shadow.reset(_ONE, np.array([self.seed], dtype=np.uint64))
-            self._shadow_policy = make_policy(self.names[0])
-            self._shadow_policy.reset(_ALL)
-            self._shadow_ghosts = {k: copy.deepcopy(policy) for k, policy in self._ghosts.items()}
-            self.looks = [self._look()]
+        if self.ticks == 0 and not self.placed and not self.ghost_roles:
+            self._baseline = GameBatch(self._made_from, self.config, 1)
+            self._baseline.reset(_ONE, np.array([self.seed], dtype=np.uint64))
+            self._baseline_policy = make_policy(self.names[0])
+            self._baseline_policy.reset(_ALL)
+            self._baseline_ghosts = {k: copy.deepcopy(policy) for k, policy in self._ghosts.items()}
+            self.snapshots = [self._snapshot()]
 
-    def shadow_result(self) -> dict[str, Any] | None:
+    def baseline_result(self) -> dict[str, Any] | None:
         """How the round goes on for the policy beside a person, to its end; None: there is none."""
-        if self._shadow is None:
+        if self._baseline is None:
             return None
-        while self._shadow.games["end"][0] == RUNNING:
-            self._step_shadow()
-        game = self._shadow.games[0]
+        while self._baseline.games["end"][0] == RUNNING:
+            self._step_baseline()
+        game = self._baseline.games[0]
         time_s = float(game["step"]) * self.config.physics_step_s
         return {"result": str(OUTCOMES[game["end"]]), "collected": int(game["collected"]), "time_s": time_s}
 
@@ -243,10 +245,10 @@ class PlayedRound:
                 goal = self.hold if orders.goal is None else orders.goal
             batch.step(allowed(situation, self._numbers[[goal]], batch.hold), sent)
         self.choices.append([goal, *chosen])
-        if self._shadow is not None:
-            self._step_shadow()
+        if self._baseline is not None:
+            self._step_baseline()
         self._situation = batch.situation()
-        self.looks.append(self._look())
+        self.snapshots.append(self._snapshot())
 
     def _dense(self, choice: NDArray[np.int64]) -> int:
         found = np.flatnonzero(self._numbers == int(choice[0]))
@@ -255,13 +257,13 @@ class PlayedRound:
     def _ghost_choices(
         self, batch: GameBatch, orders: Orders, policies: Mapping[int, Policy]
     ) -> NDArray[np.int64] | None:
-        if not (self.seats or policies):
+        if not (self.ghost_roles or policies):
             return None
         choices = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
         for k, policy in policies.items():
             if k not in orders.ghosts:
                 choices[:, k] = policy.select(batch.situation(k))
-        for k in self.seats:
+        for k in self.ghost_roles:
             goal = orders.ghosts.get(k)
             if goal is not None:
                 choices[:, k] = self._numbers[min(goal, self.hold)]
@@ -269,16 +271,16 @@ class PlayedRound:
                 choices[:, k] = behaviour_choice(batch.hold, BEHAVIOUR_NAMES.index(self._behaviours[k]))
         return choices
 
-    def _step_shadow(self) -> None:
-        batch, policy = self._shadow, self._shadow_policy
+    def _step_baseline(self) -> None:
+        batch, policy = self._baseline, self._baseline_policy
         assert batch is not None
         assert policy is not None
         if batch.games["end"][0] == RUNNING:
             situation = batch.situation()
             choice = allowed(situation, policy.select(situation), batch.hold)
-            batch.step(choice, self._ghost_choices(batch, Orders(), self._shadow_ghosts))
+            batch.step(choice, self._ghost_choices(batch, Orders(), self._baseline_ghosts))
 
-    def _look(self) -> Look:
+    def _snapshot(self) -> Snapshot:
         batch, g = self.batch, self.batch.games[0]
         situation = self._situation
         scores = self._policies[0].scores(situation)[0][self._numbers]
@@ -287,8 +289,8 @@ class PlayedRound:
         if g["nav_state"] == navigator.ACTIVE:
             plan = batch.paths[0, int(g["nav_at"]) : int(g["nav_points"])].astype(float)
         v, omega = situation.robot_velocity[0].tolist()
-        shadow = None if self._shadow is None else self._shadow.games[0]
-        return Look(
+        other = None if self._baseline is None else self._baseline.games[0]
+        return Snapshot(
             time_s=float(g["step"]) * self.config.physics_step_s,
             true=(float(g["x"]), float(g["y"]), float(g["heading"])),
             believed=tuple(situation.robot[0].tolist()),
@@ -299,14 +301,15 @@ class PlayedRound:
             goal=self._dense(np.array([pursued])) if pursued >= 0 else -1,
             scores=np.where(np.isfinite(scores) & situation.mask[0, self._numbers], scores, np.nan),
             plan=plan,
-            shadow=None if shadow is None else (float(shadow["x"]), float(shadow["y"]), float(shadow["heading"])),
-            shadow_collected=0 if shadow is None else int(shadow["collected"]),
+            baseline=None if other is None else (float(other["x"]), float(other["y"]), float(other["heading"])),
+            baseline_collected=0 if other is None else int(other["collected"]),
+            over=self.over,
         )
 
     def lidar(self) -> NDArray[np.float64]:
         """(R,) the scan at the robot's true pose, m, NaN: nothing met; without noise."""
         grid, ranges = self.assets.grid, np.zeros(_RAYS, dtype=np.float32)
-        x, y, heading = self.looks[-1].true
+        x, y, heading = self.snapshots[-1].true
         low, high = _RANGE_M
         scan(
             np.asarray(self.batch.levels.arrays["affine"][int(self.batch.games["level"][0])]),
@@ -342,7 +345,9 @@ class PlayedRound:
 
     def why_now(self) -> dict[str, Any]:
         """The same of this moment, without asking again."""
-        return self._terms(self._situation, [copy.deepcopy(policy) for policy in self._policies], self.looks[-1].goal)
+        return self._terms(
+            self._situation, [copy.deepcopy(policy) for policy in self._policies], self.snapshots[-1].goal
+        )
 
     def _terms(self, situation: Situation, asked: list[Any], goal: int) -> dict[str, Any]:
         explained = [policy.explain(situation)[0] for policy in asked]
@@ -359,8 +364,8 @@ class PlayedRound:
 
     def frame(self, tick: int, fields: Mapping[str, Any]) -> Frame:
         """The frame of a tick of a round that has ended; ``fields`` are those of every frame."""
-        look = self.looks[tick]
-        return Frame(state="running", number=tick, over=tick == self.ticks, **{**between(look, look, 1.0), **fields})
+        snapshot = self.snapshots[tick]
+        return Frame(state="running", number=tick, **{**between(snapshot, snapshot, 1.0), **fields})
 
 
 def _plain(terms: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import cv2
 
-from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import GHOST_COLOURS
 from pacman_env.web.game import Scene
 from pacman_env.web.played_round import PlayedRound
+from pacman_env.web.roles import ghost_role
 from pacman_env.web.rules import Rules
 
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
@@ -38,9 +37,8 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         "first_refuge": pellets,
         "ghosts": [
             {
-                "name": GHOST_NAMES[k],
+                "role": ghost_role(k),
                 "behaviour": behaviour,
-                "colour": list(GHOST_COLOURS[GHOST_NAMES[k]]),
                 "catch_m": config.execution.death_radius_m,
             }
             for k, behaviour in enumerate(rules.ghosts)
@@ -63,7 +61,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
 
 def link_to(played: PlayedRound, rules: Rules) -> str:
     """The link to a round; empty where names and numbers alone do not bring it back."""
-    if played.placed or played.by_person or played.seats:
+    if played.placed or played.by_person or played.ghost_roles:
         return ""
     named = rules if played.level is None else replace(rules, level=played.level)
     return named.link(played.seed, played.config.clyde.speed_mps)

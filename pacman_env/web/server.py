@@ -1,282 +1,43 @@
-"""The server of the operator's page: the page's files, the websocket, maps and rounds over HTTP."""
+"""The server of the operator's page: a thread with its connections, over a game."""
 
 from __future__ import annotations
 
 import asyncio
-import base64
-import binascii
 import contextlib
-import errno
-import hashlib
 import logging
-import re
 import signal
 import socket
 import sys
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import msgspec
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import ClientDisconnect, Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
-from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.requests import ClientDisconnect
+from starlette.routing import WebSocketRoute
+from starlette.websockets import WebSocketDisconnect
 
-from pacman_env import __version__
-from pacman_env.web.access import Access, Guard, Tokens, is_loopback, names_of, refuse
-from pacman_env.web.address import greeting, link, shown_address
+from pacman_env.web.access import Access, Guard, Tokens, is_loopback, names_of
+from pacman_env.web.address import bind, greeting, link, shown_address
 from pacman_env.web.connections import HEADERS_S, Connection, Door
 from pacman_env.web.desk import Desk
-from pacman_env.web.game import Game, Refused
+from pacman_env.web.game import Game
 from pacman_env.web.messages import MOST_BYTES
+from pacman_env.web.routes import BODY_S, STATIC, Routes
 from pacman_env.web.said import Said, WithoutTokens
-from pacman_env.web.viewers import MESSAGES_PER_S, Viewer
+from pacman_env.web.viewers import MESSAGES_PER_S
+from pacman_env.web.websocket import Conversations
 
-STATIC = Path(__file__).with_name("static")
 TICK_S = 0.05
-MOST_UPLOAD = 8 << 20
-BODY_S = 20.0  # for an upload
-REQUEST_S = 120.0  # for all else over HTTP
-GOODBYE_S = 0.5
+REQUEST_S = 120.0  # for all over HTTP but an upload
 PING_S, PONG_S = 3.0, 5.0  # a page that says nothing is gone after 8 s
 CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
 SPARE_CONNECTIONS = 50
-#: By the end of a file's name: not the system's list, which may be wrong or empty.
-TYPES = {
-    ".html": "text/html; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".mjs": "text/javascript; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".json": "application/json",
-    ".webmanifest": "application/manifest+json",
-    ".svg": "image/svg+xml",
-    ".png": "image/png",
-    ".ico": "image/vnd.microsoft.icon",
-    ".txt": "text/plain; charset=utf-8",
-    ".woff2": "font/woff2",
-}
-
-
-class Upload(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A map of one's own."""
-
-    name: str
-    yaml: str
-    image: str
-
-
-def map_name(name: str) -> str:
-    """What a map of somebody's own is called: small letters, digits, - and _."""
-    return re.sub(r"[^a-z0-9_-]+", "-", name.lower())[:40].strip("-_") or "map"
-
-
-class Pages:
-    """What is answered to each path.
-
-    Args:
-        game: that people look at.
-        desk: hears them.
-        said: told what goes wrong.
-        static: the page's files.
-        body_s: for an upload.
-    """
-
-    def __init__(self, game: Game, desk: Desk, said: Said, static: Path, body_s: float):
-        self._game = game
-        self._desk = desk
-        self._said = said
-        self._static = static
-        self._body_s = body_s
-        self._upload = asyncio.Semaphore(1)  # their size is bounded: so is that of all together
-        self.connected: set[asyncio.Task[Any]] = set()
-        self.ending = False
-        self._arriving = 0
-
-    def application(self) -> Starlette:
-        """The paths."""
-        return Starlette(
-            routes=[
-                Route("/", self._page),
-                Route("/static/{path:path}", self._file),
-                Route("/health", self._health),
-                Route("/map", self._add_map, methods=["POST"]),
-                Route("/map/{revision:int}.png", self._picture),
-                Route("/story/{number:int}.bin", self._story),
-                WebSocketRoute("/ws", self._socket),
-            ]
-        )
-
-    async def _page(self, request: Request) -> Response:
-        return self._answer_file(request, "index.html")
-
-    async def _file(self, request: Request) -> Response:
-        return self._answer_file(request, request.path_params["path"])
-
-    def _answer_file(self, request: Request, name: str) -> Response:
-        root = self._static.resolve()
-        try:
-            path = (root / name).resolve()
-            content = path.read_bytes() if path.is_relative_to(root) and path.suffix in TYPES else None
-        except (OSError, ValueError):
-            content = None
-        if content is None:
-            return PlainTextResponse("no such file\n", 404)
-        return _cached(request, content, TYPES[path.suffix])
-
-    async def _health(self, request: Request) -> Response:
-        return JSONResponse({"ok": True, "version": __version__}, headers={"cache-control": "no-store"})
-
-    async def _picture(self, request: Request) -> Response:
-        picture = self._desk.audience.pictures.get(request.path_params["revision"])
-        return _cached(request, picture, "image/png") if picture else PlainTextResponse("no such map\n", 404)
-
-    async def _story(self, request: Request) -> Response:
-        number = request.path_params["number"]
-        story = await self._desk.in_thread(self._game.story, number) if number < 2**31 else None
-        if story is None:
-            return PlainTextResponse("no such round\n", 404)
-
-        async def pieces() -> AsyncIterator[bytes]:  # whoever reads slowly holds one of them, not all
-            for at in range(0, len(story), 1 << 16):
-                yield story[at : at + (1 << 16)]
-
-        headers = {"cache-control": "no-store", "content-length": str(len(story))}
-        return StreamingResponse(pieces(), media_type="application/octet-stream", headers=headers)
-
-    async def _add_map(self, request: Request) -> Response:
-        if request.scope["access"] != "operator":
-            return _map_answer(403, "your link is for looking, and for STOP")
-        if self._upload.locked():
-            return _map_answer(429, "another map is on its way: again in a moment")
-        async with self._upload:
-            try:
-                async with asyncio.timeout(self._body_s):
-                    body = await _body(request)
-            except TimeoutError:
-                return _map_answer(408, "the map did not come in time")
-            except ClientDisconnect:
-                return Response(status_code=400)
-            if body is None:
-                return _map_answer(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
-            try:
-                added = await self._desk.in_thread(self._add, body)
-            except msgspec.DecodeError as error:
-                return _map_answer(400, f"no map: {error}")
-            except Refused as refused:  # asked rightly: the page shows the words, the browser no error
-                return _map_answer(200, str(refused))
-            except Exception as error:
-                self._said.error("a map", error)
-                return _map_answer(500, "internal error")
-            return JSONResponse({"ok": True, "words": added["words"], "map": added["map"]})
-
-    def _add(self, body: bytes) -> dict[str, Any]:
-        try:
-            upload = msgspec.json.decode(body, type=Upload)
-            image = base64.b64decode(upload.image, validate=True)
-        except (UnicodeDecodeError, RecursionError, binascii.Error) as error:
-            raise msgspec.DecodeError(str(error)) from error
-        return self._game.add_map(map_name(upload.name), upload.yaml, image)
-
-    # the websocket
-
-    async def _socket(self, socket: WebSocket) -> None:
-        access = socket.scope["access"]
-        if self.ending or not self._desk.audience.has_room(access, self._arriving):
-            words = "no room: there are as many viewers as may be"
-            self._said("full", f"refused: {words}")
-            await refuse(socket.scope, socket.send, 503, words)
-            return
-        self._arriving += 1
-        try:
-            await socket.accept()
-            viewer = await self._desk.arrive(access, socket.query_params.get("again", ""))
-        except WebSocketDisconnect:
-            return
-        except Exception as error:
-            self._said.error("the game cannot be shown", error)
-            await socket.close(1011, "internal error")
-            return
-        finally:
-            self._arriving -= 1
-        task = asyncio.current_task()
-        assert task is not None
-        self.connected.add(task)
-        try:
-            await self._converse(socket, viewer)
-        finally:
-            self.connected.discard(task)
-            self._desk.depart(viewer)
-
-    async def _converse(self, socket: WebSocket, viewer: Viewer) -> None:
-        """Until one of both sides has enough."""
-        place = viewer.place
-        assert place is not None
-
-        async def send() -> None:
-            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-                while things := await place.take():
-                    for thing in things:
-                        key = "text" if isinstance(thing, str) else "bytes"
-                        await socket.send({"type": "websocket.send", key: thing})
-                await socket.close(
-                    1001 if self.ending else 1008, place.why_ended.encode()[:100].decode(errors="ignore")
-                )
-
-        async def listen() -> None:
-            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-                while (message := await socket.receive())["type"] == "websocket.receive":
-                    text = message.get("text")
-                    self._desk.hear(viewer, message.get("bytes", b"") if text is None else text)
-
-        loop = asyncio.get_running_loop()
-        sender, ended = loop.create_task(send()), loop.create_task(place.ended.wait())
-        listener = loop.create_task(listen())
-        tasks = (sender, ended, listener)
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            if place.ended.is_set() and not sender.done():
-                await asyncio.wait((sender,), timeout=GOODBYE_S)  # he may not take it
-        finally:
-            for task in tasks:
-                task.cancel()
-            for result in await asyncio.gather(*tasks, return_exceptions=True):
-                if isinstance(result, Exception):
-                    self._said.error("a viewer", result)
-
-
-async def _body(request: Request) -> bytes | None:
-    """What was uploaded; None: too much of it, but read, so that the answer is heard."""
-    parts: list[bytes] = []
-    size = 0
-    async for part in request.stream():
-        size += len(part)
-        if size > 8 * MOST_UPLOAD:
-            return None
-        if size > MOST_UPLOAD:
-            parts.clear()
-        else:
-            parts.append(part)
-    return b"".join(parts) if size <= MOST_UPLOAD else None
-
-
-def _map_answer(status: int, words: str) -> Response:
-    headers = {"connection": "close"} if status in (408, 413) else {}  # the rest of it is not waited for
-    return JSONResponse({"ok": False, "words": words, "map": None}, status, headers)
-
-
-def _cached(request: Request, content: bytes, kind: str) -> Response:
-    tag = f'"{hashlib.sha256(content).hexdigest()[:24]}"'
-    headers = {"etag": tag, "cache-control": "no-cache"}
-    if tag in [word.strip().removeprefix("W/") for word in request.headers.get("if-none-match", "").split(",")]:
-        return Response(status_code=304, headers=headers)
-    return Response(content, media_type=kind, headers=headers)
 
 
 class WebServer:
@@ -358,7 +119,7 @@ class WebServer:
         Raises:
             OSError: the address is taken, or none of this machine's.
         """
-        self._socket = _bind(self.host, self.port)
+        self._socket = bind(self.host, self.port)
         self.address, self.port = self._socket.getsockname()[:2]
         if self.tokens is None and not is_loopback(self.address):
             self.tokens = Tokens.new()
@@ -402,10 +163,12 @@ class WebServer:
         said = Said(self._say, hidden)
         loop.set_exception_handler(lambda _, context: _say_context(said, context))
         desk = Desk(self._game, said, self._most, self._rate)
-        pages = Pages(self._game, desk, said, self._static, self._body_s)
+        conversations = Conversations(desk, said)
+        routes = Routes(self._game, desk, said, self._static, self._body_s)
+        application = Starlette(routes=[*routes.all(), WebSocketRoute("/ws", conversations.serve)])
         access = Access(self.tokens, (*names_of(self.host, self.address), *self._names))
         door = Door(CONNECTIONS * self._most + SPARE_CONNECTIONS, self._headers_s)
-        guarded = Guard(_bounded(pages.application(), said), access, said)
+        guarded = Guard(_bounded(application, said), access, said)
         without_tokens = WithoutTokens(said)
         server = uvicorn.Server(_configuration(guarded, door))
         logging.getLogger("uvicorn.error").addFilter(without_tokens)
@@ -418,12 +181,7 @@ class WebServer:
             stopping = loop.create_task(self._stop.wait())
             await asyncio.wait((serving, stopping), return_when=asyncio.FIRST_COMPLETED)
             stopping.cancel()
-            pages.ending = True
-            for viewer in list(desk.audience.here):
-                if viewer.place is not None:
-                    viewer.place.end("the server ends")
-            if pages.connected:
-                await asyncio.wait(pages.connected, timeout=GOODBYE_S)
+            await conversations.end()
             server.should_exit = True
             for _ in range(2):  # the first cut is for those who take their time, the second for those who do not move
                 await asyncio.wait((serving,), timeout=0.4)
@@ -494,37 +252,6 @@ def _say_context(said: Said, context: dict[str, Any]) -> None:
         said.error(str(context.get("message", "the server")), error)
     else:
         said("loop", str(context.get("message", "the server")))
-
-
-def _bind(host: str, port: int) -> socket.socket:
-    """A socket that listens soon.
-
-    Raises:
-        OSError: the address cannot be had.
-    """
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    except (OSError, UnicodeError) as error:
-        raise OSError(f"{host}: no such address") from error
-    bound = socket.socket(family, kind, protocol)
-    try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a slow reader is shown what is new
-        bound.bind(address)
-    except OSError as error:
-        bound.close()
-        raise OSError(_why_not(error, host, port)) from error
-    return bound
-
-
-def _why_not(error: OSError, host: str, port: int) -> str:
-    if error.errno == errno.EADDRINUSE:
-        return f"port {port} of {host} is taken: another one, or 0 for any that is free"
-    if error.errno == errno.EADDRNOTAVAIL:
-        return f"{host} is no address of this computer"
-    if error.errno == errno.EACCES:
-        return f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free"
-    return f"{host}, port {port}: {error.strerror}"
 
 
 def serve(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import collections
-import struct
 from typing import Any
 
 import numpy as np
 
+from pacman_env.web.frame import encode_all
 from pacman_env.web.game import Refused
 from pacman_env.web.played_round import PlayedRound
 
@@ -26,7 +26,7 @@ class Stories:
         self.count += 1
         choices = np.array(played.choices).reshape(-1, 3)
         parts = choices[:, 1] != choices[:, 2]
-        last = played.looks[-1]
+        last = played.snapshots[-1]
         told = {
             "story": self.count,
             "result": played.outcome,
@@ -39,7 +39,7 @@ class Stories:
             "decisions": np.flatnonzero(np.diff(choices[:, 0], prepend=-1)).tolist(),
             "player": "person" if played.by_person else "policy",
             "policies": list(played.names),
-            "second": played.shadow_result() if played.by_person else None,
+            "second": played.baseline_result() if played.by_person else None,
             **facts,
         }
         self._kept[self.count] = played, told
@@ -52,13 +52,12 @@ class Stories:
         return [told for _, told in reversed(self._kept.values())]
 
     def frames(self, number: int) -> bytes | None:
-        """Of each tick, behind its length (u32, little endian); None: not kept."""
+        """Of each tick, as a JSON list; None: not kept."""
         if number not in self._kept:
             return None
         played, told = self._kept[number]
         fields = {name: told[name] for name in ("revision", "spawned", "round")}
-        frames = [played.frame(tick, fields).encode() for tick in range(played.ticks + 1)]
-        return b"".join(struct.pack("<I", len(frame)) + frame for frame in frames)
+        return encode_all([played.frame(tick, fields) for tick in range(played.ticks + 1)])
 
     def why(self, number: int, tick: int) -> dict[str, Any]:
         """The terms of the candidates at a tick.

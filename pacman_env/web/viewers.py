@@ -28,12 +28,12 @@ class Place:
         self._most = most_texts, most_bytes
         self._texts: deque[str] = deque()
         self._bytes = 0
-        self._frame: bytes | None = None
+        self._frame: str | None = None
         self._wake = asyncio.Event()
         self.ended = asyncio.Event()
         self.why_ended = ""
 
-    def put_frame(self, frame: bytes) -> None:
+    def put_frame(self, frame: str) -> None:
         """The newest frame; one that still waits is forgotten."""
         if not self.ended.is_set():
             self._frame = frame
@@ -59,14 +59,14 @@ class Place:
             self.ended.set()
             self._wake.set()
 
-    async def take(self) -> list[str | bytes]:
+    async def take(self) -> list[str]:
         """What waits, at least one thing: the texts, then the frame. Empty: that was all for ever."""
         while not self._texts and self._frame is None:
             if self.ended.is_set():
                 return []
             self._wake.clear()
             await self._wake.wait()
-        things: list[str | bytes] = [*self._texts]
+        things = [*self._texts]
         if self._frame is not None:
             things.append(self._frame)
         self._texts.clear()
@@ -153,7 +153,7 @@ class Seen:
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
-    encoded: bytes
+    encoded: str
 
 
 class Audience:
@@ -173,7 +173,7 @@ class Audience:
         self._most = most
         self._people = people
         self._number: int | None = None
-        self._frame = b""
+        self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
         self._news: int | None = None  # the last that was told; None: from now on
@@ -203,7 +203,7 @@ class Audience:
         """Ask the game; None: nobody wants to know."""
         why, lidar = wanted or (False, False)
         if (why, lidar) != self._watched:
-            self._game.watched(why=why, lidar=lidar)
+            self._game.watch(why=why, lidar=lidar)
             self._watched = (why, lidar)
         if wanted is None:
             return None
@@ -212,13 +212,13 @@ class Audience:
         if scene is None or frame is None or frame.revision != scene.revision:
             scene = self._game.scene()
         news = self._game.news(self._news or 0)
-        encoded = frame.encode() if frame is not None and frame.number != self._number else b""
+        encoded = frame.encode() if frame is not None and frame.number != self._number else ""
         return Seen(scene, news, frame, encoded)
 
     def show(self, seen: Seen | None) -> None:
         """Tell all what is new, and those who have just come all there is."""
         if seen is None:
-            self._news, self._number, self._frame, self._scene = None, None, b"", None
+            self._news, self._number, self._frame, self._scene = None, None, "", None
             return
         if self._scene is None or seen.scene.revision != self._scene.revision:
             self._change_scene(seen.scene)

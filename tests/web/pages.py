@@ -42,7 +42,7 @@ class Page:
             connect(address, compression=None, max_size=None, max_queue=None)
         )
         self.texts: list[dict[str, Any]] = []
-        self.frames: list[tuple[float, bytes]] = []
+        self.frames: list[tuple[float, str]] = []
         self.patience_s = PATIENCE_S
         self._id = 0
         try:
@@ -70,11 +70,13 @@ class Page:
     def read(self, timeout_s: float | None = None) -> dict[str, Any] | None:
         """One more message; a text is returned."""
         message = self.socket.recv(timeout=self.patience_s if timeout_s is None else timeout_s)
-        if isinstance(message, bytes):
+        assert isinstance(message, str)
+        text: dict[str, Any] = json.loads(message)
+        if text["kind"] == "frame":
             self.frames.append((time.monotonic(), message))
             return None
-        self.texts.append(json.loads(message))
-        return self.texts[-1]
+        self.texts.append(text)
+        return text
 
     def wait(self, kind: str, is_it: Callable[[dict[str, Any]], bool] = lambda text: True) -> dict[str, Any]:
         """The next text of a kind, that is yet to come."""

@@ -22,7 +22,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     "stop": {},
     "release": {},
     "control": {"what": "take"},
-    "seat": {"who": "robot"},
+    "role": {"role": "robot"},
     "goal": {"candidate": 3},
     "drive": {"v": 0.2, "omega": 0.0},
     "event": {"word": "start"},

@@ -11,6 +11,7 @@ from pacman_env.web import messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
+from pacman_env.web.vocabulary import vocabulary
 
 PICTURE = b"\x89PNG\r\n\x1a\n picture"
 
@@ -59,7 +60,7 @@ class ScriptedGame:
     def hello(self) -> dict[str, Any]:
         if "hello" in self.fails:
             raise RuntimeError("hello is broken")
-        return {"choices": {"maps": ["house"]}, "melodies": {}, "words": {}, "feedback": {}}
+        return {"choices": {"maps": ["house"]}, **vocabulary()}
 
     def scene(self) -> Scene:
         return Scene(self.revision, {"map": {"name": "house"}, "home": [0.0, 0.0, float("nan")]}, PICTURE)
@@ -78,14 +79,14 @@ class ScriptedGame:
     def happens(self, **what: Any) -> None:
         self.entries.append({"number": len(self.entries) + 1, **what})
 
-    def watched(self, *, why: bool, lidar: bool) -> None:
-        self._called("watched", why, lidar)
+    def watch(self, *, why: bool, lidar: bool) -> None:
+        self._called("watch", why, lidar)
 
-    def tell(self, person: str, message: Message) -> Any:
+    def handle(self, person: str, message: Message) -> Any:
         with self._lock:
             self.told.append((person, message))
-        if "tell" in self.fails:
-            raise RuntimeError("tell is broken")
+        if "handle" in self.fails:
+            raise RuntimeError("handle is broken")
         if self._on_tell is not None:
             return self._on_tell(person, message)
         if isinstance(message, messages.PlaceClyde):
@@ -99,8 +100,8 @@ class ScriptedGame:
     def release(self, person: str) -> None:
         self._called("release", person)
 
-    def left(self, person: str) -> None:
-        self._called("left", person)
+    def leave(self, person: str) -> None:
+        self._called("leave", person)
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
         self._called("add_map", name, len(image))

@@ -52,7 +52,7 @@ def with_tokens(*names: str) -> Access:
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/ws", "/map", "/map/1.png", "/story/1.bin", "/nothing", "/staticx", "//static/"]
+    "path", ["/", "/ws", "/map", "/map/1.png", "/story/1.json", "/nothing", "/staticx", "//static/"]
 )
 def test_without_a_token_nothing_is_seen(path: str) -> None:
     status, passed, _ = ask(with_tokens(), path, host=f"{ADDRESS}:8000")

@@ -24,6 +24,7 @@ from websockets.sync.client import connect
 
 from pacman_env.web import messages
 from pacman_env.web.access import Tokens
+from pacman_env.web.frame import decode
 from pacman_env.web.server import CONNECTIONS, SPARE_CONNECTIONS, WebServer
 from tests.web.pages import Page, at, eventually
 from tests.web.said_by_pages import RIGHT, as_said, is_right, texts
@@ -85,7 +86,7 @@ def undisturbed(server: WebServer, most_s: float = 2.0) -> Iterator[Page]:
         assert page.ask("ping")["ok"]
         looks = game.looked_at[first:]
         assert max((after - before for before, after in itertools.pairwise(looks)), default=0.0) < most_s
-        numbers = [struct.unpack_from("<I", frame, 8)[0] for _, frame in page.frames]
+        numbers = [decode(frame).number for _, frame in page.frames]
         assert numbers == sorted(set(numbers))
         assert len(numbers) > len(looks) / 2  # of a busy machine
 
@@ -135,13 +136,13 @@ def test_a_token_is_in_no_log_whatever_is_done_with_it(
     logging.getLogger("uvicorn.error").setLevel(logging.DEBUG)
     logging.getLogger("uvicorn.access").setLevel(logging.DEBUG)
     with Page(server) as page:
-        game.fails = {"tell", "hello"}
+        game.fails = {"handle", "hello"}
         page.ask("start")
         with contextlib.suppress(ConnectionClosed):
             Page(server).close()
         web.get(server.url)
         web.get(server.url, headers={"authorization": f"Bearer {server.tokens.operator}"})
-        web.get(at(server.url, "story/1.bin"))
+        web.get(at(server.url, "story/1.json"))
         rest(wire(server, f"GET /?token={server.tokens.operator} HTTP/1.1", "host: a b", "bad header", ""))
         rest(wire(server, f"GET /?token={server.tokens.operator}&a=\x01 HTTP/1.1", ""))
         status(at(server.url, "ws"), Origin="http://evil.example")
@@ -187,7 +188,7 @@ def test_ten_thousand_malformed_messages_change_nothing(serve: Callable[..., Web
         assert page.ask("ping")["ok"]
         assert sum(text["kind"] == "refused" for text in page.texts) == 10_000
     assert (game.told, said) == ([], [])
-    assert {call[0] for call in game.calls} <= {"watched", "left"}
+    assert {call[0] for call in game.calls} <= {"watch", "leave"}
 
 
 def test_bytes_are_refused_with_words(serve: Callable[..., WebServer]) -> None:
@@ -406,7 +407,7 @@ def test_a_phone_that_is_gone_without_a_word_is_noticed(
         dead = upgrade(server)
         page.people(viewers=2)
         page.people(viewers=1)
-        assert ("left", "guest-2") in game.calls
+        assert ("leave", "guest-2") in game.calls
         dead.close()
 
 

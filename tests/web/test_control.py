@@ -1,4 +1,4 @@
-"""One operator at a time, one person a seat, whatever people do in whatever order."""
+"""One operator at a time, one person a role, whatever people do in whatever order."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.web.control import KEPT_S, SEATS, Control
+from pacman_env.web.control import KEPT_S, Control
 from pacman_env.web.game import Refused
+from pacman_env.web.roles import ROLES
 
 PEOPLE = ("ann", "bob", "cid")
 people = st.sampled_from(PEOPLE)
 deeds = st.lists(
     st.one_of(
-        st.tuples(st.sampled_from(["take", "ask", "give", "stand_up", "went", "came"]), people),
-        st.tuples(st.just("sit"), people, st.sampled_from(SEATS)),
+        st.tuples(st.sampled_from(["take", "ask", "give", "leave", "went", "came"]), people),
+        st.tuples(st.just("assume"), people, st.sampled_from(ROLES)),
         st.tuples(st.just("wait"), st.floats(0, 2 * KEPT_S)),
     ),
     max_size=40,
@@ -26,7 +27,7 @@ def test_control_passes_only_by_the_will_of_who_has_it_or_after_he_stayed_away(d
     control, now = Control(), 0.0
     here, gone = set(PEOPLE), {}
     for what, *rest in deeds:
-        before, seats = control.operator, dict(control.seats)
+        before, roles = control.operator, dict(control.roles.people)
         if what == "wait":
             now += rest[0]
             expired = control.expire(now)
@@ -42,9 +43,9 @@ def test_control_passes_only_by_the_will_of_who_has_it_or_after_he_stayed_away(d
                 control.came(person)
         elif rest[0] in here:
             try:
-                getattr(control, what)(*rest)
+                getattr(control if hasattr(control, what) else control.roles, what)(*rest)
             except Refused:
-                assert (control.operator, control.seats) == (before, seats)
+                assert (control.operator, control.roles.people) == (before, roles)
         if control.operator != before and before is not None:
             assert (what, *rest) == ("give", before) or (what == "wait" and now - gone[before] >= KEPT_S)
         if control.operator != before and control.operator is not None:
@@ -52,9 +53,9 @@ def test_control_passes_only_by_the_will_of_who_has_it_or_after_he_stayed_away(d
         assert control.operator not in control.asking
         assert set(control.asking) <= here
         assert control.operator is not None or not control.asking
-        assert len(set(control.seats.values())) == len(control.seats)  # nobody has two
-        for seat, person in seats.items():
-            assert control.seats.get(seat) in (person, None) or what == "wait"  # nobody is pushed off
+        assert len(set(control.roles.people.values())) == len(control.roles.people)  # nobody has two
+        for role, person in roles.items():
+            assert control.roles.people.get(role) in (person, None) or what == "wait"  # nobody is pushed off
 
 
 def test_who_asks_sees_it_and_gets_control_when_it_is_given() -> None:
@@ -81,36 +82,36 @@ def test_asking_for_what_nobody_has_is_taking_it() -> None:
 def test_a_page_that_comes_back_in_time_has_lost_nothing() -> None:
     control = Control()
     control.take("ann")
-    control.sit("ann", "robot")
+    control.roles.assume("ann", "robot")
     control.went("ann", 100.0)
     assert control.expire(100.0 + KEPT_S - 0.1) == []
     with pytest.raises(Refused):
         control.take("bob")
     control.came("ann")
     assert control.expire(1000.0) == []
-    assert (control.operator, control.seats) == ("ann", {"robot": "ann"})
+    assert (control.operator, control.roles.people) == ("ann", {"robot": "ann"})
 
 
-def test_after_ten_seconds_control_and_seat_are_free() -> None:
+def test_after_ten_seconds_control_and_role_are_free() -> None:
     control = Control()
     control.take("ann")
-    control.sit("ann", "robot")
+    control.roles.assume("ann", "robot")
     control.ask("bob")
     control.went("ann", 100.0)
     assert control.expire(100.0 + KEPT_S) == ["ann"]
-    assert (control.operator, control.seats, control.asking) == (None, {}, [])
+    assert (control.operator, control.roles.people, control.asking) == (None, {}, [])
     control.take("bob")
-    control.sit("bob", "robot")
+    control.roles.assume("bob", "robot")
 
 
-def test_a_seat_has_one_person_and_a_person_one_seat() -> None:
+def test_a_role_has_one_person_and_a_person_one_seat() -> None:
     control = Control()
-    control.sit("ann", "ghost-1")
-    control.sit("ann", "robot")
-    assert control.seats == {"robot": "ann"}
-    with pytest.raises(Refused, match="ann has the seat robot"):
-        control.sit("bob", "robot")
-    control.stand_up("ann")
-    control.sit("bob", "robot")
-    assert control.seat_of("bob") == "robot"
-    assert control.seat_of("ann") is None
+    control.roles.assume("ann", "ghost-1")
+    control.roles.assume("ann", "robot")
+    assert control.roles.people == {"robot": "ann"}
+    with pytest.raises(Refused, match="ann has the role robot"):
+        control.roles.assume("bob", "robot")
+    control.roles.leave("ann")
+    control.roles.assume("bob", "robot")
+    assert control.roles.of("bob") == "robot"
+    assert control.roles.of("ann") is None

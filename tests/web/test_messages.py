@@ -43,7 +43,7 @@ def test_whatever_is_said_is_a_message_or_a_value_error(text: str) -> None:
         ('{"do":"start","more":1}', "more"),
         ('{"do":"speed","times":51}', "50"),
         ('{"do":"speed","times":NaN}', "malformed"),
-        ('{"do":"seat","who":"ghost-4"}', "ghost-4"),
+        ('{"do":"role","role":"ghost-4"}', "ghost-4"),
         ('{"do":"setup","ghosts":["a","b","c","d","e"]}', "4"),
         ('{"do":"setup","seed":-1}', "0"),
         ('{"do":"place_clyde","x":1e9,"y":0}', "1000000"),

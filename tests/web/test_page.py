@@ -11,7 +11,8 @@ import httpx
 import pytest
 
 from pacman_env.web.access import Tokens
-from pacman_env.web.server import STATIC, WebServer
+from pacman_env.web.routes import STATIC
+from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
 from pacman_env.world.maps.occupancy import shipped_maps
 from tests.web.browser import Visitor
@@ -51,7 +52,7 @@ def test_pause_speed_reset(visit: Visit) -> None:
     page.press("pause")
     page.wait("state.frame.paused")
     assert page.text("state") == "Paused"
-    assert page.text("pause") == "Go on"
+    assert page.text("pause") == "Resume"
     page.page.wait_for_timeout(200)
     stood = page.value("state.frame.time_s")
     page.page.wait_for_timeout(400)
@@ -131,7 +132,7 @@ def test_every_event_is_seen_and_heard(visit: Visit) -> None:
     page = visit()
     page.press("tab-show", "sound")
     page.wait("window.pacman.sounds.on")
-    feedback = page.value("state.hello.feedback")
+    feedback = page.value("state.hello.events")
     words = sorted(feedback, key=lambda word: word == "start theatrical")  # the longest sound is not waited for
     assert page.page.locator("#show-event button").count() == len(words)
     off = page.page.locator('[data-what="light"][data-word="off"]')
@@ -147,10 +148,10 @@ def test_every_event_is_seen_and_heard(visit: Visit) -> None:
         if feedback[word]["light"] != "off":
             page.wait(f"count.lit > {lit}", f"the light of {word}")
         if feedback[word]["sound"]:
-            notes = len(page.value("state.hello.melodies")[feedback[word]["sound"]])
+            notes = len(page.value("state.hello.sounds")[feedback[word]["sound"]])
             page.wait(f"count.notes >= {before + notes}", f"the notes of {word}")
-    assert page.page.locator("#show-light button").count() == len(page.value("state.hello.words.light"))
-    assert page.page.locator("#show-sound button").count() == len(page.value("state.hello.words.sound"))
+    assert page.page.locator("#show-light button").count() == len(page.value("state.hello.lights"))
+    assert page.page.locator("#show-sound button").count() == len(page.value("state.hello.sounds"))
     assert not page.page.is_checked("#arm")
     page.page.check("#arm")
 
@@ -158,8 +159,8 @@ def test_every_event_is_seen_and_heard(visit: Visit) -> None:
 def test_a_round_played_by_clicks(visit: Visit) -> None:
     page = visit()
     page.press("tab-play")
-    page.page.click("[data-seat=robot]")
-    page.wait("state.seat === 'robot' && state.frame.shadow")
+    page.page.click("[data-role=robot]")
+    page.wait("state.role === 'robot' && state.frame.baseline")
     assert page.text("duel") == "you 0, ppo 0"
     start(page, 12)
     sent = -1
@@ -182,15 +183,15 @@ def test_a_round_played_by_clicks(visit: Visit) -> None:
     assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
 
 
-def test_two_seats_from_two_browsers(visit: Visit) -> None:
+def test_two_roles_from_two_browsers(visit: Visit) -> None:
     robot, ghost = visit(), visit()
     robot.press("tab-play")
-    robot.page.click("[data-seat=robot]")
+    robot.page.click("[data-role=robot]")
     ghost.press("tab-play")
-    ghost.page.click("[data-seat=ghost-0]")
-    robot.wait("state.people.seats['ghost-0'] && state.seat === 'robot'")
-    ghost.wait("state.people.seats.robot && state.seat === 'ghost-0'")
-    assert ghost.page.is_disabled("[data-seat=robot]")
+    ghost.page.click("[data-role=ghost-0]")
+    robot.wait("state.people.roles['ghost-0'] && state.role === 'robot'")
+    ghost.wait("state.people.roles.robot && state.role === 'ghost-0'")
+    assert ghost.page.is_disabled("[data-role=robot]")
     start(robot, 3)
     x, y, _ = robot.value("state.frame.true")
     ghost.wait("state.frame.state === 'running'")
@@ -206,7 +207,7 @@ def test_two_seats_from_two_browsers(visit: Visit) -> None:
     assert ghost.page.is_disabled("#reset")
     assert "has control" in ghost.text("reason")
     ghost.press("lease-ask")
-    robot.page.click(".notice button:has-text('Give')")
+    robot.page.click(".notice button:has-text('Hand over')")
     ghost.wait("state.people.operator === state.hello.you")
     ghost.press("reset")
     robot.wait("state.frame.state === 'menu'")

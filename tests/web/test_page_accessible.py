@@ -32,12 +32,12 @@ def test_axe_finds_nothing_serious(visit: Visit, axe: str, scheme: str, width: i
             page.page.click("#settings summary")
             page.page.click("#upload summary")
         elif tab == "play":
-            page.page.click("[data-seat=robot]")
-            page.wait("state.seat === 'robot'")
+            page.page.click("[data-role=robot]")
+            page.wait("state.role === 'robot'")
             if not page.page.is_visible("#panel-play"):  # on a phone the panel makes room for the map
                 page.press("tab-play")
-            page.page.click("[data-seat=robot]")
-            page.wait("state.seat === 'none'")
+            page.page.click("[data-role=robot]")
+            page.wait("state.role === 'none'")
         elif tab == "why":
             page.press("start")
             page.wait("state.frame.state === 'running' && document.querySelector('#why-table tbody tr')")

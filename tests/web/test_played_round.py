@@ -20,10 +20,10 @@ CHOICES = Choices()
 SHORT = {"time_limit_s": 20.0}
 
 
-def laid_out(seed: int = 7, seats: frozenset[int] = frozenset(), **rules: Any) -> PlayedRound:
+def laid_out(seed: int = 7, ghost_roles: frozenset[int] = frozenset(), **rules: Any) -> PlayedRound:
     chosen = Rules(**{"policy": "clyde_aware", "second": "nearest", "settings": SHORT, **rules})
     config, source, ghosts = CHOICES.prepare(chosen, None)
-    return PlayedRound(config, source, ghosts, (chosen.policy, chosen.second), seed, seats)
+    return PlayedRound(config, source, ghosts, (chosen.policy, chosen.second), seed, ghost_roles)
 
 
 def played(round: PlayedRound, orders: Orders | None = None, ticks: int = 1000) -> PlayedRound:
@@ -40,61 +40,64 @@ def test_a_policys_round_is_that_of_the_environment_bit_for_bit(ghosts: tuple[st
     env = PacManBotEnv("house", ghosts=ghosts, settings=SHORT)
     env.reset(options={"round_seed": 7})
     policy = make_policy("clyde_aware")
-    for look in ours.looks[1:]:
+    for snapshot in ours.snapshots[1:]:
         *_, info = env.step(int(policy.select(env.situation)[0]))
         game = env.batch.games[0]
-        assert look.true == (game["x"], game["y"], game["heading"])
-    assert (info["outcome"], info["collected"]) == (ours.outcome, ours.looks[-1].collected)
+        assert snapshot.true == (game["x"], game["y"], game["heading"])
+    assert (info["outcome"], info["collected"]) == (ours.outcome, ours.snapshots[-1].collected)
 
 
-def test_a_ghost_that_nobody_sends_walks_as_if_he_had_no_seat() -> None:
-    free, seated = laid_out(ghosts=("chase", "arcade")), laid_out(ghosts=("chase", "arcade"), seats=frozenset([0, 1]))
+def test_a_ghost_that_nobody_sends_walks_as_if_nobody_played_it() -> None:
+    free, taken = (
+        laid_out(ghosts=("chase", "arcade")),
+        laid_out(ghosts=("chase", "arcade"), ghost_roles=frozenset([0, 1])),
+    )
     for _ in range(20):
         free.step(Orders())
-        seated.step(Orders())
-        np.testing.assert_array_equal(free.looks[-1].ghosts, seated.looks[-1].ghosts)
+        taken.step(Orders())
+        np.testing.assert_array_equal(free.snapshots[-1].ghosts, taken.snapshots[-1].ghosts)
 
 
 def test_a_person_sends_the_robot_and_a_ghost_where_he_clicks() -> None:
-    round = laid_out(ghosts=("wander", "wander"), seats=frozenset([1]), settings={"time_limit_s": 60.0})
+    round = laid_out(ghosts=("wander", "wander"), ghost_roles=frozenset([1]), settings={"time_limit_s": 60.0})
     goal, place = 4, round.assets.goal_xy[8]
     played(round, Orders(robot=True, goal=goal, ghosts={1: 8}), 40)
     assert round.by_person
     assert {choice[0] for choice in round.choices} == {goal}
-    ways = [math.dist(look.ghosts[1], place) for look in round.looks]
+    ways = [math.dist(snapshot.ghosts[1], place) for snapshot in round.snapshots]
     assert ways[-1] < ways[0]
 
 
 def test_a_person_who_chooses_nothing_holds() -> None:
     round = played(laid_out(), Orders(robot=True), 10)
-    assert math.dist(round.looks[0].true[:2], round.looks[-1].true[:2]) < 0.01
+    assert math.dist(round.snapshots[0].true[:2], round.snapshots[-1].true[:2]) < 0.01
 
 
 def test_velocities_drive_the_robot_and_goals_take_over_again() -> None:
     round = laid_out(settings={"time_limit_s": 60.0})
     played(round, Orders(robot=True, goal=3), 4)
-    before = round.looks[-1]
+    before = round.snapshots[-1]
     played(round, Orders(robot=True, velocity=(0.0, 1.0)), 4)
-    turned = math.remainder(round.looks[-1].true[2] - before.true[2], 2 * math.pi)
+    turned = math.remainder(round.snapshots[-1].true[2] - before.true[2], 2 * math.pi)
     assert turned == pytest.approx(2.0, abs=0.5)
-    assert round.looks[-1].goal == -1
+    assert round.snapshots[-1].goal == -1
     played(round, Orders(robot=True, goal=8), 20)
-    assert round.looks[-1].goal == 8
-    assert math.dist(round.looks[-1].true[:2], before.true[:2]) > 0.5
+    assert round.snapshots[-1].goal == 8
+    assert math.dist(round.snapshots[-1].true[:2], before.true[:2]) > 0.5
 
 
-def test_the_shadow_plays_the_round_that_the_policy_would_have_played() -> None:
+def test_the_baseline_plays_the_round_that_the_policy_would_have_played() -> None:
     alone = played(laid_out())
     beside = laid_out()
     beside.play_beside()
     played(beside, Orders(robot=True))
-    shadows = [look.shadow for look in beside.looks]
-    both = min(len(shadows), len(alone.looks))
-    assert shadows[:both] == [look.true for look in alone.looks[:both]]
-    assert beside.shadow_result() == {
+    baselines = [snapshot.baseline for snapshot in beside.snapshots]
+    both = min(len(baselines), len(alone.snapshots))
+    assert baselines[:both] == [snapshot.true for snapshot in alone.snapshots[:both]]
+    assert beside.baseline_result() == {
         "result": alone.outcome,
-        "collected": alone.looks[-1].collected,
-        "time_s": alone.looks[-1].time_s,
+        "collected": alone.snapshots[-1].collected,
+        "time_s": alone.snapshots[-1].time_s,
     }
 
 
@@ -119,7 +122,7 @@ def test_candidates_are_numbered_without_gaps_on_generated_maps() -> None:
     played(round, ticks=20)
     places = len(round.assets.goal_xy)
     assert all(0 <= choice <= places for choices in round.choices for choice in choices)
-    assert len(round.looks[0].scores) == places + 1
+    assert len(round.snapshots[0].scores) == places + 1
 
 
 def test_the_candidate_nearest_to_a_click_is_one_that_may_be_chosen_and_near() -> None:
@@ -128,14 +131,14 @@ def test_the_candidate_nearest_to_a_click_is_one_that_may_be_chosen_and_near() -
     assert round.nearest(x + 0.1, y) == 5
     assert round.nearest(100.0, 100.0) is None
     round = played(laid_out(settings={}), ticks=400)
-    gone = int(np.flatnonzero(~round.looks[-1].alive)[0])
+    gone = int(np.flatnonzero(~round.snapshots[-1].alive)[0])
     assert round.nearest(*round.assets.goal_xy[gone]) != gone
 
 
 @given(share=st.floats(0, 1), tick=st.integers(0, 20))
 @settings(max_examples=30, deadline=None)
 def test_between_two_ticks_everything_is_between_them(share: float, tick: int) -> None:
-    old, new = ROUND.looks[tick], ROUND.looks[tick + 1]
+    old, new = ROUND.snapshots[tick], ROUND.snapshots[tick + 1]
     fields = between(old, new, share)
     for k in (0, 1):
         low, high = sorted((old.true[k], new.true[k]))

@@ -24,7 +24,8 @@ from pacman_env.web import control, messages, viewers
 from pacman_env.web.access import Tokens
 from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
-from pacman_env.web.server import MOST_UPLOAD, WebServer, map_name
+from pacman_env.web.routes import MOST_UPLOAD, map_name
+from pacman_env.web.server import WebServer
 from tests.web.pages import FILES, Page, at, eventually
 from tests.web.scripted_game import PICTURE, ScriptedGame
 
@@ -87,9 +88,9 @@ def test_maps_and_rounds_are_fetched_with_the_token(serve: Callable[..., WebServ
         assert web.get(at(server.viewer_url, where)).content == PICTURE
         headers = {"authorization": f"Bearer {server.tokens.viewer}"}
         base = server.url.partition("?")[0]
-        assert web.get(f"{base}story/3.bin", headers=headers).content == game.stories[3]
-        assert web.get(f"{base}story/3.bin").status_code == 401
-        for path in ("story/4.bin", "map/9.png", f"story/{10**30}.bin", "nothing"):
+        assert web.get(f"{base}story/3.json", headers=headers).content == game.stories[3]
+        assert web.get(f"{base}story/3.json").status_code == 401
+        for path in ("story/4.json", "map/9.png", f"story/{10**30}.json", "nothing"):
             assert web.get(base + path, headers=headers).status_code == 404
 
 
@@ -178,7 +179,7 @@ def test_an_error_in_the_game_is_one_line_of_the_log_and_the_server_goes_on(
 ) -> None:
     game = ScriptedGame()
     with Page(serve(game)) as page:
-        game.fails = {"tell", "stop", "frame", "watched", "add_map", "left"}
+        game.fails = {"handle", "stop", "frame", "watch", "add_map", "leave"}
         for _ in range(3):
             assert page.ask("start")["words"] == "internal error"
             assert page.ask("stop")["words"] == "internal error"
@@ -301,9 +302,9 @@ def test_one_who_looks_may_stop_and_ask_and_nothing_else(serve: Callable[..., We
     server = serve(game, tokens=Tokens.new())
     with Page(server, server.viewer_url) as page:
         assert page.hello["access"] == "viewer"
-        for do, fields in {"start": {}, "control": {"what": "take"}, "seat": {"who": "robot"}, "release": {}}.items():
+        for do, fields in {"start": {}, "control": {"what": "take"}, "role": {"role": "robot"}, "release": {}}.items():
             answer = page.ask(do, **fields)
-            assert (answer["ok"], answer["words"]) == (False, "your link is for looking, and for STOP")
+            assert (answer["ok"], answer["words"]) == (False, "your link is view only; STOP still works")
         assert game.told == []
         assert page.ask("stop")["ok"]
         assert page.ask("stories")["ok"]
@@ -336,31 +337,31 @@ def test_control_is_free_some_time_after_the_page_went_away(
     with Page(server) as other:
         with Page(server) as one:
             one.ask("control", what="take")
-            one.ask("seat", who="robot")
+            one.ask("role", role="robot")
             other.people(operator=one.name)
         gone = time.monotonic()
-        eventually(lambda: ("left", one.name) in game.calls)
+        eventually(lambda: ("leave", one.name) in game.calls)
         assert time.monotonic() - gone < 0.4  # what he drives stands at once
         assert not other.ask("start")["ok"]
         other.people(operator=None)
         assert time.monotonic() - gone >= 0.5
         assert other.ask("start")["ok"]
-        assert other.ask("seat", who="robot")["ok"]
+        assert other.ask("role", role="robot")["ok"]
 
 
-def test_a_page_that_comes_back_has_its_name_control_and_seat_again(serve: Callable[..., WebServer]) -> None:
+def test_a_page_that_comes_back_has_its_name_control_and_role_again(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game)
     with Page(server) as one:
         one.ask("control", what="take")
-        one.ask("seat", who="ghost-1")
-    eventually(lambda: ("left", one.name) in game.calls)
+        one.ask("role", role="ghost-1")
+    eventually(lambda: ("leave", one.name) in game.calls)
     with Page(server, again=one.hello["again"]) as back, Page(server, again=one.hello["again"]) as thief:
         assert back.name == one.name
         assert thief.name != one.name  # a key is good once
-        seats = thief.people(operator=one.name)["seats"]
-        assert seats["ghost-1"] == one.name
-        eventually(lambda: game.told.count((one.name, messages.Seat(who="ghost-1"))) == 1)
+        roles = thief.people(operator=one.name)["roles"]
+        assert roles["ghost-1"] == one.name
+        eventually(lambda: game.told.count((one.name, messages.Role(role="ghost-1"))) == 1)
         assert back.ask("start")["ok"]
 
 
@@ -380,46 +381,46 @@ def test_a_page_that_comes_back_before_its_loss_is_noticed_ends_the_old_connecti
             )
 
 
-def test_a_seat_has_one_person_and_only_he_plays_it(serve: Callable[..., WebServer]) -> None:
+def test_a_role_has_one_person_and_only_he_plays_it(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game)
     with Page(server) as one, Page(server) as other:
-        assert one.ask("goal", candidate=1)["words"] == "take a seat first"
-        assert one.ask("seat", who="robot")["ok"]
-        assert other.ask("seat", who="robot")["words"] == f"{one.name} has the seat robot"
-        assert other.ask("seat", who="ghost-0")["ok"]
-        assert other.ask("drive", v=1, omega=0)["words"] == "take the robot's seat first"
+        assert one.ask("goal", candidate=1)["words"] == "take a role first"
+        assert one.ask("role", role="robot")["ok"]
+        assert other.ask("role", role="robot")["words"] == f"{one.name} has the role robot"
+        assert other.ask("role", role="ghost-0")["ok"]
+        assert other.ask("drive", v=1, omega=0)["words"] == "take the robot's role first"
         assert one.ask("drive", v=1, omega=0)["ok"]
         assert other.ask("goal", x=1, y=2)["ok"]
-        assert one.ask("seat", who="none")["ok"]
-        assert other.ask("seat", who="robot")["ok"]
+        assert one.ask("role", role="none")["ok"]
+        assert other.ask("role", role="robot")["ok"]
         people = other.people(operator=None)
-        assert people["seats"]["robot"] == other.name or other.people(operator=None)["seats"]["robot"] == other.name
+        assert people["roles"]["robot"] == other.name or other.people(operator=None)["roles"]["robot"] == other.name
 
 
-def test_a_seat_that_the_game_refuses_is_not_had(serve: Callable[..., WebServer]) -> None:
+def test_a_role_that_the_game_refuses_is_not_had(serve: Callable[..., WebServer]) -> None:
     def tell(person: str, message: Message) -> None:
-        if isinstance(message, messages.Seat) and message.who == "ghost-3":
+        if isinstance(message, messages.Role) and message.role == "ghost-3":
             raise Refused("there are 3 ghosts")
 
     with Page(serve(ScriptedGame(tell))) as page:
-        assert page.ask("seat", who="robot")["ok"]
-        assert page.ask("seat", who="ghost-3")["words"] == "there are 3 ghosts"
+        assert page.ask("role", role="robot")["ok"]
+        assert page.ask("role", role="ghost-3")["words"] == "there are 3 ghosts"
         assert page.ask("drive", v=1, omega=0)["ok"]  # he has the one he had
 
 
-def test_on_the_robot_its_seat_needs_control_and_goes_with_it(serve: Callable[..., WebServer]) -> None:
+def test_on_the_robot_its_role_needs_control_and_goes_with_it(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame(source="ros")
     server = serve(game)
     with Page(server) as one, Page(server) as other:
-        assert one.ask("seat", who="robot")["ok"]
+        assert one.ask("role", role="robot")["ok"]
         one.people(operator=one.name)
-        assert not other.ask("seat", who="robot")["ok"]
+        assert not other.ask("role", role="robot")["ok"]
         other.ask("control", what="ask")
         assert one.ask("control", what="give")["ok"]
         assert not one.ask("drive", v=0.1, omega=0)["ok"]
-        assert other.ask("seat", who="robot")["ok"]
-        assert (one.name, messages.Seat(who="none")) in game.told
+        assert other.ask("role", role="robot")["ok"]
+        assert (one.name, messages.Role(role="none")) in game.told
 
 
 # beginning and end

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import httpx
 import pytest
 
-from pacman_env.web.frame import decode
+from pacman_env.web.frame import decode, decode_all
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
 from tests.web.pages import Page, at
@@ -61,9 +61,8 @@ def test_a_round_that_is_finished_at_once_keeps_no_other_page_waiting(
         assert time.monotonic() - asked < 1.0
         one.patience_s = COMPILED_S
         story = one.wait("answer", lambda text: text["id"] == finished)["data"]["story"]
-        frames = web.get(at(server.url, f"story/{story}.bin")).content
-        first = decode(frames[4 : 4 + int.from_bytes(frames[:4], "little")])
-        assert first.time_s == 0.0
+        frames = web.get(at(server.url, f"story/{story}.json")).content
+        assert decode_all(frames)[0].time_s == 0.0
 
 
 def test_a_file_that_is_no_map_is_refused_with_the_checkers_words(

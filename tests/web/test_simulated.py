@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from pacman_env.web import messages as m
-from pacman_env.web.frame import Frame, decode
+from pacman_env.web.frame import Frame, decode_all
 from pacman_env.web.game import Refused
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated import SimulatedGame
@@ -46,12 +45,12 @@ def frame(game: SimulatedGame) -> Frame:
 def played(game: SimulatedGame, **setup: Any) -> dict[str, Any]:
     """A round to its end, and what is told of it."""
     if setup:
-        game.tell("Ann", m.Setup(**setup))
-    before = len(game.tell("Ann", m.Stories()))
-    game.tell("Ann", m.Start())
-    wait(lambda: len(game.tell("Ann", m.Stories())) > before)
+        game.handle("Ann", m.Setup(**setup))
+    before = len(game.handle("Ann", m.Stories()))
+    game.handle("Ann", m.Start())
+    wait(lambda: len(game.handle("Ann", m.Stories())) > before)
     wait(lambda: frame(game).state == "menu")
-    return game.tell("Ann", m.Stories())[0]
+    return game.handle("Ann", m.Stories())[0]
 
 
 def test_a_round_goes_from_menu_to_menu_as_the_referee_has_it(game: SimulatedGame) -> None:
@@ -71,41 +70,38 @@ def test_a_round_goes_from_menu_to_menu_as_the_referee_has_it(game: SimulatedGam
         assert (frame(game).round, frame(game).score) == (2, story["collected"])
         assert game.scene().facts["clyde_speed_mps"] > 0.25
     with pytest.raises(Refused, match="there is none"):
-        game.tell("Ann", m.Event(word="birthday"))
+        game.handle("Ann", m.Event(word="birthday"))
 
 
 def test_a_link_brings_the_same_round_back(game: SimulatedGame) -> None:
     first = played(game)
-    again = game.tell("Bob", m.Setup(seed=first["seed"], finish=True))
-    second = game.tell("Bob", m.Stories())[0]
+    again = game.handle("Bob", m.Setup(seed=first["seed"], finish=True))
+    second = game.handle("Bob", m.Stories())[0]
     assert second["story"] == again["story"]
     keys = ("result", "collected", "time_s", "ticks", "parts", "decisions", "link")
     assert {key: second[key] for key in keys} == {key: first[key] for key in keys}
 
 
-def test_a_story_is_frames_one_behind_the_other(game: SimulatedGame) -> None:
-    number = game.tell("Ann", m.Setup(finish=True))["story"]
-    facts = game.tell("Ann", m.Stories())[0]
-    data, frames = game.story(number), []
+def test_a_story_is_a_list_of_frames(game: SimulatedGame) -> None:
+    number = game.handle("Ann", m.Setup(finish=True))["story"]
+    facts = game.handle("Ann", m.Stories())[0]
+    data = game.story(number)
     assert data is not None
-    while data:
-        (size,) = struct.unpack_from("<I", data)
-        frames.append(decode(data[4 : 4 + size]))
-        data = data[4 + size :]
+    frames = decode_all(data)
     assert len(frames) == facts["ticks"] + 1
     assert frames[-1].over
     assert frames[-1].time_s == pytest.approx(facts["time_s"], abs=0.01)
     assert game.story(99) is None
-    why = game.tell("Ann", m.Why(story=number, tick=3))
+    why = game.handle("Ann", m.Why(story=number, tick=3))
     assert set(why["chosen"]) == {"clyde_aware", "nearest"}
     for bad in (m.Why(story=99, tick=0), m.Why(story=number, tick=10**6)):
         with pytest.raises(Refused):
-            game.tell("Ann", bad)
+            game.handle("Ann", bad)
 
 
 def test_stop_holds_at_once_until_the_release(game: SimulatedGame) -> None:
-    game.tell("Ann", m.Speed(times=5))
-    game.tell("Ann", m.Start())
+    game.handle("Ann", m.Speed(times=5))
+    game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running" and frame(game).time_s > 1)
     began = time.monotonic()
     game.stop("Eve")
@@ -128,7 +124,7 @@ def test_stop_does_not_wait_for_what_takes_long(game: SimulatedGame, monkeypatch
         return prepare(self, *arguments)
 
     monkeypatch.setattr(Choices, "prepare", slow)
-    asking = threading.Thread(target=lambda: game.tell("Ann", m.Setup(map="maze")))
+    asking = threading.Thread(target=lambda: game.handle("Ann", m.Setup(map="maze")))
     asking.start()
     assert begun.wait(PATIENCE_S)
     began = time.monotonic()
@@ -139,21 +135,21 @@ def test_stop_does_not_wait_for_what_takes_long(game: SimulatedGame, monkeypatch
 
 
 def test_pause_and_speed_hold_and_hasten_the_simulated_time(game: SimulatedGame) -> None:
-    game.tell("Ann", m.Start())
+    game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
-    game.tell("Ann", m.Pause(on=True))
+    game.handle("Ann", m.Pause(on=True))
     held = frame(game)
     time.sleep(0.2)
     assert held.paused
     assert frame(game).time_s == held.time_s
-    game.tell("Ann", m.Speed(times=2))
+    game.handle("Ann", m.Speed(times=2))
     assert frame(game).speed == 2
-    game.tell("Ann", m.Pause(on=False))
+    game.handle("Ann", m.Pause(on=False))
     wait(lambda: frame(game).time_s > held.time_s or frame(game).state != "running")
 
 
 def test_time_never_goes_back_within_a_round_and_frames_are_numbered_by_what_they_show(game: SimulatedGame) -> None:
-    game.tell("Ann", m.Start())
+    game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
     before = frame(game)
     while (now := frame(game)).state == "running":
@@ -165,21 +161,21 @@ def test_time_never_goes_back_within_a_round_and_frames_are_numbered_by_what_the
 
 
 def test_clyde_is_placed_in_the_menu_alone(game: SimulatedGame) -> None:
-    game.tell("Ann", m.PlaceClyde(x=3.0, y=1.0))
+    game.handle("Ann", m.PlaceClyde(x=3.0, y=1.0))
     assert np.hypot(*(frame(game).ghosts[0] - (3.0, 1.0))) < 1.0
     assert game.scene().facts["link"] == ""
     with pytest.raises(Refused, match="no ghost 2"):
-        game.tell("Ann", m.PlaceClyde(x=0.0, y=0.0, ghost=2))
-    game.tell("Ann", m.Start())
+        game.handle("Ann", m.PlaceClyde(x=0.0, y=0.0, ghost=2))
+    game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
     with pytest.raises(Refused, match="in the menu"):
-        game.tell("Ann", m.PlaceClyde(x=0.0, y=0.0))
+        game.handle("Ann", m.PlaceClyde(x=0.0, y=0.0))
 
 
 def test_clydes_speed_is_that_of_the_next_round(game: SimulatedGame) -> None:
-    game.tell("Ann", m.ClydeSpeed(mps=1.5))
+    game.handle("Ann", m.ClydeSpeed(mps=1.5))
     assert game.scene().facts["clyde_speed_mps"] == 1.5
-    game.tell("Ann", m.Reset())
+    game.handle("Ann", m.Reset())
     assert game.scene().facts["clyde_speed_mps"] == 1.5
 
 
@@ -187,58 +183,58 @@ def test_a_setup_that_cannot_be_played_leaves_everything_as_it_was(game: Simulat
     before = game.scene()
     for bad in (m.Setup(map="nowhere"), m.Setup(settings={"pellets.spacing_m": 500.0}), m.Setup(level=3)):
         with pytest.raises(Refused):
-            game.tell("Ann", bad)
+            game.handle("Ann", bad)
     assert game.scene() == before
     assert played(game)["map"] == "house"
 
 
-def test_seats_are_taken_one_person_each_and_free_when_he_is_gone(game: SimulatedGame) -> None:
-    game.tell("Ann", m.Setup(ghosts=("wander", "wander")))
-    game.tell("Ann", m.Seat(who="robot"))
-    game.tell("Bob", m.Seat(who="ghost-1"))
-    for person, seat in (("Bob", "robot"), ("Ann", "ghost-2")):
+def test_roles_are_taken_one_person_each_and_free_when_he_is_gone(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Setup(ghosts=("wander", "wander")))
+    game.handle("Ann", m.Role(role="robot"))
+    game.handle("Bob", m.Role(role="ghost-1"))
+    for person, role in (("Bob", "robot"), ("Ann", "ghost-2")):
         with pytest.raises(Refused):
-            game.tell(person, m.Seat(who=seat))  # type: ignore[arg-type]
-    with pytest.raises(Refused, match="take a seat"):
-        game.tell("Eve", m.Goal(candidate=1))
+            game.handle(person, m.Role(role=role))  # type: ignore[arg-type]
+    with pytest.raises(Refused, match="take a role"):
+        game.handle("Eve", m.Goal(candidate=1))
     with pytest.raises(Refused, match="not yours"):
-        game.tell("Bob", m.Drive(v=0.1, omega=0.0))
+        game.handle("Bob", m.Drive(v=0.1, omega=0.0))
     with pytest.raises(Refused, match="there are 0 to"):
-        game.tell("Ann", m.Goal(candidate=1000))
+        game.handle("Ann", m.Goal(candidate=1000))
     with pytest.raises(Refused, match="within 1 m"):
-        game.tell("Ann", m.Goal(x=500.0, y=0.0))
-    game.left("Ann")
-    game.tell("Bob", m.Seat(who="robot"))
+        game.handle("Ann", m.Goal(x=500.0, y=0.0))
+    game.leave("Ann")
+    game.handle("Bob", m.Role(role="robot"))
 
 
 def test_a_person_plays_a_round_beside_the_policy_and_is_told_who_was_better(game: SimulatedGame) -> None:
-    game.tell("Ann", m.Seat(who="robot"))
-    game.tell("Ann", m.Start())
+    game.handle("Ann", m.Role(role="robot"))
+    game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
-    assert frame(game).shadow is not None
-    game.tell("Ann", m.Goal(candidate=2))
+    assert frame(game).baseline is not None
+    game.handle("Ann", m.Goal(candidate=2))
     wait(lambda: frame(game).state == "menu")
-    story = game.tell("Ann", m.Stories())[0]
+    story = game.handle("Ann", m.Stories())[0]
     assert story["player"] == "person"
     assert story["link"] == ""
-    beside = game.tell("Ann", m.Stories())[0]["second"]
+    beside = game.handle("Ann", m.Stories())[0]["second"]
     assert beside["result"] in ("complete", "caught", "timeout")
-    game.left("Ann")
+    game.leave("Ann")
     alone = played(game, seed=story["seed"])
     assert (alone["result"], alone["collected"]) == (beside["result"], beside["collected"])
 
 
 def test_a_robot_driven_by_hand_stands_when_nothing_more_is_heard(game: SimulatedGame) -> None:
-    game.tell("Ann", m.Setup(settings={}))
-    game.tell("Ann", m.Speed(times=2))
-    game.tell("Ann", m.Seat(who="robot"))
-    game.tell("Ann", m.Start())
+    game.handle("Ann", m.Setup(settings={}))
+    game.handle("Ann", m.Speed(times=2))
+    game.handle("Ann", m.Role(role="robot"))
+    game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
     home = frame(game).true
     assert home is not None
 
     def turned() -> bool:
-        game.tell("Ann", m.Drive(v=0.0, omega=1.5))
+        game.handle("Ann", m.Drive(v=0.0, omega=1.5))
         now = frame(game)
         return (now.true is not None and abs(now.true[2] - home[2]) > 0.5) or now.state != "running"
 
@@ -248,50 +244,50 @@ def test_a_robot_driven_by_hand_stands_when_nothing_more_is_heard(game: Simulate
 
 def test_every_event_is_shown_by_the_ring_and_sounds_by_their_notes(game: SimulatedGame) -> None:
     hello = game.hello()
-    for word in hello["words"]["event"]:
+    for word in hello["events"]:
         number = game.news(0)[-1]["number"]
-        game.tell("Ann", m.Event(word=word))
+        game.handle("Ann", m.Event(word=word))
         told = game.news(number)
         assert told[0]["event"] == word
-        assert {"light": hello["feedback"][word]["light"]} in [{"light": n.get("light")} for n in told]
+        assert {"light": hello["events"][word]["light"]} in [{"light": n.get("light")} for n in told]
         ring = frame(game).ring
-        assert (ring is None) == (hello["feedback"][word]["light"] == "off")
-    for notes in hello["melodies"].values():
+        assert (ring is None) == (hello["events"][word]["light"] == "off")
+    for notes in hello["sounds"].values():
         assert all(20 < hz < 5000 and 0 < seconds < 2 for hz, seconds in notes)
 
 
 def test_motions_turn_the_robot_only_when_armed(game: SimulatedGame) -> None:
     home = frame(game).true
     assert home is not None
-    game.tell("Ann", m.Event(word="death"))
+    game.handle("Ann", m.Event(word="death"))
     time.sleep(0.1)
     assert frame(game).true == home
-    game.tell("Ann", m.Arm(on=True))
-    game.tell("Ann", m.Event(word="start theatrical"))
+    game.handle("Ann", m.Arm(on=True))
+    game.handle("Ann", m.Event(word="start theatrical"))
     wait(lambda: (now := frame(game).true) is not None and abs(now[2] - home[2]) > 0.1)
 
 
 def test_lidar_and_terms_are_there_while_somebody_looks(game: SimulatedGame) -> None:
     assert len(frame(game).scan) == 0
-    game.watched(why=True, lidar=True)
+    game.watch(why=True, lidar=True)
     scan = frame(game).scan
     assert len(scan) == 180
     assert np.nanmin(scan) > 0.1
-    game.tell("Ann", m.Start())
+    game.handle("Ann", m.Start())
     wait(lambda: any("why" in one for one in game.news(0)))
-    game.watched(why=False, lidar=False)
+    game.watch(why=False, lidar=False)
     assert len(frame(game).scan) == 0
 
 
 def test_the_readiness_list_says_what_is_played(game: SimulatedGame) -> None:
-    assert {one["name"] for one in game.tell("Ann", m.Ready())} == {"simulator", "map", "configuration"}
+    assert {one["name"] for one in game.handle("Ann", m.Ready())} == {"simulator", "map", "configuration"}
 
 
 def test_a_game_that_has_ended_says_so() -> None:
     game = SimulatedGame(QUICK)
     game.close()
     with pytest.raises(Refused, match="has ended"):
-        game.tell("Ann", m.Start())
+        game.handle("Ann", m.Start())
 
 
 def test_rules_that_cannot_be_chosen_are_refused_at_the_start() -> None:

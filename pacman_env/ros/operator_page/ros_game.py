@@ -1,21 +1,18 @@
 """A running game of a robot as the operator's page sees it: the interface ``Game`` over ROS.
 
-A node with a context and a thread of its own listens (``heard.py``) and makes frames and scenes of what it has heard;
-what people ask for is done in the thread that asks, by the referee's services and the topics that anybody may use. In
-a lock-step game the node is one of the game's, and has no thread: a timer is the wheels' as well. A
-stop goes three ways at once: zero velocity from a thread that does nothing else (``wheels.py``), the end of every goal
-that Nav2 pursues, and the word that the nodes obey until the release (``operator_stop.py``).
+A node with a context and a thread of its own receives (``page_node.py``); scenes and frames are made of what it has
+received (``ros_view.py``). What people ask for is done in the thread that asks, by the referee's services and the
+topics that anybody may use; the robot is moved and stopped by ``ros_driving.py``. In a lock-step game the node is one
+of the game's, and has no thread.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import math
 import threading
 from typing import Any, Literal
 
-import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -25,27 +22,23 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
 
 from pacman_env import __version__
-from pacman_env.game.events import FEEDBACK
-from pacman_env.game.lights import LIGHTS
-from pacman_env.game.sounds import MELODIES
 from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
-from pacman_env.ros.messages import twist_message
-from pacman_env.ros.operator_page.heard import Heard
-from pacman_env.ros.operator_page.scenes import facts_of, pellets_of_scene
-from pacman_env.ros.operator_page.wheels import PERIOD_S, Wheels
-from pacman_env.ros.operator_stop import OperatorStop
+from pacman_env.ros.operator_page.page_node import PageNode
+from pacman_env.ros.operator_page.ros_driving import RosDriving, require_word
+from pacman_env.ros.operator_page.ros_view import RosView
 from pacman_env.ros.selector.goal_scores import WHY
 from pacman_env.ros.supervisor.checks import examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import Doctor
 from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
 from pacman_env.ros.surroundings import current
-from pacman_env.web import feedback, messages
+from pacman_env.web import messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
 from pacman_env.web.news import News
+from pacman_env.web.vocabulary import vocabulary
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 _LOG = logging.getLogger(__name__)
@@ -56,8 +49,6 @@ _ANSWER_S = 5.0
 _PLACED_S = 2.0  # for a ghost that was placed
 _PLACED_M = 0.5
 _CHECKS_S = 6.0  # for the readiness list
-_CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
-_LONGEST_SHOW_S = 30.0
 _NOWHERE = (math.nan, math.nan)
 _SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
 
@@ -82,41 +73,27 @@ class RosGame:
         self._map_file = map or ""
         self._occupancy: OccupancyMap | None = None if map is None else load_map(map)
         self._news = News()
-        self._scene = Scene(1, {"map": None, "preparing": True})
-        self._scene_key = ""
-        self._pellet_ids: list[int] = []
-        self._frame: Frame | None = None
-        self._encoded, self._number = b"", 0
-        self._seat: str | None = None
-        self._armed: str | None = None  # by whom
-        self._shows_until_s = 0.0  # a motion that an operator has asked for
         self._why = self._lidar = False
-        self._there: bool | None = None  # the referee; None: nobody has looked yet
-        self._gone = True  # neither referee nor robot
         self._state: str | None = None
-        self._looked_s = self._cancelled_s = 0.0
+        self._looked_s = 0.0
         self._error = ""  # the last
-        self._notice = ""  # what a page shows in the place of a game
         self._closed = threading.Event()
         self._doctors = threading.Lock()
         self._surroundings = current()
         lock_step = self._surroundings.lock_step
         self._context: Context | None = None if lock_step else _context(domain)
         options = {} if lock_step else {"namespace": namespace, "context": self._context}
-        self.node = self._node = node = Heard(sim, self._news, **options)
-        self._velocity = topics.CMD_VEL.publisher(node)
-        self._wheels = Wheels(self._publish_velocity, self._surroundings.monotonic, own_thread=not lock_step)
-        self._canceller = topics.NAVIGATE_TO_POSE.cancel_client(node)
-        self._motions = [topics.motion_canceller(node, name) for name in topics.MOTIONS]
+        self.node = node = PageNode(sim, self._news, **options)
+        self._view = RosView(node, f"{namespace}, ROS domain {domain}", self._news)
+        self._driving = RosDriving(node, self._news)
         self._services = {
             service.name: service.client(node) for service in (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
         }
-        said = (topics.GAME_EVENT, topics.GAME_LIGHT, topics.GAME_SOUND, topics.CLICKED_POINT, topics.BASE_CLYDE_SPEED)
-        self._says = {topic.name: topic.publisher(node) for topic in said}
-        self._operator = OperatorStop(node, self._on_stop)
-        node.create_timer(_PERIOD_S, self._look, clock=self._surroundings.clock())
+        self._publishers = {
+            topic.name: topic.publisher(node) for topic in (topics.CLICKED_POINT, topics.BASE_CLYDE_SPEED)
+        }
+        node.create_timer(_PERIOD_S, self._update, clock=self._surroundings.clock())
         if lock_step:
-            node.create_timer(PERIOD_S, self._wheels.beat, clock=self._surroundings.clock())
             return
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)
@@ -126,60 +103,50 @@ class RosGame:
     # What the server asks
 
     def close(self) -> None:
-        """Listen no more. What was driven by hand stands, a stop stays, a game goes on."""
+        """Receive no more. What was driven by hand stands, a stop stays, a game goes on."""
         if self._closed.is_set():
             return
         self._closed.set()
-        self._wheels.close()
+        self._driving.close()
         if self._context is None:
             return
         self._thread.join()
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     def hello(self) -> dict[str, Any]:
         """Words and melodies; of the choices the policies, the rest was chosen when the game was started."""
         nothing: dict[str, Any] = {"maps": [], "presets": [], "behaviours": [], "settings": []}
-        return {"version": __version__, "choices": {**nothing, "policies": policy_names()}, **feedback.words()}
+        return {"version": __version__, "choices": {**nothing, "policies": policy_names()}, **vocabulary()}
 
     def scene(self) -> Scene:
         """The scene now."""
-        return self._scene
+        return self._view.scene
 
     def frame(self) -> Frame | None:
-        """How it stands now; None: neither a game nor a robot is heard."""
-        return self._frame
+        """How it stands now; None: neither a game nor a robot is there."""
+        return self._view.frame
 
     def news(self, after: int) -> list[dict[str, Any]]:
         """What has happened since."""
         return self._news.after(after)
 
-    def watched(self, *, why: bool, lidar: bool) -> None:
-        """Scans and reasons are listened to while somebody looks at them."""
+    def watch(self, *, why: bool, lidar: bool) -> None:
+        """Scans and terms are received while somebody looks at them."""
         self._why, self._lidar = why, lidar
 
     def stop(self, person: str) -> None:
         """Zero velocity, no goal, and no other until the release; from any thread."""
-        try:
-            self._wheels.stop()
-        finally:  # each way for itself, whatever becomes of the others
-            try:
-                self._operator.say(True, person)
-            finally:
-                self._cancel_goals()
+        self._driving.stop(person)
 
     def release(self, person: str) -> None:
         """The game goes on where it stands."""
-        self._operator.say(False, person)
+        self._driving.release(person)
 
-    def left(self, person: str) -> None:
-        """What he drove by hand stands, and what he armed is not armed any more."""
-        if self._armed == person:
-            self._arm(None)
-        if self._seat == person:
-            self._seat = None
-            self._wheels.let_go()
+    def leave(self, person: str) -> None:
+        """What the person drove by hand stands, and what the person armed is not armed any more."""
+        self._driving.leave(person)
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
         """Refused: localization and every node would have to start anew."""
@@ -189,33 +156,39 @@ class RosGame:
         """None: rounds of a robot are recorded by ``pacman-env ros record``."""
         return None
 
-    def tell(self, person: str, message: Message) -> Any:
-        """See :meth:`pacman_env.web.game.Game.tell`."""
+    def handle(self, person: str, message: Message) -> Any:
+        """See :meth:`pacman_env.web.game.Game.handle`."""
         match message:
             case messages.Start():
-                self._not_stopped()
-                self._wheels.let_go()
+                self._driving.require_not_stopped()
+                self._driving.let_go()
                 return self._call_referee(topics.START_GAME)
             case messages.Reset():
                 return self._call_referee(topics.RESET_GAME)
             case messages.Setup():
                 return self._set_up(message)
             case messages.ClydeSpeed(mps=mps):
-                self._says[topics.BASE_CLYDE_SPEED.name].publish(topics.BASE_CLYDE_SPEED.type(data=mps))
+                self._publishers[topics.BASE_CLYDE_SPEED.name].publish(topics.BASE_CLYDE_SPEED.type(data=mps))
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 self._place(x, y, ghost)
             case messages.Stop():
                 self.stop(person)
             case messages.Release():
                 self.release(person)
-            case messages.Seat(who=who):
-                return self._sit(person, who)
+            case messages.Role(role="none"):
+                self.leave(person)
+                return {"words": ""}
+            case messages.Role(role=role):
+                self._driving.assume(person, role)
+                return {"words": ""}
             case messages.Drive(v=v, omega=omega):
                 self._drive(person, v, omega)
             case messages.Event(word=word, what=what):
-                self._show(word, what)
+                require_word(word, what)
+                self._require_game()
+                self._driving.show(word, what)
             case messages.Arm(on=on):
-                self._arm(person if on else None)
+                self._driving.arm(person if on else None)
             case messages.Ready():
                 return self._ready()
             case messages.Stories():
@@ -249,129 +222,30 @@ class RosGame:
                     _LOG.exception("the operator's page goes on after an error")
                     self._news.add(words=words)
 
-    def _look(self) -> None:
-        node, now = self._node, self._surroundings.monotonic()
+    def _update(self) -> None:
+        node, now = self.node, self._surroundings.monotonic()
         node.watch(WHY, self._why)
         node.watch(topics.SCAN, self._lidar)
         node.catch_up()
         if now - self._looked_s >= _LOOK_S:
             self._looked_s = now
-            self._look_for_game()
-            self._set_scene()
-        again_s = _CANCEL_AGAIN_S if node.navigating else _LOOK_S  # nobody tells of the base's own motions
-        if self._operator.stopped and now - self._cancelled_s >= again_s:
-            self._cancel_goals()
-        state = node.state
+            if self._view.find_game():
+                self._driving.let_go()
+            self._view.update_scene()
+        self._driving.keep_stopped()
+        state = node.game.state
         if state != self._state:
             self._state = state
             if state is not None:
                 self._news.add(state=state)
             if state != "menu":  # the game drives
-                self._wheels.let_go()
-        if not (self._there or node.alive):
-            self._frame, self._encoded = None, b""
-            return
-        frame = self._framed()
-        encoded = frame.encode()
-        if encoded != self._encoded:
-            self._encoded, self._number = encoded, self._number + 1
-            self._frame = self._framed(self._number)
-
-    def _look_for_game(self) -> None:
-        """Whether a referee is there, who says how the game stands; a change is told."""
-        node = self._node
-        there = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
-        where = f"{self._where}, ROS domain {self._domain}"
-        was, self._there = self._there, there
-        self._notice = "" if there else f"no game is heard in {where}: is 'pacman-env ros up' running there?"
-        if there and not was:
-            self._news.add(words=f"the game in {where} is there")
-        elif was and not there:
-            self._news.add(words=f"the game is gone: {self._notice}")
-            self._wheels.let_go()
-            node.state = None
-        gone = not there and not node.alive
-        if gone and not self._gone:  # once: what is latched of the next robot may come before its odometry
-            node.forget_robot()
-        self._gone = gone
-
-    def _set_scene(self) -> None:
-        node = self._node
-        ids, _ = pellets_of_scene(node)
-        facts = {**facts_of(node), "notice": self._notice}
-        picture = node.map
-        key = json.dumps([facts, ids, id(picture)])
-        if key == self._scene_key:
-            return
-        revision = self._scene.revision % 65535 + 1
-        if facts["map"] is not None:
-            facts["map"]["url"] = f"/map/{revision}.png"
-        self._scene_key, self._pellet_ids = key, ids
-        self._scene = Scene(revision, facts, b"" if picture is None else picture.png)
-
-    def _framed(self, number: int = 0) -> Frame:
-        node = self._node
-        state = node.state or "menu"
-        numbers = node.numbers
-        candidates = len(node.candidates.get("places", ()))
-        scores = np.full(candidates + 1 if candidates else 0, np.nan)
-        for candidate, score in node.scores.items():
-            if candidate < len(scores):
-                scores[candidate] = score
-        ghosts = [node.ghosts[k] for k in sorted(node.ghosts)]
-        return Frame(
-            state=state,
-            revision=self._scene.revision,
-            number=number,
-            time_s=round(node.round_time_s, 2),
-            speed=round(node.rate, 1),
-            score=int(numbers.get("score", 0)),
-            collected=min(int(numbers.get("collected", 0)), 65535),
-            spawned=min(int(numbers.get("spawned", 0)), 65535),
-            round=min(int(numbers.get("round", 1)), 65535),
-            goal=node.goal if node.goal < candidates else -1,
-            stopped=self._operator.stopped,
-            over=bool(node.result),
-            true=node.true,
-            believed=node.believed,
-            velocity=node.velocity,
-            ring=node.ring,
-            ghosts=np.array(ghosts, dtype=np.float64).reshape(-1, 2),
-            alive=np.array([one in node.shown for one in self._pellet_ids], dtype=np.bool_),
-            scores=scores,
-            plan=node.plan,
-            scan=node.scan if self._lidar else np.zeros(0),
-        )
-
-    # Stop
-
-    def _on_stop(self, stopped: bool, who: str) -> None:
-        """The word, from here or from elsewhere."""
-        self._news.add(words=f"{'stopped' if stopped else 'released'} by {who}")
-        if stopped:
-            self._wheels.stop()
-            self._cancel_goals()
-        else:
-            self._wheels.release()
-
-    def _cancel_goals(self) -> None:
-        """End every goal that Nav2 pursues and every motion of the base's own, whoever asked for it."""
-        self._cancelled_s = self._surroundings.monotonic()
-        for canceller in (self._canceller, *self._motions):
-            if canceller.service_is_ready():
-                canceller.call_async(canceller.srv_type.Request())  # all zero: every goal
-
-    def _publish_velocity(self, v: float, omega: float) -> None:
-        self._velocity.publish(twist_message(v, omega, self._node.get_clock().now().to_msg()))
-
-    def _not_stopped(self) -> None:
-        if self._operator.stopped:
-            raise Refused(f"stopped by {self._operator.who}: release it first")
+                self._driving.let_go()
+        self._view.update_frame(self._driving.stopped, self._lidar)
 
     # What people ask for
 
-    def _referee(self) -> None:
-        if not self._there:
+    def _require_game(self) -> None:
+        if not self._view.game_is_there:
             raise Refused(f"no game is heard in {self._where}: start it by pacman-env ros up")
 
     def _call_referee(self, service: topics.Service) -> None:
@@ -404,83 +278,31 @@ class RosGame:
             raise Refused(str(result.reason))
 
     def _place(self, x: float, y: float, ghost: int) -> None:
-        self._referee()
-        if self._node.state != "menu":
+        self._require_game()
+        if self.node.game.state != "menu":
             raise Refused("Clyde is placed in the menu, before a round")
         if ghost != 0:
             raise Refused("on a robot Clyde alone can be placed")
-        point = PointStamped(header=Header(stamp=self._node.get_clock().now().to_msg(), frame_id="map"))
+        point = PointStamped(header=Header(stamp=self.node.get_clock().now().to_msg(), frame_id="map"))
         point.point.x, point.point.y = x, y
-        self._says[topics.CLICKED_POINT.name].publish(point)
+        self._publishers[topics.CLICKED_POINT.name].publish(point)
 
         def there() -> bool:
-            at = self._node.ghosts.get(0, _NOWHERE)
+            at = self.node.game.ghosts.get(0, _NOWHERE)
             return math.dist(at, (x, y)) < _PLACED_M
 
         if not self._surroundings.wait_for(there, _PLACED_S):
             raise Refused("Clyde cannot be there: no place near it is wide enough for him")
 
-    def _sit(self, person: str, who: str) -> dict[str, str]:
-        if who == "none":
-            self.left(person)
-        elif who != "robot":
-            raise Refused("ghosts are moved by the game here: seats for ghosts are the simulator's")
-        elif self._seat not in (None, person):
-            raise Refused("somebody else drives")
-        else:
-            self._seat = person
-        return {"words": ""}
-
     def _drive(self, person: str, v: float, omega: float) -> None:
-        """By hand only while nobody else drives: in the menu, without a goal of Nav2's, not stopped."""
-        if self._seat != person:
-            raise Refused("take the robot's seat first")
-        self._not_stopped()
-        self._referee()
-        if self._node.state != "menu":
-            raise Refused("the game drives: by hand in the menu alone; Reset leads there")
-        if self._node.navigating:
-            raise Refused("Nav2 drives to a goal that somebody has sent it; STOP ends that")
-        robot = self._scene.facts
-        fastest, turn = float(robot.get("wheels_mps", 0.0)), float(robot.get("turn_radps", 0.0))
-        if not self._wheels.drive(min(max(v, -fastest), fastest), min(max(omega, -turn), turn)):
-            self._not_stopped()
-
-    def _show(self, word: str, what: str) -> None:
-        """A light or a sound; an event is told to the game only when it may move the robot."""
-        known: dict[str, Any] = {"event": FEEDBACK, "light": LIGHTS, "sound": MELODIES}
-        if word not in known[what]:
-            raise Refused(f"{what} {word!r}: there is none")
-        self._referee()
-        if what != "event":
-            topic = topics.GAME_LIGHT if what == "light" else topics.GAME_SOUND
-            self._says[topic.name].publish(topic.type(data=word))
-            return
-        answer = FEEDBACK[word]
-        if self._armed and answer.motion in ("spin", "shake"):
-            self._not_stopped()
-            if self._node.state != "menu" or self._wheels.driven or self._node.navigating:
-                raise Refused("somebody else drives: an event moves the robot in the menu alone; disarm first")
-            self._shows_until_s = self._surroundings.monotonic() + _LONGEST_SHOW_S
-            self._say(topics.GAME_EVENT, word)
-            return
-        self._news.add(event=word)
-        if answer.light is not None:
-            self._say(topics.GAME_LIGHT, answer.light)
-        if answer.sound is not None:
-            self._say(topics.GAME_SOUND, answer.sound)
-
-    def _say(self, topic: topics.Topic, word: str) -> None:
-        self._says[topic.name].publish(topic.type(data=word))
-
-    def _arm(self, by: str | None) -> None:
-        self._armed = by
-        if by is None and self._surroundings.monotonic() < self._shows_until_s and self._node.state == "menu":
-            self._say(topics.GAME_EVENT, "reset")  # ends the motion
-        self._shows_until_s = 0.0
+        self._driving.require_role(person)
+        self._driving.require_not_stopped()
+        self._require_game()
+        facts = self._view.scene.facts
+        self._driving.drive(v, omega, float(facts.get("wheels_mps", 0.0)), float(facts.get("turn_radps", 0.0)))
 
     def _ready(self) -> list[dict[str, str]]:
-        """What ``pacman-env ros doctor`` says, and who obeys a stop; one look at a time."""
+        """What ``pacman-env ros doctor`` says, and who obeys a stop; one check at a time."""
         with self._doctors:
             doctor = Doctor(self._where, self._domain, self._occupancy, self._map_file, self._sim, _CHECKS_S)
             try:
@@ -493,20 +315,11 @@ class RosGame:
                 "name": one.check,
                 "state": "bad" if one.status == BAD else "ok" if one.status == OK or not one.remedy else "warning",
                 "words": one.summary,
-                "cure": ": ".join(filter(None, (one.remedy, one.command))),
+                "remedy": ": ".join(filter(None, (one.remedy, one.command))),
             }
             for one in findings
         ]
-        return [*rows, self.stop_row()]
-
-    def stop_row(self) -> dict[str, str]:
-        """Who obeys a stop, as one row of the readiness list."""
-        obey = self._operator.obeyed_by if self._operator.known else []
-        if obey:
-            words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._operator.stopped else ''}"
-            return {"name": "STOP", "state": "ok", "words": words, "cure": ""}
-        cure = "start the game by pacman-env ros up; until then STOP ends Nav2's goals and holds the wheels by itself"
-        return {"name": "STOP", "state": "bad", "words": "no node of the game obeys it", "cure": cure}
+        return [*rows, self._driving.stop_row()]
 
 
 def _context(domain: int) -> Context:

@@ -8,9 +8,9 @@ from functools import cache, lru_cache
 from typing import Any
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
-from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.lights import GHOST_COLOURS
-from pacman_env.ros.operator_page.heard import Heard
+from pacman_env.ros.operator_page.game_state import GameState
+from pacman_env.ros.operator_page.page_node import PageNode
+from pacman_env.web.roles import ghost_role
 
 _STANDARD = "robot", "robust"
 
@@ -40,27 +40,28 @@ def _number(configuration: dict[str, Any], group: str, name: str, default: float
     return float(value) if isinstance(value, int | float) and math.isfinite(value) else default
 
 
-def pellets_of_scene(heard: Heard) -> tuple[list[int], list[tuple[float, float]]]:
+def pellets_of_scene(game: GameState) -> tuple[list[int], list[tuple[float, float]]]:
     """Ids and places: first the candidates, as they are numbered, then those that cannot be driven to."""
-    places = heard.candidates.get("places", ())
-    ids = list(heard.candidates.get("pellets", ()))
+    places = game.candidates.get("places", ())
+    ids = list(game.candidates.get("pellets", ()))
     known = dict(zip(ids, places, strict=False))
-    ids += sorted(number for number in heard.shown if number not in known)
-    return ids, [known.get(number) or heard.shown[number] for number in ids]
+    ids += sorted(number for number in game.pellets if number not in known)
+    return ids, [known.get(number) or game.pellets[number] for number in ids]
 
 
-def facts_of(heard: Heard) -> dict[str, Any]:
+def facts_of(node: PageNode) -> dict[str, Any]:
     """All but the map's address, which has the revision in it."""
     own: Config = make_config(*_STANDARD)
-    configuration, condition = heard.configuration, heard.condition
-    _, pellets = pellets_of_scene(heard)
-    candidates = list(heard.candidates.get("places", ()))
-    first_refuge = len(heard.candidates.get("pellets", ()))
+    game = node.game
+    configuration, condition = game.configuration, game.condition
+    _, pellets = pellets_of_scene(game)
+    candidates = list(game.candidates.get("places", ()))
+    first_refuge = len(game.candidates.get("pellets", ()))
     behaviours = (configuration.get("clyde") or {}).get("ghosts") or own.clyde.ghosts
     catch_m = _number(configuration, "execution", "death_radius_m", own.execution.death_radius_m)
-    preset, settings = played_by(heard.configuration_text) if configuration else (None, {})
+    preset, settings = played_by(game.configuration_text) if configuration else (None, {})
     home = condition.get("home")
-    picture = heard.map
+    picture = node.robot.map
     return {
         "map": None
         if picture is None
@@ -78,12 +79,11 @@ def facts_of(heard: Heard) -> dict[str, Any]:
         "first_refuge": first_refuge,
         "ghosts": [
             {
-                "name": GHOST_NAMES[number],
+                "role": ghost_role(number),
                 "behaviour": str(behaviours[number])[:100] if number < len(behaviours) else "",
-                "colour": list(GHOST_COLOURS[GHOST_NAMES[number]]),
                 "catch_m": catch_m,
             }
-            for number in sorted(heard.ghosts)
+            for number in sorted(game.ghosts)
         ],
         "robot": {
             "radius_m": _number(configuration, "robot", "radius_m", own.robot.radius_m),
@@ -97,7 +97,7 @@ def facts_of(heard: Heard) -> dict[str, Any]:
         "seed": None,
         "level": None,
         "settings": settings,
-        "clyde_speed_mps": heard.numbers.get("clyde_speed", own.clyde.speed_mps),
+        "clyde_speed_mps": game.numbers.get("clyde_speed", own.clyde.speed_mps),
         "link": "",
         "preparing": picture is None,
     }

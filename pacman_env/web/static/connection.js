@@ -2,6 +2,7 @@
 
 const WAITS_MS = [250, 500, 1000, 2000, 4000, 5000];
 const SILENT_MS = 5000;
+const FRAME = '{"kind":"frame"'; // its first field
 
 export class Connection {
   #socket = null;
@@ -11,9 +12,9 @@ export class Connection {
   #heard = 0;
   #timer = 0;
 
-  constructor(url, { opened, lost, text, binary }) {
+  constructor(url, { opened, lost, text, frame }) {
     this.url = url;
-    this.hooks = { opened, lost, text, binary };
+    this.hooks = { opened, lost, text, frame };
     this.farewell = "";
     setInterval(() => this.#watch(), 1000);
     addEventListener("online", () => this.#soon(0));
@@ -53,7 +54,6 @@ export class Connection {
     if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
     const socket = new WebSocket(this.url());
     this.#socket = socket;
-    socket.binaryType = "arraybuffer";
     this.#heard = performance.now();
     socket.onopen = () => {
       this.#heard = performance.now();
@@ -63,8 +63,8 @@ export class Connection {
     socket.onmessage = ({ data }) => {
       this.#heard = performance.now();
       this.#tries = 0;
-      if (typeof data !== "string") {
-        this.hooks.binary(data);
+      if (data.startsWith(FRAME)) {
+        this.hooks.frame(data);
         return;
       }
       const message = JSON.parse(data);

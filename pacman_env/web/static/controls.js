@@ -4,7 +4,6 @@ import { $, clock, make, setIcon, throttled, write } from "./dom.js";
 import { notice, told, unnotice } from "./notices.js";
 import { inControl, me, on, shown, state } from "./state.js";
 
-const WORDS = { menu: "Menu", returning_home: "Driving home", starting: "Starting", running: "Running", dying: "Caught", complete: "Complete" };
 const STOP_PATIENCE_MS = 900;
 const STOP_TRIES = 3;
 
@@ -32,7 +31,7 @@ export function setUpControls(connection) {
     if (!frame) return;
     const live = state.frame ?? frame;
     const label = $("state");
-    const word = state.story ? "Recording" : frame.stopped ? "Stopped" : frame.paused && frame.state === "running" ? "Paused" : WORDS[frame.state];
+    const word = state.story ? "Recording" : frame.stopped ? "Stopped" : frame.paused && frame.state === "running" ? "Paused" : state.hello.states[frame.state];
     write(label, word);
     label.dataset.state = state.story ? "story" : frame.stopped ? "stopped" : frame.state;
     write($("score"), state.story ? "–" : String(frame.score));
@@ -42,16 +41,16 @@ export function setUpControls(connection) {
     const pause = $("pause");
     if (pause.getAttribute("aria-pressed") !== String(live.paused)) {
       pause.setAttribute("aria-pressed", String(live.paused));
-      write(pause.lastElementChild, live.paused ? "Go on" : "Pause");
-      pause.setAttribute("aria-label", live.paused ? "Go on" : "Pause");
+      write(pause.lastElementChild, live.paused ? "Resume" : "Pause");
+      pause.setAttribute("aria-label", live.paused ? "Resume" : "Pause");
       setIcon(pause.firstElementChild, live.paused ? "play" : "pause");
     }
     if (performance.now() - touched > 1000 && Number(slider.value) !== Math.round(live.speed)) {
       slider.value = String(Math.round(live.speed));
       write($("speed-value"), `×${slider.value}`);
     }
-    write($("hint"), live.stopped ? "Stopped: press Release to go on." : live.state === "menu" && !state.story
-      ? (state.seat === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.") : "");
+    write($("hint"), live.stopped ? "Stopped: press Release to continue." : live.state === "menu" && !state.story
+      ? (state.role === "robot" ? "Press Start: you are the robot." : "Press Start: the robot collects the pellets.") : "");
   });
   on("scene", () => {
     if (state.scene?.preparing) write($("state"), "Preparing");
@@ -76,7 +75,7 @@ function setUpStop(connection, ask) {
     if (!owed) return;
     $("lost").classList.add("loud");
     if (!connection.open) {
-      write($("lost"), "STOP was NOT delivered: there is no connection. Use the robot's own buttons. It is sent when the connection is back.");
+      write($("lost"), "STOP was NOT delivered: no connection. Use the robot's own buttons. STOP is sent as soon as the connection is back.");
       $("lost").hidden = false;
     }
     notice("STOP was NOT confirmed. Use the robot's own buttons.", { bad: true, stays: true, key: "stop" });
@@ -112,7 +111,7 @@ function setUpLease(connection) {
   on("hello people connection", () => {
     const { operator, asking, viewers } = state.people;
     const may = state.hello?.access === "operator" && state.connected;
-    const words = !state.hello ? "" : operator === null ? (may ? "Nobody has control" : "You look on") : operator === me() ? "You have control" : `${operator} has control`;
+    const words = !state.hello ? "" : operator === null ? (may ? "Nobody has control" : "View only") : operator === me() ? "You have control" : `${operator} has control`;
     write($("lease-words"), words);
     $("lease-words").classList.toggle("important", operator !== null && operator !== me());
     $("lease-take").hidden = !may || operator !== null;
@@ -121,23 +120,21 @@ function setUpLease(connection) {
     write($("viewers"), String(viewers));
     const wants = inControl() ? asking.filter((name) => name !== me()) : [];
     if (wants.length && wants.join() !== asked) {
-      notice(`${wants.join(", ")} asks for control.`, { stays: true, key: "asking", buttons: [["Give", () => say("give")], ["Keep", () => {}]] });
+      notice(`${wants.join(", ")} asks for control.`, { stays: true, key: "asking", buttons: [["Hand over", () => say("give")], ["Keep", () => {}]] });
     } else if (!wants.length) unnotice("asking");
     asked = wants.join();
     if (before !== null && operator === me() && before !== me()) notice("You have control.");
     before = operator;
-    const others = Object.entries(state.people.seats).filter(([, who]) => who);
+    const others = Object.entries(state.people.roles).filter(([, who]) => who);
     write($("people-words"), [
-      `${viewers} ${viewers === 1 ? "person looks" : "people look"} at this page. You are ${me() ?? "not connected"}.`,
+      `${viewers} ${viewers === 1 ? "viewer" : "viewers"}. You are ${me() ?? "not connected"}.`,
       operator ? `${operator === me() ? "You have" : `${operator} has`} control.` : "Nobody has control.",
-      asking.length ? `${asking.join(", ")} asks for it.` : "", others.length ? `Seats: ${others.map(([seat, who]) => `${seat} ${who}`).join(", ")}.` : "",
+      asking.length ? `${asking.join(", ")} asks for it.` : "", others.length ? `Roles: ${others.map(([role, who]) => `${state.hello.roles[role].name} ${who}`).join(", ")}.` : "",
     ].filter(Boolean).join(" "));
   });
 }
 
 // The result of a round, seen and spoken: as soon as the game says so, and when its recording is there.
-const RESULTS = { complete: "All pellets collected", caught: "Caught", timeout: "The time is up" };
-
 export function setUpResult() {
   let before = "";
   on("frame", ({ state: now, collected, spawned, time_s }) => {
@@ -155,7 +152,7 @@ export function setUpResult() {
 let hide = 0;
 export function showResult({ result, collected, spawned, time_s }) {
   const box = $("result");
-  const [title, words] = [RESULTS[result] ?? result, `${collected} of ${spawned} pellets in ${clock(time_s)}`];
+  const [title, words] = [state.hello.results[result] ?? result, `${collected} of ${spawned} pellets in ${clock(time_s)}`];
   if (box.textContent !== title + words) box.replaceChildren(make("strong", { text: title }), words);
   box.hidden = Boolean(state.story);
   clearTimeout(hide);

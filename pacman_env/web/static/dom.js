@@ -36,8 +36,6 @@ export function fill(select, values, chosen, names = {}) {
 
 export const css = ([red, green, blue]) => `rgb(${red}, ${green}, ${blue})`;
 
-export const titled = (name) => name.charAt(0).toUpperCase() + name.slice(1);
-
 export function clock(seconds) {
   if (!Number.isFinite(seconds)) return "–";
   const whole = Math.max(0, Math.floor(seconds));

@@ -1,6 +1,6 @@
 // What the two canvases show: below the map and what stands still, above it what moves.
 
-import { css, titled } from "./dom.js";
+import { css } from "./dom.js";
 
 const FULL = 2 * Math.PI;
 
@@ -90,11 +90,11 @@ export function drawTop(context, view, ratio, { scene, frame, poses, trail, laye
   if (layers.lidar && frame.scan.length && poses.robot) lidar(context, view, frame.scan, poses.robot, colours);
   poses.ghosts.forEach((place, k) => ghost(context, view, place, scene.ghosts?.[k] ?? {}, layers, colours, mine === `ghost-${k}`));
   const radius = mark(view, scene.robot?.radius_m ?? 0.17, 9, 60);
-  if (poses.shadow) {
+  if (poses.baseline) {
     context.globalAlpha = 0.55;
-    pacman(context, view.toScreen(...poses.shadow), poses.shadow[2], radius, colours.shadow, colours.rim, mouth);
+    pacman(context, view.toScreen(...poses.baseline), poses.baseline[2], radius, colours.baseline, colours.rim, mouth);
     context.globalAlpha = 1;
-    if (layers.names) words(context, scene.shadow_name ?? scene.policy ?? "", view.toScreen(...poses.shadow), radius + 13, colours);
+    if (layers.names) words(context, scene.baseline_name ?? scene.policy ?? "", view.toScreen(...poses.baseline), radius + 13, colours);
   }
   if (poses.robot) pacman(context, view.toScreen(...poses.robot), poses.robot[2], radius, colours.robot, colours.rim, mouth);
   if (layers.believed && poses.believed && poses.true) believed(context, view, poses.believed, radius, colours);
@@ -229,7 +229,7 @@ function believed(context, view, [wx, wy, heading], radius, colours) {
 function ghost(context, view, place, facts, layers, colours, mine) {
   if (!Number.isFinite(place[0])) return;
   const [x, y] = view.toScreen(...place);
-  const colour = css(facts.colour ?? [255, 80, 0]);
+  const colour = facts.colour ? css(facts.colour) : colours.home;
   const size = mark(view, 0.16, 9, 44);
   if (layers.catch && facts.catch_m) {
     const radius = facts.catch_m * view.scale;
@@ -266,7 +266,7 @@ function ghost(context, view, place, facts, layers, colours, mine) {
     context.fillStyle = "#14203c";
     context.fill();
   }
-  if (layers.names) words(context, titled(facts.name ?? ""), [x, y], size + 14, colours);
+  if (layers.names) words(context, facts.name ?? "", [x, y], size + 14, colours);
 }
 
 function words(context, text, [x, y], below, colours) {

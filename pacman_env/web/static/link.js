@@ -6,11 +6,11 @@ import { state } from "./state.js";
 // The address without the token: whoever gets it needs one of his own.
 export async function copyLink(link) {
   const address = `${location.origin}${location.pathname}#${link}`;
-  const token = new URLSearchParams(location.search).has("token") ? " It holds no token: who opens it needs one." : "";
+  const token = new URLSearchParams(location.search).has("token") ? " It contains no token: whoever opens it needs one." : "";
   history.replaceState(null, "", `#${link}`);
   try {
     await navigator.clipboard.writeText(address);
-    notice(`The link is copied.${token}`);
+    notice(`Link copied.${token}`);
   } catch {
     notice(`The link is in the address bar.${token}`);
   }
@@ -34,10 +34,10 @@ export async function followLink(hash, connection, settings, stories) {
   const link = readLink(hash, settings);
   if (!link) return;
   const playing = state.frame && state.frame.state !== "menu";
-  const seated = Object.values(state.people.seats ?? {}).some(Boolean);
-  if ((playing || seated) && !(await question("This link brings back another round. The one that is played now ends. Go on?"))) return;
+  const someonePlays = Object.values(state.people.roles ?? {}).some(Boolean);
+  if ((playing || someonePlays) && !(await question("This link opens another round and ends the current one. Continue?"))) return;
   const message = link.tick === null ? { ...link.message, finish: false } : link.message;
-  const waiting = notice("The round of the link is laid out.", { stays: true, key: "setup" });
+  const waiting = notice("Preparing the round of the link.", { stays: true, key: "setup" });
   const answer = await connection.ask(message, 180000);
   waiting?.();
   if (!told(answer)) return;

@@ -4,13 +4,13 @@ import { isLight, setUpTheme } from "./colours.js";
 import { Connection } from "./connection.js";
 import { setUpControls, setUpResult, showResult } from "./controls.js";
 import { $, clock, isTyping, make, write } from "./dom.js";
-import { decode, sameFrame } from "./frame.js";
+import { sameFrame } from "./frame.js";
 import { setUpGates } from "./gates.js";
 import { copyLink, followLink } from "./link.js";
 import { GameMap, layers, view } from "./map.js";
 import { notice } from "./notices.js";
 import { setUpReady } from "./ready.js";
-import { Seats } from "./seats.js";
+import { Roles } from "./roles.js";
 import { Setup } from "./setup.js";
 import { setUpShow } from "./show.js";
 import { Sounds } from "./sounds.js";
@@ -21,7 +21,7 @@ import { Why } from "./why.js";
 const MOST_LOG = 60;
 const count = { frames_drawn: 0, frames_per_second: 0, messages: 0, frames: 0, last_frame: -1, notes: 0, lit: 0, connections: 0, first_view_ms: null, errors: [] };
 const token = new URLSearchParams(location.search).get("token");
-let latest = null; // bytes of the newest frame
+let latest = null; // JSON of the newest frame
 let again = sessionStorage.again ?? ""; // the key by which the server knows us after a break
 
 addEventListener("error", (event) => count.errors.push(String(event.message)));
@@ -34,20 +34,20 @@ const connection = new Connection(
     if (again) query.set("again", again);
     return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${query.size ? `?${query}` : ""}`;
   },
-  { opened, lost, text, binary },
+  { opened, lost, text, frame },
 );
-const map = new GameMap({ token, count, actions: (world, candidate) => seats.tapped(world, candidate) });
+const map = new GameMap({ token, count, actions: (world, candidate) => roles.tapped(world, candidate) });
 setUpGates();
 setUpControls(connection);
 setUpResult();
 setUpShow(connection, count);
 setUpReady(connection);
 const setup = new Setup(connection, token);
-const seats = new Seats(connection, map, setup);
+const roles = new Roles(connection, map, setup);
 const why = new Why(connection);
 const stories = new Stories(connection, map, token, (entry) => {
   showResult(entry);
-  seats.ended(entry);
+  roles.ended(entry);
 });
 const sounds = new Sounds(count);
 window.pacman = { count, state, sounds, connection, view };
@@ -57,7 +57,7 @@ setUpKeys();
 
 $("share").addEventListener("click", () => {
   if (state.scene?.link) copyLink(state.scene.link);
-  else notice("This round cannot be brought back by a link: a person plays it, or a ghost was placed by hand.");
+  else notice("This round cannot be reproduced by a link: a person plays it, or a ghost was placed by hand.");
 });
 addEventListener("hashchange", () => followLink(location.hash, connection, setup.settings, stories));
 on("layers tab", watch);
@@ -94,7 +94,8 @@ function text(message) {
       break;
     }
     case "scene":
-      state.scene = { pellets: [], refuges: [], candidates: [], ghosts: [], robot: {}, ...message };
+      state.scene = { pellets: [], refuges: [], candidates: [], robot: {}, ...message };
+      state.scene.ghosts = (message.ghosts ?? []).map((ghost) => ({ ...ghost, ...state.hello.roles[ghost.role] }));
       tell("scene", state.scene);
       if (!state.story) map.show(state.scene);
       linkOnce();
@@ -130,7 +131,7 @@ function news(items) {
   tell("news", items);
 }
 
-function binary(data) {
+function frame(data) {
   count.messages++;
   count.frames++;
   const same = sameFrame(latest, data);
@@ -141,12 +142,7 @@ function binary(data) {
 
 function show() {
   if (!latest) return;
-  try {
-    state.frame = decode(latest);
-  } catch (error) {
-    count.errors.push(String(error));
-    return;
-  }
+  state.frame = JSON.parse(latest);
   count.last_frame = state.frame.number;
   count.first_view_ms ??= performance.now();
   if (!state.story) map.take(state.frame);

@@ -48,7 +48,7 @@ export class GameMap {
       },
       hovered: (at) => {
         const candidate = at ? this.nearest(at) : -1;
-        $("top").classList.toggle("pointing", candidate >= 0 && state.seat === "robot");
+        $("top").classList.toggle("pointing", candidate >= 0 && state.role === "robot");
         if (candidate !== state.candidate) tell("candidate", (state.candidate = candidate));
       },
     });
@@ -78,7 +78,7 @@ export class GameMap {
     $("map").addEventListener("pointerdown", ({ target }) => {
       if (target === $("top")) this.#openLayers(false);
     });
-    on("candidate seat placing", () => this.redraw(false));
+    on("candidate role placing", () => this.redraw(false));
     this.#resize();
   }
 
@@ -160,7 +160,7 @@ export class GameMap {
       try {
         this.#pictures.set(address, await loadPicture(scene.map, this.token));
       } catch {
-        if (shownScene() === scene) tell("notice", { words: "The map's picture did not come." });
+        if (shownScene() === scene) tell("notice", { words: "The map image could not be loaded." });
       }
       if (this.#pictures.size > 8) this.#pictures.delete(this.#pictures.keys().next().value);
       if (shownScene() !== scene) return;
@@ -242,7 +242,7 @@ export class GameMap {
     const open = frame && frame.state === "running" ? 0.5 + 0.5 * Math.sin((this.#walked + this.#onward(poses)) * 22) : 0.75;
     drawTop(this.#top, view, this.ratio, {
       scene: shownScene(), frame, poses, trail: this.#trail, layers, colours: palette(), candidate: state.candidate,
-      mine: state.story ? "none" : state.seat, cross: state.placing || state.seat.startsWith("ghost") ? this.#cross : null, mouth: open,
+      mine: state.story ? "none" : state.role, cross: state.placing || state.role.startsWith("ghost") ? this.#cross : null, mouth: open,
     });
     this.#baseDirty = this.#topDirty = false;
     this.#tick(now);

@@ -33,7 +33,7 @@ export class Motion {
   #stands() {
     const near = (a, b) => a && b && a.every((value, k) => Math.abs(value - b[k]) < 1e-4);
     const { from, to } = this;
-    const pairs = [[from.true, to.true], [from.believed, to.believed], [from.shadow, to.shadow], ...to.ghosts.map((ghost, k) => [from.ghosts[k], ghost])];
+    const pairs = [[from.true, to.true], [from.believed, to.believed], [from.baseline, to.baseline], ...to.ghosts.map((ghost, k) => [from.ghosts[k], ghost])];
     return pairs.every(([a, b]) => (!a && !b) || near(a, b));
   }
 
@@ -48,7 +48,7 @@ export class Motion {
     const poses = {
       true: share < 1 ? between(from.true, to.true, share) : to.true,
       believed: share < 1 ? between(from.believed, to.believed, share) : to.believed,
-      shadow: share < 1 ? between(from.shadow, to.shadow, share) : to.shadow,
+      baseline: share < 1 ? between(from.baseline, to.baseline, share) : to.baseline,
       ghosts: to.ghosts.map((ghost, k) => (share < 1 ? between(from.ghosts[k], ghost, share) : ghost)),
     };
     poses.robot = robotPose(poses);

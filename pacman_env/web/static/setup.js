@@ -1,12 +1,11 @@
 // What the next round is: a form, a map of one's own, Clyde's speed and place.
 
-import { $, css, fill, make, throttled, titled, write } from "./dom.js";
+import { $, css, fill, make, throttled, write } from "./dom.js";
 import { refresh } from "./gates.js";
 import { notice, told } from "./notices.js";
 import { Settings } from "./settings.js";
 import { on, state, tell } from "./state.js";
 
-const GHOSTS = [["clyde", [255, 80, 0]], ["blinky", [255, 0, 0]], ["pinky", [255, 60, 180]], ["inky", [0, 0, 255]]];
 const MOST_UPLOAD = 5.5e6;
 
 export class Setup {
@@ -66,16 +65,16 @@ export class Setup {
     if (!this.#edited.has("setup-level") && scene.level !== null) $("setup-level").value = String(scene.level ?? 0);
     if (!this.#edited.has("setup-seed")) {
       $("setup-seed").value = "";
-      $("setup-seed").placeholder = "drawn";
+      $("setup-seed").placeholder = "random";
     }
     if (!this.#edited.has("setup-ghosts") && scene.ghosts.length) this.#ghosts(scene.ghosts.map(({ behaviour }) => behaviour));
     if (!$("setup").contains(document.activeElement)) this.settings.values = scene.settings;
     this.#showLevel();
     const facts = [["Map", scene.level === null || scene.level === undefined ? scene.map?.name : `${scene.map?.name}, level ${scene.level}`], ["Policy", scene.policy],
-      ["Beside it", scene.second], ["Seed", scene.seed], ["Ghosts", scene.ghosts.map(({ name, behaviour }) => `${titled(name)} ${behaviour}`).join(", ")], ["Preset", scene.preset]];
+      ["Compared with", scene.second], ["Seed", scene.seed], ["Ghosts", scene.ghosts.map(({ name, behaviour }) => `${name} ${behaviour}`).join(", ")], ["Preset", scene.preset]];
     $("facts").replaceChildren(...facts.filter(([, value]) => value !== null && value !== undefined && value !== "")
       .flatMap(([name, value]) => [make("dt", { text: name }), make("dd", { text: String(value) })]));
-    fill($("place-who"), scene.ghosts.map((_, k) => String(k)), undefined, Object.fromEntries(scene.ghosts.map(({ name }, k) => [k, titled(name)])));
+    fill($("place-who"), scene.ghosts.map((_, k) => String(k)), undefined, Object.fromEntries(scene.ghosts.map(({ name }, k) => [k, name])));
     write($("place"), scene.ghosts.length > 1 ? "Place a ghost" : "Place Clyde");
   }
 
@@ -88,15 +87,15 @@ export class Setup {
     const list = $("setup-ghosts");
     if (!edited && this.ghosts.join() === behaviours.join()) return;
     list.replaceChildren(...behaviours.slice(0, 4).map((behaviour, k) => {
-      const [name, colour] = GHOSTS[k];
+      const { name, colour } = state.hello.roles[`ghost-${k}`];
       const dot = make("span", { class: "dot" });
       dot.style.background = css(colour);
-      const select = make("select", { "aria-label": `What ${titled(name)} does`, data: { needs: "control" }, onchange: () => this.#edited.add("setup-ghosts") },
+      const select = make("select", { "aria-label": `What ${name} does`, data: { needs: "control" }, onchange: () => this.#edited.add("setup-ghosts") },
         ...[...new Set([...this.behaviours, behaviour])].map((value) => make("option", { value, text: value })));
       select.value = behaviour;
-      const remove = make("button", { type: "button", class: "small", text: "Remove", "aria-label": `Remove ${titled(name)}`, data: { needs: "control" },
+      const remove = make("button", { type: "button", class: "small", text: "Remove", "aria-label": `Remove ${name}`, data: { needs: "control" },
         hidden: behaviours.length === 1, onclick: () => this.#ghosts(this.ghosts.filter((_, other) => other !== k), true) });
-      return make("div", { class: "ghost-row" }, dot, make("span", { class: "ghost-name", text: titled(name) }), select, remove);
+      return make("div", { class: "ghost-row" }, dot, make("span", { class: "ghost-name", text: name }), select, remove);
     }));
     $("setup-ghost-add").hidden = behaviours.length >= 4;
     refresh();
@@ -120,7 +119,7 @@ export class Setup {
   async send(start) {
     const { message } = this;
     if (!message) return;
-    const waiting = notice("Laying the round out.", { key: "setup", stays: true });
+    const waiting = notice("Preparing the round.", { key: "setup", stays: true });
     const answer = await this.connection.ask(message, 120000);
     waiting?.();
     if (!told(answer)) return;
@@ -143,7 +142,7 @@ export class Setup {
       return;
     }
     if (image.size > MOST_UPLOAD) {
-      say(`The image has ${(image.size / 1e6).toFixed(1)} MB: at most ${MOST_UPLOAD / 1e6} MB.`);
+      say(`The image is ${(image.size / 1e6).toFixed(1)} MB large: at most ${MOST_UPLOAD / 1e6} MB.`);
       return;
     }
     say("Checking.");
@@ -162,9 +161,9 @@ export class Setup {
       select.value = answer.map;
       this.#edited.add("setup-map");
       this.#showLevel();
-      notice(`The map ${answer.map} is chosen. Press "New round with this".`);
+      notice(`The map ${answer.map} is chosen. Press "Apply and start".`);
     } catch {
-      say("The map was not delivered: no answer from the server.");
+      say("The map could not be uploaded: no answer from the server.");
     }
   }
 

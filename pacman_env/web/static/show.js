@@ -4,7 +4,6 @@ import { $, css, make, write } from "./dom.js";
 import { told } from "./notices.js";
 import { on } from "./state.js";
 
-const DOTS = { yellow: "#ffb400", red: "#f00", blue: "#00f", pink: "#ff3cb4", orange: "#ff5000", white: "#fff", clyde: "#ff5000", blinky: "#f00", pinky: "#ff3cb4", inky: "#00f" };
 const DARK = "rgb(51, 58, 75)";
 
 export function setUpShow(connection, count) {
@@ -27,19 +26,18 @@ export function setUpShow(connection, count) {
       element.dataset.ring = key;
     }
     $("ring").setAttribute("aria-label", `Light ring: ${lit ? "on" : "off"}`);
-    write($("ring-words"), ring ? "The colours are the frames of the robot's ring." : "The ring shows the robot's own state.");
+    write($("ring-words"), ring ? "The colours of the robot's light ring." : "The ring shows the robot's own status.");
   });
-  on("hello", ({ words, feedback, melodies }) => {
-    for (const what of ["event", "light", "sound"]) {
-      $(`show-${what}`).replaceChildren(...(words?.[what] ?? []).map((word) => {
-        const dot = DOTS[word] ?? DOTS[word.split(" ")[0]];
-        const mark = what === "light" && dot ? make("span", { class: "dot" }) : null;
-        if (mark) mark.style.background = dot;
-        const asks = what === "event" ? feedback?.[word] : null;
-        const title = asks ? ["light", "sound", "motion"].map((kind) => `${kind}: ${asks[kind] ?? "none"}`).join(", ") : what === "sound" ? `${melodies?.[word]?.length ?? 0} notes` : "";
-        return make("button", { type: "button", data: { needs: "control", word, what, title }, onclick: async () => told(await connection.ask({ do: "event", word, what })) }, mark, word);
-      }));
-    }
+  on("hello", ({ events, lights, sounds }) => {
+    const fillWith = (what, words, describe) => $(`show-${what}`).replaceChildren(...Object.entries(words ?? {}).map(([word, facts]) => {
+      const { title = "", colour = null } = describe(facts);
+      const mark = colour ? make("span", { class: "dot" }) : null;
+      if (mark) mark.style.background = css(colour);
+      return make("button", { type: "button", data: { needs: "control", word, what, title }, onclick: async () => told(await connection.ask({ do: "event", word, what })) }, mark, word);
+    }));
+    fillWith("event", events, ({ light, sound, motion }) => ({ title: `light: ${light ?? "none"}, sound: ${sound ?? "none"}, motion: ${motion ?? "none"}` }));
+    fillWith("light", lights, (colour) => ({ colour }));
+    fillWith("sound", sounds, (notes) => ({ title: `${notes.length} notes` }));
   });
   $("arm").addEventListener("change", async ({ target }) => {
     if (!told(await connection.ask({ do: "arm", on: target.checked }))) target.checked = !target.checked;

@@ -56,7 +56,7 @@ export class Sounds {
   }
 
   play(word) {
-    const melody = state.hello?.melodies?.[word];
+    const melody = state.hello?.sounds?.[word];
     if (!this.on || !melody) return;
     this.#hush();
     let at = this.#context.currentTime + 0.02;

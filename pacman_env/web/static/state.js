@@ -4,10 +4,10 @@ export const state = {
   connected: false,
   hello: null,
   scene: null,
-  people: { viewers: 0, operator: null, asking: [], seats: {} },
+  people: { viewers: 0, operator: null, asking: [], roles: {} },
   frame: null, // the newest of the game
   story: null, // the finished round that is open: {entry, frames, index, scene}
-  seat: "none",
+  role: "none",
   why: null,
   candidate: -1, // the one pointed at
   placing: false,
@@ -36,7 +36,7 @@ export function obstacle(needs) {
   for (const need of needs) {
     if (!state.connected) return "There is no connection.";
     if ((need === "control" || need === "operator") && state.hello?.access !== "operator") {
-      return "You look on: this link is a viewer's. STOP works for you too.";
+      return "View only: this is a viewer's link. STOP still works.";
     }
     const { operator } = state.people;
     if (need === "control" && operator && operator !== me()) return `${operator} has control. You can ask for it.`;

@@ -1,13 +1,13 @@
 // Finished rounds: the list, the time line, the marks, the link.
 
 import { $, clock, debounced, isTyping, make, setIcon, write } from "./dom.js";
-import { decodeStory, robotPose } from "./frame.js";
+import { robotPose } from "./frame.js";
 import { copyLink } from "./link.js";
 import { notice, told } from "./notices.js";
 import { on, state, tell } from "./state.js";
 
 const TIMES = 4; // as fast as the round was
-const NAMES = { complete: "Complete", caught: "Caught", timeout: "Time up" };
+const resultName = (result) => state.hello.results[result] ?? result;
 
 export class Stories {
   #timer = 0;
@@ -33,7 +33,7 @@ export class Stories {
     $("story-share").addEventListener("click", () => {
       const { entry, index } = state.story;
       if (entry.link) copyLink(`${entry.link}&tick=${index}`);
-      else notice("This round cannot be brought back by a link: a person played it, or a ghost was placed by hand.");
+      else notice("This round cannot be reproduced by a link: a person played it, or a ghost was placed by hand.");
     });
     addEventListener("keydown", (event) => {
       if (!state.story || isTyping(event.target) || event.ctrlKey || event.metaKey || event.altKey || $("ask").open) return;
@@ -59,13 +59,13 @@ export class Stories {
   }
 
   #list() {
-    write($("stories-words"), this.#entries.length ? "The newest first. Open one to see every moment of it." : "No round has ended yet.");
+    write($("stories-words"), this.#entries.length ? "Newest first." : "No round has ended yet.");
     $("stories").replaceChildren(...this.#entries.map((entry) => {
       const parts = entry.parts.length;
       const second = entry.second ? `, ${entry.policies?.[0] ?? "policy"} ${entry.second.collected} (${entry.second.result})` : "";
-      const about = [entry.map, `seed ${entry.seed}`, entry.player === "person" ? "played by a person" : entry.policies?.[0], parts ? `the policies part ${parts} ${parts === 1 ? "time" : "times"}` : ""];
+      const about = [entry.map, `seed ${entry.seed}`, entry.player === "person" ? "played by a person" : entry.policies?.[0], parts ? `policies disagree ${parts} ${parts === 1 ? "time" : "times"}` : ""];
       return make("li", { class: state.story?.entry.story === entry.story ? "open" : "", data: { story: entry.story } },
-        make("span", {}, make("strong", { text: `${NAMES[entry.result] ?? entry.result}: ${entry.collected} of ${entry.spawned}` }), ` in ${clock(entry.time_s)}${second}`),
+        make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }), ` in ${clock(entry.time_s)}${second}`),
         make("button", { type: "button", class: "small", text: "Open", "aria-label": `Open round ${entry.story}`, onclick: () => this.open(entry.story) }),
         make("span", { class: "quiet", text: about.filter(Boolean).join(" · ") }));
     }));
@@ -87,20 +87,20 @@ export class Stories {
       return;
     }
     try {
-      const response = await fetch(`/story/${number}.bin`, { headers: this.token ? { Authorization: `Bearer ${this.token}` } : {} });
+      const response = await fetch(`/story/${number}.json`, { headers: this.token ? { Authorization: `Bearer ${this.token}` } : {} });
       if (!response.ok) throw new Error(await response.text());
-      const frames = decodeStory(await response.arrayBuffer());
+      const frames = await response.json();
       if (!frames.length) throw new Error("it is empty");
       this.#play(false);
       state.story = { entry, frames, index: 0, scene, trail: frames.map(robotPose) };
     } catch (error) {
-      notice(`The round did not come: ${error.message.trim()}`, { bad: true });
+      notice(`The round could not be loaded: ${error.message.trim()}`, { bad: true });
       return;
     }
     $("story-bar").hidden = false;
     $("ring").hidden = true;
     $("story-range").max = String(state.story.frames.length - 1);
-    write($("story-title"), `Round ${entry.story}: ${(NAMES[entry.result] ?? entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`);
+    write($("story-title"), `Round ${entry.story}: ${resultName(entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`);
     write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
     await this.map.show(scene);
     this.map.cover($("story-bar").offsetHeight + 8);
@@ -162,20 +162,20 @@ export class Stories {
         if (story.index >= story.frames.length - 1) this.#play(false);
       }, wait);
     }
-    const name = this.#timer ? "Hold" : "Play";
+    const name = this.#timer ? "Pause" : "Play";
     $("story-play").setAttribute("aria-label", name);
     setIcon($("story-play").firstElementChild, this.#timer ? "pause" : "play");
     if (!this.#timer) this.askWhy();
   }
 
-  // The next mark: where the policies part; without such, where the goal changes.
+  // The next marker: where the policies disagree; without such, where the goal changes.
   #jump(way) {
     const { story } = state;
     if (!story) return;
     this.#play(false);
     const marks = story.entry.parts.length ? story.entry.parts : story.entry.decisions;
     const next = way > 0 ? marks.find((tick) => tick > story.index) : marks.findLast((tick) => tick < story.index);
-    if (next === undefined) notice(way > 0 ? "No mark after this." : "No mark before this.", { key: "mark" });
+    if (next === undefined) notice(way > 0 ? "No later marker." : "No earlier marker.", { key: "mark" });
     else this.seek(next);
   }
 

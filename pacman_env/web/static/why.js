@@ -55,16 +55,16 @@ export class Why {
     }
     const { policies, rows, chosen } = why;
     const scene = shownScene();
-    const kinds = { pellet: "Pellet", refuge: "Refuge", hold: "Hold" };
+    const { kinds } = state.hello;
     const first = scene?.first_refuge ?? 0;
     const name = (candidate) => {
       const row = rows.find((one) => one.candidate === candidate);
       if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
-      return row.kind === "hold" ? "Hold" : `${kinds[row.kind] ?? words(row.kind)} ${(row.kind === "refuge" ? candidate - first : candidate) + 1}`;
+      return row.kind === "hold" ? kinds.hold : `${kinds[row.kind] ?? words(row.kind)} ${(row.kind === "refuge" ? candidate - first : candidate) + 1}`;
     };
     const parted = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
     $("why-words").replaceChildren(
-      parted ? make("span", { class: "parted", text: "The policies part. " }) : "",
+      parted ? make("span", { class: "parted", text: "The policies disagree. " }) : "",
       `At ${why.time_s.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${name(chosen[policy])}.`).join(" "),
     );
     const full = $("why-full").checked;
@@ -94,7 +94,7 @@ export class Why {
     table.replaceChildren(make("caption", { class: "hidden", text: "Candidates and their terms, the best of the first policy first" }), head, body);
     if (active !== undefined) table.querySelector(`tr[data-candidate="${active}"] button`)?.focus();
     const same = policies.filter((policy) => about[policy].same.length).map((policy) => `${policy}: ${about[policy].same.join(", ")}`);
-    write($("why-same"), same.length ? `The same for all. ${same.join(". ")}.` : "");
+    write($("why-same"), same.length ? `Equal for all candidates. ${same.join(". ")}.` : "");
     this.#light();
   }
 
@@ -120,7 +120,7 @@ export class Why {
   }
 
   async #go(candidate, kind) {
-    if (state.seat === "robot" && !state.story) await this.connection.ask({ do: "goal", candidate: kind === "hold" ? -1 : candidate });
+    if (state.role === "robot" && !state.story) await this.connection.ask({ do: "goal", candidate: kind === "hold" ? -1 : candidate });
   }
 
   #light() {

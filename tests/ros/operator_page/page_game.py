@@ -71,9 +71,9 @@ class PageGame:
             raise refused[0]
         return outcome[0]
 
-    def tell(self, message: messages.Message, person: str = "guest-1") -> Any:
+    def handle(self, message: messages.Message, person: str = "guest-1") -> Any:
         """As the server does it."""
-        return self.do(lambda: self.page.tell(person, message))
+        return self.do(lambda: self.page.handle(person, message))
 
     def stop(self, person: str = "guest-1") -> None:
         """The operator's."""
@@ -92,7 +92,10 @@ class PageGame:
     @property
     def obeyed(self) -> bool:
         """Whether all nodes that move the robot obey the page's stop."""
-        return all(name in self.page.stop_row()["words"] for name in (SELECTOR, "game_event_mapper", "game_controller"))
+        return all(
+            name in self.page._driving.stop_row()["words"]
+            for name in (SELECTOR, "game_event_mapper", "game_controller")
+        )
 
     @property
     def frame(self) -> Frame:
@@ -112,8 +115,8 @@ class PageGame:
     def menu(self) -> None:
         """Nothing goes on."""
         self.release()
-        self.do(lambda: self.page.left("guest-1"))
-        self.tell(messages.Reset())
+        self.do(lambda: self.page.leave("guest-1"))
+        self.handle(messages.Reset())
         self.wait(lambda: self.frame.state == "menu" and not self.frame.stopped, "the menu")
         self.wait(lambda: self.stands, "the robot to stand")
 
@@ -121,7 +124,7 @@ class PageGame:
         """A round in which the robot drives."""
         if self.frame.state != "running":
             self.menu()
-            self.tell(messages.Start())
+            self.handle(messages.Start())
         self.wait(lambda: self.frame.state == "running", "the round")
         self.wait(lambda: self.drives, "the robot to drive")
 

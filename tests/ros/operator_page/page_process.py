@@ -154,10 +154,11 @@ class Page:
                 message = self._socket.recv(timeout=0)
             except TimeoutError:
                 return
-            if isinstance(message, bytes):
+            text = json.loads(message)
+            if text["kind"] == "frame":
                 self.frame = decode(message)
             else:
-                self.told.append(json.loads(message))
+                self.told.append(text)
 
     def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = PATIENCE_S) -> Any:
         def looked() -> Any:

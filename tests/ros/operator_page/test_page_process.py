@@ -75,7 +75,7 @@ def test_the_readiness_list_is_the_doctors_with_the_nodes_that_obey_a_stop(nodes
         rows.clear()
         rows.update({row["name"]: row for row in page.ask("ready")["data"]})
         assert {row["state"] for row in rows.values()} <= {"ok", "warning", "bad"}
-        assert all(row["cure"] for row in rows.values() if row["state"] == "bad")
+        assert all(row["remedy"] for row in rows.values() if row["state"] == "bad")
         return all(rows[name]["state"] == "ok" for name in wanted)
 
     page.wait(ready, "all to be well")
@@ -123,7 +123,7 @@ def test_a_page_killed_while_driving_by_hand_leaves_a_robot_that_stands(nodes: N
     page.wait(lambda: page.frame is not None, "the game")
     page.wait(lambda: page.ask("reset")["ok"], "the reset")
     page.wait(lambda: page.frame is not None and page.frame.state == "menu" and nodes.stands(), "the menu")
-    page.wait(lambda: page.ask("seat", who="robot")["ok"], "the seat")
+    page.wait(lambda: page.ask("role", role="robot")["ok"], "the role")
     due = time.monotonic()
 
     def drive() -> bool:
@@ -212,8 +212,8 @@ def test_by_arrow_keys_until_the_page_is_killed(nodes: Nodes, page: Page, visito
     visitor.press("reset")
     visitor.wait("state.frame.state === 'menu'", "the menu")
     visitor.press("tab-play")
-    visitor.page.click("[data-seat=robot]")
-    visitor.wait("state.seat === 'robot' && state.frame.state === 'menu'", "the seat")
+    visitor.page.click("[data-role=robot]")
+    visitor.wait("state.role === 'robot' && state.frame.state === 'menu'", "the role")
     visitor.page.keyboard.down("ArrowLeft")
     visitor.wait("state.frame.velocity[1] > 0.5", "the robot to turn")
     visitor.check()

@@ -51,8 +51,8 @@ def whole(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pag
 @pytest.fixture
 def game(whole: PageGame) -> PageGame:
     whole.release()
-    whole.page.watched(why=False, lidar=False)
-    whole.tell(messages.Arm(on=False))
+    whole.page.watch(why=False, lidar=False)
+    whole.handle(messages.Arm(on=False))
     return whole
 
 
@@ -76,14 +76,14 @@ def test_the_scene_is_the_map_with_its_pellets_and_the_robot_stands_at_home(game
     assert frame.believed is not None
     assert frame.true is not None
     assert math.dist(frame.believed[:2], frame.true[:2]) < 0.3
-    assert [ghost["name"] for ghost in facts["ghosts"]] == ["clyde"]
+    assert [ghost["role"] for ghost in facts["ghosts"]] == ["ghost-0"]
 
 
 def test_a_start_leads_to_a_score_and_the_frames_show_the_choice(game: PageGame) -> None:
     game.menu()
-    game.page.watched(why=True, lidar=True)
+    game.page.watch(why=True, lidar=True)
     number, after = game.frame.number, game.news_number()
-    game.tell(messages.Start())
+    game.handle(messages.Start())
     game.wait(lambda: game.frame.score > 0, "a pellet")
     game.wait(lambda: game.frame.goal >= 0 and np.isfinite(game.frame.scores).any(), "a choice")
     game.wait(lambda: np.isfinite(game.frame.scan).any(), "a scan")
@@ -98,10 +98,10 @@ def test_a_start_leads_to_a_score_and_the_frames_show_the_choice(game: PageGame)
     said = game.page.news(after)
     assert {"starting", "running"} <= {one["state"] for one in said if "state" in one}
     assert {"pellet"} <= {one["event"] for one in said if "event" in one}
-    game.page.watched(why=False, lidar=False)
+    game.page.watch(why=False, lidar=False)
     game.wait(lambda: not len(game.frame.scan), "no scan")
     with pytest.raises(Refused, match="the game is in state"):
-        game.tell(messages.Start())
+        game.handle(messages.Start())
 
 
 def first_still_s(game: PageGame, topic: topics.Topic, twist: Any) -> float:
@@ -140,7 +140,7 @@ def test_a_stopped_game_stays_so_whatever_is_asked(game: PageGame) -> None:
     game.stop("guest-2")
     game.wait(lambda: game.stands, "the robot to stand")
     with pytest.raises(Refused, match="stopped by guest-2"):
-        game.tell(messages.Start())
+        game.handle(messages.Start())
     place = game.frame.true
     nodes, observer = game.session.game, game.session.observer
     client = topics.NAVIGATE_TO_POSE.client(observer)
@@ -209,56 +209,56 @@ def test_a_goal_selector_that_is_started_again_stays_stopped(game: PageGame) -> 
 
 def test_by_hand_the_robot_drives_in_the_menu_alone_and_stands_when_nothing_more_is_said(game: PageGame) -> None:
     game.menu()
-    with pytest.raises(Refused, match="seat"):
-        game.tell(messages.Drive(v=0.2, omega=0.0))
-    game.tell(messages.Seat(who="robot"))
+    with pytest.raises(Refused, match="role"):
+        game.handle(messages.Drive(v=0.2, omega=0.0))
+    game.handle(messages.Role(role="robot"))
     with pytest.raises(Refused, match="somebody else"):
-        game.tell(messages.Seat(who="robot"), "guest-2")
-    game.tell(messages.Drive(v=0.0, omega=9.0))
-    game.wait(lambda: game.tell(messages.Drive(v=0.0, omega=9.0)) or game.frame.velocity[1] > 1.0, "a turn")
+        game.handle(messages.Role(role="robot"), "guest-2")
+    game.handle(messages.Drive(v=0.0, omega=9.0))
+    game.wait(lambda: game.handle(messages.Drive(v=0.0, omega=9.0)) or game.frame.velocity[1] > 1.0, "a turn")
     assert game.frame.velocity[1] < 2.0
     game.wait(lambda: game.stands, "the dead man's time")
     game.stop("guest-2")
     with pytest.raises(Refused, match="stopped by guest-2"):
-        game.tell(messages.Drive(v=0.2, omega=0.0))
+        game.handle(messages.Drive(v=0.2, omega=0.0))
     game.release()
-    game.tell(messages.Start())
+    game.handle(messages.Start())
     game.wait(lambda: game.frame.state != "menu", "the start")
     with pytest.raises(Refused, match="the game drives"):
-        game.tell(messages.Drive(v=0.2, omega=0.0))
+        game.handle(messages.Drive(v=0.2, omega=0.0))
 
 
 def test_clyde_is_placed_in_the_menu_alone(game: PageGame) -> None:
     game.menu()
     x, y = game.page.scene().facts["pellets"][-1]
-    game.tell(messages.PlaceClyde(x=x, y=y))
+    game.handle(messages.PlaceClyde(x=x, y=y))
     game.wait(lambda: math.dist(game.frame.ghosts[0], (x, y)) < 0.5, "Clyde")
     with pytest.raises(Refused, match="wide enough"):
-        game.tell(messages.PlaceClyde(x=x + 50.0, y=y))
+        game.handle(messages.PlaceClyde(x=x + 50.0, y=y))
     with pytest.raises(Refused, match="Clyde alone"):
-        game.tell(messages.PlaceClyde(x=x, y=y, ghost=1))
+        game.handle(messages.PlaceClyde(x=x, y=y, ghost=1))
     game.round()
     with pytest.raises(Refused, match="menu"):
-        game.tell(messages.PlaceClyde(x=x, y=y))
+        game.handle(messages.PlaceClyde(x=x, y=y))
 
 
 def test_events_move_the_robot_only_when_armed(game: PageGame) -> None:
     game.menu()
     after = game.news_number()
     game.session.forget()
-    game.tell(messages.Event(word="death"))
+    game.handle(messages.Event(word="death"))
     game.wait(lambda: {"event", "light", "sound"} <= {key for one in game.page.news(after) for key in one}, "the show")
     game.wait(lambda: game.frame.ring is not None, "the ring")
     game.session.advance(2.0)
     assert not any(message.twist.angular.z for message in game.session.messages(topics.CMD_VEL))
-    game.tell(messages.Arm(on=True))
-    game.tell(messages.Event(word="start theatrical"))
+    game.handle(messages.Arm(on=True))
+    game.handle(messages.Event(word="start theatrical"))
     game.wait(lambda: any(m.twist.angular.z for m in game.session.messages(topics.CMD_VEL)), "the spin")
-    game.tell(messages.Arm(on=False))
+    game.handle(messages.Arm(on=False))
     game.wait(lambda: not game.session.messages(topics.CMD_VEL)[-1].twist.angular.z, "its end")
     for what, word in (("light", "pink"), ("sound", "win")):
         after = game.news_number()
-        game.tell(messages.Event(word=word, what=what))
+        game.handle(messages.Event(word=word, what=what))
         game.wait(
             lambda after=after, what=what, word=word: (
                 {what: word}.items() <= dict(item for one in game.page.news(after) for item in one.items()).items()
@@ -266,31 +266,31 @@ def test_events_move_the_robot_only_when_armed(game: PageGame) -> None:
             word,
         )
     with pytest.raises(Refused, match="there is none"):
-        game.tell(messages.Event(word="dance"))
+        game.handle(messages.Event(word="dance"))
 
 
 def test_speed_and_policy_change_and_what_cannot_says_why(game: PageGame) -> None:
     game.menu()
-    game.tell(messages.ClydeSpeed(mps=0.03))
+    game.handle(messages.ClydeSpeed(mps=0.03))
     game.wait(lambda: game.page.scene().facts["clyde_speed_mps"] == pytest.approx(0.03), "the speed")
-    game.tell(messages.Setup(policy="lookahead", second="nearest"))
+    game.handle(messages.Setup(policy="lookahead", second="nearest"))
     game.wait(lambda: game.page.scene().facts["policy"] == "lookahead", "the policy")
-    game.tell(messages.Setup(policy="nearest"))
+    game.handle(messages.Setup(policy="nearest"))
     game.wait(lambda: game.page.scene().facts["policy"] == "nearest", "the policy")
     for message, words in (
         (messages.Setup(policy="brave"), "brave"),
         (messages.Setup(map="house"), "only the policy"),
         (messages.Pause(on=True), "STOP"),
         (messages.Speed(times=2), "--speed"),
-        (messages.Seat(who="ghost-0"), "ghosts"),
+        (messages.Role(role="ghost-0"), "ghosts"),
         (messages.Goal(candidate=1), "arrow keys"),
         (messages.Why(story=1, tick=1), "record"),
     ):
         with pytest.raises(Refused, match=words):
-            game.tell(message)
+            game.handle(message)
     with pytest.raises(Refused, match="map"):
         game.page.add_map("mine", "", b"")
-    assert game.tell(messages.Stories()) == []
+    assert game.handle(messages.Stories()) == []
     assert game.page.story(1) is None
 
 
@@ -322,7 +322,7 @@ def test_a_referee_that_is_gone_and_back_is_said(game: PageGame) -> None:
     game.session.kill("game_controller")
     game.wait(lambda: any("the game is gone" in words for words in game.words(after)), "its end to be said")
     with pytest.raises(Refused, match="game_controller"):
-        game.tell(messages.Start())
+        game.handle(messages.Start())
     game.stop()  # works all the same
     game.wait(lambda: game.frame.stopped, "the stop")
     game.release()

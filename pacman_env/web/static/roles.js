@@ -1,6 +1,6 @@
-// Play it yourself: seats, goals by click and by key, velocities by keys and by stick.
+// Play it yourself: roles, goals by click and by key, velocities by keys and by stick.
 
-import { $, css, isTyping, make, titled, write } from "./dom.js";
+import { $, css, isTyping, make, write } from "./dom.js";
 import { robotPose } from "./frame.js";
 import { refresh } from "./gates.js";
 import { notice, told } from "./notices.js";
@@ -12,7 +12,7 @@ const BACKWARDS = 0.5; // share of the speed
 const KEYS = { ArrowUp: "up", KeyW: "up", ArrowDown: "down", KeyS: "down", ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right" };
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 
-export class Seats {
+export class Roles {
   #held = new Set();
   #stick = null; // [forward, left], each -1 to 1
   #timer = 0;
@@ -35,9 +35,9 @@ export class Seats {
   tapped(world, candidate) {
     if (state.placing) this.setup.placeAt(world);
     else if (state.story) return;
-    else if (state.seat === "robot") this.#goal(candidate >= 0 ? { candidate } : { x: world[0], y: world[1] });
-    else if (state.seat !== "none") this.#goal({ x: world[0], y: world[1] });
-    else if (candidate >= 0) notice("Take the robot's seat to send it there: tab Play.", { key: "seat" });
+    else if (state.role === "robot") this.#goal(candidate >= 0 ? { candidate } : { x: world[0], y: world[1] });
+    else if (state.role !== "none") this.#goal({ x: world[0], y: world[1] });
+    else if (candidate >= 0) notice("To send the robot there, choose its role in the tab Play.", { key: "role" });
   }
 
   async #goal(where) {
@@ -46,52 +46,52 @@ export class Seats {
 
   async #sit(who) {
     this.#release();
-    const answer = await this.connection.ask({ do: "seat", who });
+    const answer = await this.connection.ask({ do: "role", role: who });
     if (!told(answer)) return;
-    if (answer.data?.words) notice(`The seat is ${answer.data.words}.`);
+    if (answer.data?.words) notice(`The role is ${answer.data.words}.`);
   }
 
   #show() {
-    const seats = state.people.seats ?? {};
-    const mine = Object.keys(seats).find((seat) => seats[seat] && seats[seat] === me()) ?? "none";
-    if (mine !== state.seat) {
+    const people = state.people.roles ?? {};
+    const mine = Object.keys(people).find((role) => people[role] && people[role] === me()) ?? "none";
+    if (mine !== state.role) {
       this.#release();
-      state.seat = mine;
+      state.role = mine;
       if (mine === "robot" && matchMedia("(pointer: coarse)").matches) this.#showStick(true);
       if (mine !== "robot") this.#showStick(false);
       if (mine !== "none" && matchMedia("(max-width: 820px)").matches) document.querySelector(".panel").classList.remove("open"); // room for the map
-      tell("seat", mine);
+      tell("role", mine);
     }
     const ghosts = state.scene?.ghosts ?? [];
-    const rows = [["robot", "Robot", null], ...ghosts.map(({ name, colour }, k) => [`ghost-${k}`, titled(name), colour])];
-    const key = JSON.stringify([rows, seats, me()]);
+    const rows = [["robot", state.hello?.roles.robot.name], ...ghosts.map(({ role, name, colour }) => [role, name, colour])];
+    const key = JSON.stringify([rows, people, me()]);
     if (this.key !== key) {
       this.key = key;
-      const active = document.activeElement?.dataset?.seat;
-      $("seats").replaceChildren(...rows.map(([seat, name, colour]) => {
+      const active = document.activeElement?.dataset?.role;
+      $("roles").replaceChildren(...rows.map(([role, name, colour]) => {
         const dot = make("span", { class: colour ? "dot" : "dot robot" });
         if (colour) dot.style.background = css(colour);
-        const who = seats[seat];
+        const who = people[role];
         const taken = who && who !== me();
-        const button = make("button", { type: "button", class: seat === mine ? "small" : "small primary", data: { seat }, disabled: taken,
-          "aria-label": seat === mine ? `Leave ${name}` : `Play ${name}`, text: seat === mine ? "Leave" : taken ? "Taken" : `Play ${name}`,
-          onclick: () => this.#sit(seat === mine ? "none" : seat) });
+        const button = make("button", { type: "button", class: role === mine ? "small" : "small primary", data: { role }, disabled: taken,
+          "aria-label": role === mine ? `Leave ${name}` : `Play ${name}`, text: role === mine ? "Leave" : taken ? "Taken" : `Play ${name}`,
+          onclick: () => this.#sit(role === mine ? "none" : role) });
         if (!taken) button.dataset.needs = "operator";
         return make("li", {}, dot, make("span", { class: "who", text: who ? `${name}: ${who === me() ? "you" : who}` : `${name}: free` }), button);
       }));
-      if (active) $("seats").querySelector(`[data-seat="${active}"]`)?.focus();
+      if (active) $("roles").querySelector(`[data-role="${active}"]`)?.focus();
       refresh();
     }
     $("play-robot").hidden = mine !== "robot";
     $("play-ghost").hidden = !mine.startsWith("ghost");
-    if (mine.startsWith("ghost")) write($("play-ghost-title"), `You are ${titled(ghosts[Number(mine.slice(6))]?.name ?? "a ghost")}`);
+    if (mine.startsWith("ghost")) write($("play-ghost-title"), `You are ${state.hello.roles[mine].name}`);
     this.#mode();
     this.#duel();
   }
 
   #mode() {
-    const words = state.placing ? "Click where he is to start" : state.story ? "" : state.seat === "robot" ? "You are the robot" :
-      state.seat !== "none" ? $("play-ghost-title").textContent : "";
+    const words = state.placing ? "Click where the ghost starts" : state.story ? "" : state.role === "robot" ? "You are the robot" :
+      state.role !== "none" ? $("play-ghost-title").textContent : "";
     write($("mode"), words);
     $("mode").hidden = !words;
   }
@@ -104,9 +104,9 @@ export class Seats {
   // "you 7, clyde_aware 6"
   #duel() {
     const frame = state.frame;
-    const robot = state.people.seats?.robot;
-    const beside = Boolean(frame?.shadow && robot) && !state.story;
-    const words = beside ? `${robot === me() ? "you" : robot} ${frame.collected}, ${state.scene?.policy ?? "policy"} ${frame.shadow_collected}` : "";
+    const robot = state.people.roles?.robot;
+    const beside = Boolean(frame?.baseline && robot) && !state.story;
+    const words = beside ? `${robot === me() ? "you" : robot} ${frame.collected}, ${state.scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";
     write($("duel"), words);
     $("duel").hidden = !words;
   }
@@ -132,7 +132,7 @@ export class Seats {
   }
 
   #nearestButtons() {
-    if (state.seat !== "robot" || document.hidden || $("panel-play").hidden) return;
+    if (state.role !== "robot" || document.hidden || $("panel-play").hidden) return;
     const list = $("nearest");
     const { nearest } = this;
     while (list.children.length > nearest.length) list.lastElementChild.remove();
@@ -152,19 +152,19 @@ export class Seats {
     addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event.target) || state.story || $("ask").open) return;
       const range = event.target?.matches?.("input[type=range], [role=tab]");
-      if (state.seat === "robot" && KEYS[event.code] && !range && !state.placing) {
+      if (state.role === "robot" && KEYS[event.code] && !range && !state.placing) {
         event.preventDefault();
         this.#held.add(KEYS[event.code]);
         this.#drive();
         return;
       }
-      if (state.seat === "robot" && /^Digit[1-9]$/.test(event.code)) {
+      if (state.role === "robot" && /^Digit[1-9]$/.test(event.code)) {
         const pellet = this.nearest[Number(event.code.slice(5)) - 1];
         if (pellet) this.#goal({ candidate: pellet.candidate });
         return;
       }
       if (event.target !== $("top")) return;
-      const pointing = state.placing || state.seat.startsWith("ghost");
+      const pointing = state.placing || state.role.startsWith("ghost");
       const arrow = ARROWS[event.key];
       if (arrow) {
         event.preventDefault();
@@ -223,7 +223,7 @@ export class Seats {
   #drive() {
     clearTimeout(this.#timer);
     this.#timer = 0;
-    if (state.seat !== "robot") return;
+    if (state.role !== "robot") return;
     const key = (name) => (this.#held.has(name) ? 1 : 0);
     const [forward, left] = this.#stick ?? [key("up") - key("down"), key("left") - key("right")];
     const speed = state.scene?.robot?.speed_mps ?? 0.3;

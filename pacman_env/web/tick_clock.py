@@ -1,0 +1,73 @@
+"""Real time and the ticks of a simulated game: when the next is due, how much of the last one is shown."""
+
+from __future__ import annotations
+
+import time
+
+
+class TickClock:
+    """Ticks at a speed that can change, held while the game is paused or stopped.
+
+    Args:
+        speed: of the simulated time, times real time.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self.tick_s = 0.5  # simulated
+        self.paused = self.stopped = False
+        self._began_s = time.monotonic()  # the last tick
+        self._held_s: float | None = None  # since when
+
+    @property
+    def is_held(self) -> bool:
+        """Whether time stands still."""
+        return self.paused or self.stopped
+
+    @property
+    def period_s(self) -> float:
+        """Real time of a tick."""
+        return self.tick_s / self.speed
+
+    @property
+    def due_s(self) -> float:
+        """When the next tick is due."""
+        return self._began_s + self.period_s
+
+    def share(self, real_s: float) -> float:
+        """How much of the last tick is over, 0 to 1."""
+        at_s = real_s if self._held_s is None else self._held_s
+        return min(max((at_s - self._began_s) / self.period_s, 0.0), 1.0)
+
+    def begin(self, due_s: float) -> None:
+        """A tick begins: a late one is not made up for, and of one that is held nothing is shown yet."""
+        self._began_s = max(due_s, time.monotonic() - self.period_s, self._held_s or 0.0)
+
+    def restart(self) -> None:
+        """A tick begins now."""
+        self._began_s = time.monotonic()
+
+    def set_speed(self, times: float) -> None:
+        """Another speed, from where the tick is now."""
+        now = time.monotonic()
+        share = self.share(now)
+        self.speed = times
+        self._began_s = (self._held_s or now) - share * self.period_s
+
+    def pause(self, on: bool) -> None:
+        """Hold the time, or resume it."""
+        self.paused = on
+        self._hold()
+
+    def stop(self, on: bool) -> None:
+        """Hold the time by the operator's stop, or release it."""
+        self.stopped = on
+        self._hold()
+
+    def _hold(self) -> None:
+        now = time.monotonic()
+        if self.is_held:
+            self._held_s = now if self._held_s is None else self._held_s
+        elif self._held_s is not None:
+            self._began_s += now - self._held_s
+            self._held_s = None

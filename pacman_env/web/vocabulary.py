@@ -1,0 +1,45 @@
+"""What the page calls and colours things: sent in its first message, so that each name and colour has one home."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from pacman_env.game.events import FEEDBACK
+from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.game.lights import GHOST_COLOURS, LIGHTS, light_colour
+from pacman_env.game.sounds import MELODIES, frequency_hz
+from pacman_env.web.roles import ROBOT, ghost_role
+
+STATES = {
+    "menu": "Menu",
+    "returning_home": "Driving home",
+    "starting": "Starting",
+    "running": "Running",
+    "dying": "Caught",
+    "complete": "Complete",
+}
+RESULTS = {
+    "complete": "All pellets collected",
+    "cleared": "No pellet left",
+    "caught": "Caught",
+    "timeout": "Time limit reached",
+}
+CANDIDATE_KINDS = {"pellet": "Pellet", "refuge": "Refuge", "hold": "Hold"}
+
+
+def vocabulary() -> dict[str, Any]:
+    """The part of ``hello`` about names, colours, lights and sounds (docs/web_protocol.md)."""
+    ghosts = {
+        ghost_role(number): {"name": name.capitalize(), "colour": GHOST_COLOURS[name]}
+        for number, name in enumerate(GHOST_NAMES)
+    }
+    return {
+        "roles": {ROBOT: {"name": "Robot", "colour": None}, **ghosts},
+        "states": STATES,
+        "results": RESULTS,
+        "kinds": CANDIDATE_KINDS,
+        "events": {word: asdict(FEEDBACK[word]) for word in sorted(FEEDBACK)},
+        "lights": {word: light_colour(word) for word in sorted(LIGHTS)},
+        "sounds": {word: [(frequency_hz(note), s) for note, s in MELODIES[word]] for word in sorted(MELODIES)},
+    }

@@ -1,0 +1,29 @@
+"""Names and colours of the page have one home each, in Python."""
+
+from __future__ import annotations
+
+import re
+from typing import get_args
+
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.game.lights import GHOST_COLOURS
+from pacman_env.policies.base import KIND_NAMES
+from pacman_env.web.frame import State
+from pacman_env.web.roles import ROLES
+from pacman_env.web.routes import STATIC
+from pacman_env.web.vocabulary import CANDIDATE_KINDS, RESULTS, STATES, vocabulary
+
+
+def test_every_word_of_the_protocol_has_a_name() -> None:
+    assert set(STATES) == set(get_args(State))
+    assert set(RESULTS) == set(OUTCOMES) - {"running"}
+    assert set(CANDIDATE_KINDS) == set(KIND_NAMES)
+    assert set(vocabulary()["roles"]) == set(ROLES)
+
+
+def test_the_pages_own_code_has_no_ghost_and_no_ghosts_colour() -> None:
+    for path in STATIC.glob("*.js"):
+        text = path.read_text()
+        for name, colour in GHOST_COLOURS.items():
+            assert not re.search(rf"\b{name}\b", text) or name == "clyde", path.name
+            assert str(list(colour)) not in text, path.name
