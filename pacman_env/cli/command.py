@@ -8,6 +8,7 @@ import math
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn
 
@@ -17,6 +18,10 @@ STOPPED_STATUS = 128 + signal.SIGINT
 
 class Parser(argparse.ArgumentParser):
     """Bad arguments are one line on stderr, as every other error."""
+
+    def __init__(self, **options: Any) -> None:
+        with uninterrupted():  # argparse imports modules here when it first needs them, and a Ctrl-C then may be lost
+            super().__init__(**options)
 
     def error(self, message: str) -> NoReturn:
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
@@ -69,6 +74,9 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
     """Ctrl-C breaks nothing off within the block, such as an import half done; KeyboardInterrupt follows at its end."""
+    if threading.current_thread() is not threading.main_thread():  # Ctrl-C concerns the main thread alone
+        yield
+        return
     asked = False
 
     def note(number: int, frame: Any) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, finite_number, guarded, run_command, uninterrupted, whole_number
+from pacman_env.cli.command import Parser, finite_number, guarded, run_command, whole_number
 from pacman_env.cli.ros_group import add_ros_group
 from pacman_env.cli.warm_up import add_warm_up
 from pacman_env.cli.web import add_web
@@ -52,12 +52,6 @@ def _main(argv: Sequence[str]) -> int:
         module, _ = MODULES[argv[0]]
         extra = "train" if module.startswith("training") else "eval"
         return guarded(f"pacman-env {argv[0]}", lambda: import_module(f"pacman_env.{module}").main(argv[1:]), extra)
-    with uninterrupted():  # argparse imports modules meanwhile
-        parser = _parser()
-    return run_command(parser, argv, lambda arguments: arguments.run(arguments))
-
-
-def _parser() -> Parser:
     parser = Parser(prog="pacman-env", description="PacManBot: maps, games, policies, their evaluation and training.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
@@ -65,7 +59,7 @@ def _parser() -> Parser:
         add_group(commands)
     for name, (_, purpose) in MODULES.items():
         commands.add_parser(name, help=purpose)  # its arguments are its module's
-    return parser
+    return run_command(parser, argv, lambda arguments: arguments.run(arguments))
 
 
 def _add_map_group(commands: Any) -> None:

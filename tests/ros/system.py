@@ -212,8 +212,8 @@ class Probe:
         self.wait_for(
             lambda: publisher.get_subscription_count() >= listeners, what=f"{listeners} listeners on {topic.name}"
         )
-        if topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:  # a listener gets the last one when it is ready,
-            self._arrived(topic)  # and one that is replaced before never
+        if topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+            self._arrived(topic)  # a latched message that is replaced before it has arrived is lost
         elif is_new:
             self._be_known_to_listeners(publisher)
         publisher.publish(message if hasattr(message, "get_fields_and_field_types") else topic.type(data=message))

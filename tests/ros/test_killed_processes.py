@@ -159,6 +159,8 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("short_lease.xml")))
+        # Not through shared memory: a killed process leaves its port there, which its successor may take over.
+        patch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         with System(folder) as system, Probe(system) as probe:
             game = Game(probe, system, ground)
             yield game

@@ -205,9 +205,8 @@ def test_the_types_of_the_robot_cross_between_processes(probe: Probe, system: Sy
         pose=messages.pose_message(1.0, 2.0, 0.5, probe.stamp()), behavior_tree="tree"
     )
     feedback: list[Any] = []
-    result = finished(probe, topics.NAVIGATE_TO_POSE, goal, lambda message: feedback.append(message.feedback))
+    result = finished(probe, topics.NAVIGATE_TO_POSE, goal, feedback)
     assert (result.error_code, result.error_msg) == (9, "tree")
-    probe.wait_for(lambda: feedback, what="feedback")
     assert messages.pose_of(feedback[0].current_pose) == pytest.approx((1.0, 2.0, 0.5))
     assert (feedback[0].number_of_recoveries, feedback[0].distance_remaining) == (2, 1.5)
 
@@ -231,11 +230,15 @@ def test_the_types_of_the_robot_cross_between_processes(probe: Probe, system: Sy
     assert probe.messages(topics.TF_STATIC)[0].transforms == [transform]
 
 
-def finished(probe: Probe, action: topics.Action, goal: Any, feedback: Any = None) -> Any:
+def finished(probe: Probe, action: topics.Action, goal: Any, feedback: list[Any] | None = None) -> Any:
+    """The result; and the feedback, which may come after it."""
     client = probe.action_client(action)
-    sent = client.send_goal_async(goal, feedback_callback=feedback)
+    sent = client.send_goal_async(
+        goal, feedback_callback=None if feedback is None else lambda message: feedback.append(message.feedback)
+    )
     probe.wait_for(sent.done, what="the goal to be accepted")
     answer = sent.result().get_result_async()
     probe.wait_for(answer.done, what="the result")
+    probe.wait_for(lambda: feedback is None or feedback, what="feedback")
     client.destroy()
     return answer.result().result

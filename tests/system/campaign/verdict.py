@@ -197,7 +197,7 @@ def _overlaps(spans: Sequence[tuple[int, int]], begin: int, end: int) -> bool:
 
 
 def waits(state: str | None, condition: Mapping[str, Any], clyde_moved_m: float) -> bool:
-    """Whether the planner holds on purpose: a Clyde that stays at the last pellets lets no robot collect them.
+    """Whether the planner holds on purpose: a Clyde that stays at the last pellets keeps the robot from them.
 
     Args:
         state: of the game.
