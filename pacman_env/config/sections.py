@@ -34,18 +34,10 @@ class RobotConfig(Checked, group="robot"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            self.inscribed_radius_m >= self.radius_m,
-            "robot.inscribed_radius_m",
-            self.inscribed_radius_m,
-            f"must be at least radius_m = {self.radius_m}",
-        )
-        require(
-            self.speed_mps <= self.wheel_speed_mps,
-            "robot.speed_mps",
-            self.speed_mps,
-            f"must be at most wheel_speed_mps = {self.wheel_speed_mps}",
-        )
+        rule = f"must be at least radius_m = {self.radius_m}"
+        self._require(self.inscribed_radius_m >= self.radius_m, "inscribed_radius_m", rule)
+        rule = f"must be at most wheel_speed_mps = {self.wheel_speed_mps}"
+        self._require(self.speed_mps <= self.wheel_speed_mps, "speed_mps", rule)
 
 
 @dataclass(frozen=True)
@@ -110,7 +102,7 @@ class ClydeConfig(Checked, group="clyde"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(1 <= len(self.ghosts) <= 4, "clyde.ghosts", self.ghosts, "must name one to four behaviours")
+        self._require(1 <= len(self.ghosts) <= 4, "ghosts", "must name one to four behaviours")
 
 
 @dataclass(frozen=True)
@@ -242,9 +234,5 @@ class ObservationConfig(Checked, group="observation"):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "kinds", tuple(sorted(set(self.kinds))))
-        require(
-            self.scan_maximum_m > self.scan_minimum_m,
-            "observation.scan_maximum_m",
-            self.scan_maximum_m,
-            f"must be above scan_minimum_m = {self.scan_minimum_m}",
-        )
+        rule = f"must be above scan_minimum_m = {self.scan_minimum_m}"
+        self._require(self.scan_maximum_m > self.scan_minimum_m, "scan_maximum_m", rule)
