@@ -1,4 +1,4 @@
-"""AMCL's belief: when a pose is published, how wrong it is, and what TF says in between.
+"""AMCL's belief: when a pose is published, how wrong it is, and what TF gives in between.
 
 At a filter update the error is drawn anew; between updates the robot's odometry carries it along unchanged, so TF is
 the true pose with the error of the last update, while the latched message keeps the pose of that instant.

@@ -1,8 +1,7 @@
-"""The Nav2 stand-in: what ``navigate_to_pose`` does with a goal, seen from the goal selector.
+"""The Nav2 stand-in: what ``navigate_to_pose`` does with a goal, as the goal selector observes it.
 
-Takes goals up, pre-empts, cancels, watches progress and ends them with the results of action_msgs/GoalStatus; the
-way is planned in ``planner`` and driven in ``controller``. Kernels work on one game's record ``g``; the fields that the
-three of them own are ``NAVIGATOR_FIELDS``.
+Accepts goals, pre-empts, cancels, watches progress and ends them with the results of action_msgs/GoalStatus. Kernels
+work on one game's record ``g``; the fields of navigator, ``planner`` and ``controller`` are ``NAVIGATOR_FIELDS``.
 """
 
 from __future__ import annotations
@@ -11,8 +10,8 @@ import numpy as np
 
 from ...engine.jit import kernel
 from ...rng import uniform
-from .controller import command, drive_wheels
-from .planner import write_plan
+from .controller import Pose, command, drive_wheels
+from .planner import Fields, write_plan
 
 IDLE, ACTIVE = 0, 1
 NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalStatus
@@ -40,7 +39,7 @@ NAVIGATOR_FIELDS = [
     ("nav_points", np.int32),  # points of the plan written out, 0: no plan
     ("nav_at", np.int32),  # the point passed last
     ("nav_ahead", np.int32),  # the point steered to
-    ("nav_clear_step", np.int32),  # when a roll-out was last looked at and found clear
+    ("nav_clear_step", np.int32),  # when a roll-out was last tested and clear
     ("nav_static", np.int32),  # the plan follows the static field (no detour)
     ("nav_tail", np.int32),  # the cell of the plan's last point, -1: the goal
     ("nav_no_path_step", np.int32),  # since when there is no plan, -1: there is one
@@ -96,7 +95,7 @@ def cancel(g):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_up(g, bx, by, step):  # type: ignore[no-untyped-def]
+def _start_goal(g, bx, by, step):  # type: ignore[no-untyped-def]
     """The accepted goal becomes the one driven to."""
     g.nav_goal = g.nav_next
     g.nav_next = -1
@@ -125,14 +124,16 @@ def plan_due(g, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Take up the accepted goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
+    """Start the accepted goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):
-        _take_up(g, bx, by, step)
+        _start_goal(g, bx, by, step)
         g.nav_plan_step = step
     if g.nav_state == ACTIVE and step >= g.nav_plan_step:
-        write_plan(g, i, paths, bx, by, obstacles, p, goal_xy, nav, search)
+        affine, snap, neighbours, cell_xy, length_cm, next_step = nav
+        fields = Fields(affine, snap, neighbours, cell_xy, length_cm, next_step, goal_xy)
+        write_plan(g, paths[i], bx, by, obstacles, p, fields, search)
         g.nav_plan_step = step + p.plan_steps
         if g.nav_points > 0:
             _watch_progress(g, bx, by, p)
@@ -140,7 +141,7 @@ def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-un
 
 @kernel
 def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """One controller step of ``g`` on the plan ``paths[i]``: which sets the force on its body."""
+    """One controller step of ``g`` on the plan ``paths[i]``, which sets the force on its body."""
     step = g.step
     v, w = 0.0, 0.0
     bx, by = g.x + g.error_x, g.y + g.error_y
@@ -155,7 +156,7 @@ def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
             if step - g.nav_no_path_step >= p.no_path_steps:
                 _end(g, ABORTED)
         elif step >= g.nav_wait_step:
-            ok, v, w = command(g, i, paths, bx, by, ch, sh, p, affine, clearance)
+            ok, v, w = command(g, paths[i], Pose(bx, by, ch, sh), p, affine, clearance)
             if ok:
                 g.nav_no_control_step = -1
             else:
