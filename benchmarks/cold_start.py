@@ -16,8 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import ROOT, benchmark, in_checkout
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import ROOT, Option, benchmark, count, in_checkout
 
 STEPS = 20
 
@@ -65,13 +64,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"env": arguments.env, "rows": rows}
 
 
-main = benchmark(
-    "cold_start",
-    __doc__,
-    run,
-    ("--workers", {"type": whole_number(1), "default": 4, "metavar": "N", "help": "beside one (%(default)s)"}),
-    ("--env", {"default": "pacman_env/PacManBotFlat-v0", "metavar": "ID", "help": "with goals (%(default)s)"}),
-)
+ENV: Option = ("--env", {"default": "pacman_env/PacManBotFlat-v0", "metavar": "ID", "help": "with goals (%(default)s)"})
+main = benchmark("cold_start", __doc__, run, count("--workers", 4, "beside one (%(default)s)"), ENV)
 
 if __name__ == "__main__":
     sys.exit(main())

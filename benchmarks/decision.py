@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import Option, benchmark, count
 from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
@@ -84,15 +83,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return figures
 
 
-main = benchmark(
-    "decision",
-    __doc__,
-    run,
-    "--policy",
-    "--seed",
-    ("--set", {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "a field of the configuration"}),
-    ("--decisions", {"type": whole_number(1), "default": 2000, "metavar": "N"}),
-)
+SET: Option = ("--set", {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "a configuration's field"})
+main = benchmark("decision", __doc__, run, "--policy", "--seed", SET, count("--decisions", 2000))
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import benchmark, turns
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import benchmark, count, turns
 from pacman_env.engine.jit import kernel
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.evaluation.benchmark import make_vector
@@ -87,15 +86,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"games": arguments.games, "decisions_per_s": by_kind, "us_per_decision": costs}
 
 
-main = benchmark(
-    "feature_cost",
-    __doc__,
-    run,
-    "--rounds",
-    "--seed",
-    ("--games", {"type": whole_number(1), "default": 64}),
-    ("--steps", {"type": whole_number(1), "default": 600, "help": "decisions of each game per turn"}),
-)
+STEPS = count("--steps", 600, "decisions of each game per turn")
+main = benchmark("feature_cost", __doc__, run, "--rounds", "--seed", count("--games", 64), STEPS)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -31,6 +31,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
+def count(flag: str, default: int, meaning: str = "(%(default)s)", least: int = 1) -> Option:
+    return flag, {"type": whole_number(least), "default": default, "metavar": "N", "help": meaning}
+
+
 def benchmark(
     name: str,
     description: str | None,

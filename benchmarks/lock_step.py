@@ -16,8 +16,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.harness import CORES, benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import CORES, benchmark, count
 
 LIMIT_S = 3600.0  # of simulated time, for a game
 
@@ -112,17 +111,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"policy": arguments.policy, "reproducible": same and differs, **games}
 
 
-main = benchmark(
-    "lock_step",
-    __doc__,
-    run,
-    "--policy",
-    "--seed",
-    ("--games", {"type": whole_number(1), "default": 10, "metavar": "N"}),
-    ("--busy", {"type": whole_number(0), "default": CORES, "metavar": "N", "help": "cores, the 2nd time"}),
-    extra="ros",
-    failed=lambda figures: not figures["reproducible"],
-)
+OPTIONS = "--policy", "--seed", count("--games", 10), count("--busy", CORES, "cores, the 2nd time", least=0)
+main = benchmark("lock_step", __doc__, run, *OPTIONS, extra="ros", failed=lambda figures: not figures["reproducible"])
 
 if __name__ == "__main__":
     sys.exit(main())

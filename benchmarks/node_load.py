@@ -18,8 +18,7 @@ from typing import Any
 
 import psutil
 
-from benchmarks.harness import benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import benchmark, count
 from pacman_env.world.maps.occupancy import load_map
 
 PATIENCE_S = 300.0  # the first start compiles
@@ -108,15 +107,7 @@ def _log(message: str) -> None:
     print(message, file=sys.stderr)
 
 
-main = benchmark(
-    "node_load",
-    __doc__,
-    run,
-    "--policy",
-    "--domain-id",
-    ("--seconds", {"type": whole_number(1), "default": 60, "metavar": "S"}),
-    extra="ros",
-)
+main = benchmark("node_load", __doc__, run, "--policy", "--domain-id", count("--seconds", 60), extra="ros")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,7 +1,6 @@
 """Steps random actions in one library's environments and times them; :mod:`.peers` runs it as a script.
 
-It runs with the Python of the library's own venv, without this project. It first prints what it can play, then answers
-each line of standard input, all in JSON, one line each.
+It runs with the Python of the library's own venv, without this project, and prints JSON: what it can play, or figures.
 """
 
 from __future__ import annotations
@@ -188,33 +187,23 @@ def reason(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def main(library: str, map_source: str) -> None:
-    """Print the tasks, then measure what is asked for, until standard input ends."""
-    out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # for what the library prints
-
-    def answer(content: dict[str, Any]) -> None:
-        print(json.dumps(content), file=out, flush=True)
-
-    try:
-        tasks = LIBRARIES[library](map_source)
-        version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)
-    except Exception as error:
-        answer({"error": reason(error)})
-        return
-    answer({"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]})
-    step, of_step = None, None
-    for line in sys.stdin:
-        number, size, threads, seconds = json.loads(line)
+def main(library: str, map_source: str, case: str) -> None:
+    """Print the tasks, or measure a case: a task's number, games, threads and seconds."""
+    with os.fdopen(os.dup(1), "w") as out:
+        os.dup2(2, 1)  # for what the library prints
         try:
-            if of_step != (number, size, threads):
-                step, of_step = None, None  # before the next: its threads would compete
-                step, of_step = tasks[number].make(size, threads), (number, size, threads)
+            tasks = LIBRARIES[library](map_source)
+            if wanted := json.loads(case):
+                number, size, threads, seconds = wanted
+                step = tasks[number].make(size, threads)
                 turn(step, size, seconds)  # to warm up
-            assert step is not None
-            answer(turn(step, size, seconds))
+                answer: dict[str, Any] = turn(step, size, seconds)
+            else:
+                version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)
+                answer = {"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]}
         except Exception as error:
-            answer({"error": reason(error)})
+            answer = {"error": reason(error)}
+        json.dump(answer, out)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Well-known environments beside ours: ``python -m benchmarks.peers``.
 
-Each library steps in a process of its own, in its own venv if a folder for venvs is given, and ours does the same in
+Each library steps in processes of its own, in its own venv if a folder for venvs is given, and ours does the same in
 turns with it. Versions are pinned; what cannot be installed or played is named with the reason.
 """
 
@@ -13,10 +13,7 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -81,29 +78,18 @@ def _environment(bare: bool) -> dict[str, str]:
 
 
 class Worker:
-    """A process that plays a library's environments, with the present Python if none is given.
+    """Plays a library's environments with the present Python, if none is given, each turn in a process of its own.
 
     What a library cannot do is a PeerError; without ours there is nothing to compare with: ValueError.
     """
 
     def __init__(self, name: str, map_source: str, python: Path | None = None) -> None:
         self.name = name
-        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  # until close()
-        self._process = subprocess.Popen(
-            [python or sys.executable, "-P", SCRIPT, name, map_source],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            text=True,
-            env=_environment(bare=python is not None),
-        )
-        try:
-            found = self._answer("")
-        except BaseException:
-            self.close()
-            raise
-        self.version: str = found["version"]
-        self.tasks: list[dict[str, Any]] = found["tasks"]  # peer_worker.Task
+        self._command = [python or sys.executable, "-P", SCRIPT, name, map_source]
+        self._environment = _environment(bare=python is not None)
+        facts = self._run()
+        self.version: str = facts["version"]
+        self.tasks: list[dict[str, Any]] = facts["tasks"]  # peer_worker.Task
 
     def title(self, task: int) -> str:
         return f"{self.name} {self.version} {self.tasks[task]['name']}"
@@ -116,34 +102,18 @@ class Worker:
                     yield number, size, threads
 
     def turn(self, task: int, size: int, threads: int, seconds: float) -> Turn:
-        return self._answer(json.dumps([task, size, threads, seconds]) + "\n")
+        return self._run(task, size, threads, seconds)
 
-    def close(self) -> None:
-        self._process.kill()
-        self._process.communicate()
-        self._log.close()
-
-    def _answer(self, request: str) -> dict[str, Any]:
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        clock = threading.Timer(LIMIT_S, process.kill)
-        clock.start()
-        line = ""
+    def _run(self, *case: float) -> dict[str, Any]:
+        command, env = [*self._command, json.dumps(case)], self._environment
         try:
-            with suppress(BrokenPipeError):
-                process.stdin.write(request)
-                process.stdin.flush()
-                line = process.stdout.readline()
-        finally:
-            clock.cancel()
-        if line:
-            answer: dict[str, Any] = json.loads(line)
+            done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            answer = {"error": f"no answer within {LIMIT_S:g} s"}
         else:
-            status = process.wait()
-            self._log.seek(0)
-            last = [line for line in self._log.read().splitlines() if line.strip()][-1:]
-            answer = {"error": ": ".join([f"ended with status {status}", *last])}
+            last = [line for line in done.stderr.splitlines() if line.strip()][-1:]
+            error = {"error": ": ".join([f"ended with status {done.returncode}", *last])}
+            answer = json.loads(done.stdout) if done.stdout else error
         if "error" not in answer:
             return answer
         raise ValueError(f"our own environment: {answer['error']}") if self.name == OURS else PeerError(answer["error"])
@@ -159,37 +129,36 @@ def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, 
     rows: list[dict[str, Any]] = []
     failed = {}
     turns_of_ours: dict[int, list[Turn]] = {}
-    with closing(Worker(OURS, map_source)) as own:
+    own = Worker(OURS, map_source)
+    steps = {own.title(0): own.tasks[0]}
 
-        def own_turn(size: int) -> Turn:
-            return own.turn(0, size, 1, seconds / rounds)
+    def own_turn(size: int) -> Turn:
+        return own.turn(0, size, 1, seconds / rounds)
 
-        steps = {own.title(0): own.tasks[0]}
-        for name in names:
-            try:
-                with closing(Worker(name, map_source, python_of(name, venvs) if venvs else None)) as peer:
-                    for task, size, threads in peer.cases():
-                        steps[peer.title(task)] = peer.tasks[task]
-                        print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
-                        peer_turn = partial(peer.turn, task, size, threads, seconds / rounds)
-                        pairs = turns(rounds, partial(own_turn, size), peer_turn)
-                        turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
-                        rates = [turn["decisions_per_s"] / ours["decisions_per_s"] for ours, turn in pairs]
-                        ratio, *around = median_and_range(rates)
-                        simulated = peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]
-                        row = _row(peer, task, size, threads, [turn for _, turn in pairs])
-                        rows.append(row | {"ratio": ratio, "ratio_range": around, "simulated_ratio": ratio * simulated})
-            except PeerError as error:
-                failed[name] = str(error)
-        first = [
-            _row(own, task, size, threads, turns_of_ours.get(size) or [own_turn(size) for _ in range(rounds)])
-            for task, size, threads in own.cases()
-        ]
+    for name in names:
+        try:
+            peer = Worker(name, map_source, python_of(name, venvs) if venvs else None)
+            for case in peer.cases():
+                task, size, threads = case
+                steps[peer.title(task)] = peer.tasks[task]
+                print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
+                pairs = turns(rounds, partial(own_turn, size), partial(peer.turn, *case, seconds / rounds))
+                turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
+                rates = [turn["decisions_per_s"] / ours["decisions_per_s"] for ours, turn in pairs]
+                ratio, *around = median_and_range(rates)
+                simulated = peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]
+                ratios = {"ratio": ratio, "ratio_range": around, "simulated_ratio": ratio * simulated}
+                rows.append(_row(peer, case, [turn for _, turn in pairs]) | ratios)
+        except PeerError as error:
+            failed[name] = str(error)
+    sizes = {size: turns_of_ours.get(size) or [own_turn(size) for _ in range(rounds)] for _, size, _ in own.cases()}
+    first = [_row(own, (task, size, threads), sizes[size]) for task, size, threads in own.cases()]
     facts = {"map": map_source, "rounds": rounds, "venvs": venvs is not None, "cores": CORES}
     return {"rows": first + rows, "steps": steps, "failed": failed, **facts}
 
 
-def _row(worker: Worker, task: int, size: int, threads: int, turns: Sequence[Turn]) -> dict[str, Any]:
+def _row(worker: Worker, case: tuple[int, int, int], turns: Sequence[Turn]) -> dict[str, Any]:
+    task, size, threads = case
     rate, cores = (float(np.median([turn[key] for turn in turns])) for key in ("decisions_per_s", "cores"))
     return {
         "library": worker.name,

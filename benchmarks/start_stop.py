@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import ROOT, benchmark, in_checkout
+from benchmarks.harness import ROOT, Option, benchmark, in_checkout
 
 PATIENCE_S = 600.0
 DRIVES_MPS = 0.05
@@ -92,15 +92,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"policy": arguments.policy, "rows": rows}
 
 
-main = benchmark(
-    "start_stop",
-    __doc__,
-    run,
-    "--policy",
-    "--domain-id",
-    ("before", {"nargs": "?", "type": Path, "metavar": "CHECKOUT", "help": "another version to measure beside"}),
-    extra="ros",
-)
+BEFORE: Option = ("before", {"nargs": "?", "type": Path, "metavar": "CHECKOUT", "help": "also measure this version"})
+main = benchmark("start_stop", __doc__, run, "--policy", "--domain-id", BEFORE, extra="ros")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -17,16 +17,15 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from multiprocessing.connection import Connection
+from collections.abc import Iterator, Sequence
+from multiprocessing.synchronize import Event
 from typing import Any
 from unittest import mock
 
 import numpy as np
 import psutil
 
-from benchmarks.harness import benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import benchmark, count
 
 #: Promised of the server, of a core, and of frames, ms.
 SERVER_PERCENT, LATENCY_MS = 30.0, 150.0
@@ -44,7 +43,7 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str) -> dict
     from pacman_env.web.server import WebServer
     from pacman_env.web.simulated import SimulatedGame
 
-    made_s = np.full(MOST_FRAMES, np.nan)  # by number; of one size, as memory is looked at
+    made_s = np.full(MOST_FRAMES, np.nan)  # by number; of one size, as memory is measured
     steps_ms: list[float] = []
     step = PlayedRound.step
 
@@ -76,13 +75,23 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str) -> dict
         time.sleep(WARM_S)
         alone = _during(alone_s, steps_ms)
         _log(f"with {viewers} viewers, for {seconds:g} s")
-        with _watched(server.port, viewers) as results:
+        context = multiprocessing.get_context("spawn")
+        connected, ended, received = context.Event(), context.Event(), context.SimpleQueue()
+        process = context.Process(target=_watch, args=(server.port, viewers, connected, ended, received), daemon=True)
+        process.start()
+        try:
+            if not connected.wait(60.0):
+                raise ValueError("the viewers cannot connect")
             time.sleep(WARM_S)
             began_s = time.monotonic()
             watched = _during(seconds, steps_ms)
             ended_s = time.monotonic()
-            seen = results()
-    ages_ms = [1e3 * (at_s - made_s[number % MOST_FRAMES]) for number, at_s in seen if began_s <= at_s <= ended_s]
+            ended.set()
+            frames = received.get()
+        finally:
+            process.kill()
+            process.join()
+    ages_ms = [1e3 * (at_s - made_s[number % MOST_FRAMES]) for number, at_s in frames if began_s <= at_s <= ended_s]
     if not ages_ms:
         raise ValueError("the viewers received no frame")
     return {
@@ -157,36 +166,13 @@ def _spread(values: Sequence[float]) -> dict[str, float]:
 # The viewers, in a process of their own
 
 
-@contextlib.contextmanager
-def _watched(port: int, viewers: int) -> Iterator[Callable[[], list[tuple[int, float]]]]:
-    """Viewers; the function ends them and returns the frames that they have received: number and time."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_watch, args=(port, viewers, theirs), daemon=True)
-    process.start()
-    try:
-        if not ours.poll(60.0) or ours.recv() != "connected":
-            raise ValueError("the viewers cannot connect")
-
-        def results() -> list[tuple[int, float]]:
-            ours.send("end")
-            return list(ours.recv())
-
-        yield results
-    finally:
-        process.kill()
-        process.join()
-        for end in (ours, theirs):
-            end.close()
-
-
-def _watch(port: int, viewers: int, pipe: Connection) -> None:
+def _watch(port: int, viewers: int, connected: Event, ended: Event, received: Any) -> None:
     threading.Thread(target=_read_nothing, args=(port,), daemon=True).start()
-    pipe.send(asyncio.run(_watch_together(port, viewers - 1, pipe)))
+    received.put(asyncio.run(_watch_together(port, viewers - 1, connected, ended)))
 
 
-async def _watch_together(port: int, viewers: int, pipe: Connection) -> list[tuple[int, float]]:
-    """The frames that all of them receive until the pipe ends it: number and time."""
+async def _watch_together(port: int, viewers: int, connected: Event, ended: Event) -> list[tuple[int, float]]:
+    """Number and time of the frames that all of them receive."""
     from websockets.asyncio.client import ClientConnection, connect
 
     frames: list[tuple[int, float]] = []
@@ -197,14 +183,12 @@ async def _watch_together(port: int, viewers: int, pipe: Connection) -> list[tup
                 frames.append((int(number[1]), time.monotonic()))
 
     async with contextlib.AsyncExitStack() as stack:
-        connecting = (
-            connect(f"ws://127.0.0.1:{port}/ws", compression=None, max_size=None, max_queue=None)
-            for _ in range(viewers)
-        )
-        connections = [await stack.enter_async_context(one) for one in connecting]
-        tasks = [asyncio.create_task(watch(connection)) for connection in connections]
-        pipe.send("connected")
-        await asyncio.to_thread(pipe.recv)
+        tasks = []
+        for _ in range(viewers):
+            client = connect(f"ws://127.0.0.1:{port}/ws", compression=None, max_size=None, max_queue=None)
+            tasks.append(asyncio.create_task(watch(await stack.enter_async_context(client))))
+        connected.set()
+        await asyncio.to_thread(ended.wait)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -252,15 +236,12 @@ def _log(message: str) -> None:
     print(message, file=sys.stderr)
 
 
-main = benchmark(
-    "web_load",
-    __doc__,
-    run,
-    ("--viewers", {"type": whole_number(2), "default": 50, "metavar": "N", "help": "at once (%(default)s)"}),
-    ("--seconds", {"type": whole_number(1), "default": 600, "metavar": "S", "help": "they watch (%(default)s)"}),
+OPTIONS = (
+    count("--viewers", 50, "at once (%(default)s)", least=2),
+    count("--seconds", 600, "they watch (%(default)s)"),
     ("--quick", {"action": "store_true", "help": "a few viewers for a few seconds: does it work at all?"}),
-    extra="web",
 )
+main = benchmark("web_load", __doc__, run, *OPTIONS, extra="web")
 
 if __name__ == "__main__":
     sys.exit(main())
