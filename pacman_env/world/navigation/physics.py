@@ -23,16 +23,12 @@ from pymunk._chipmunk_cffi import ffi, lib
 from ...engine.jit import kernel
 from ...engine.native import call_each, call_step, load, replace, store, store_int
 from .grid import cell_of
+from .localization import record_fields
 
-#: State of a robot's body, in m and m/s after the last step and N for the next one.
 BODY_FIELDS = [
-    ("body_x", np.float64),
-    ("body_y", np.float64),
-    ("body_vx", np.float64),
-    ("body_vy", np.float64),
-    ("force_x", np.float64),
-    ("force_y", np.float64),
-    ("touch", np.int32),  # steps that it still has to be in a space
+    *record_fields(np.float64, "body_x body_y body_vx body_vy"),  # after the last step, m and m/s
+    *record_fields(np.float64, "force_x force_y"),  # for the next one, N
+    *record_fields(np.int32, "touch"),  # steps that the robot still has to be in a space
 ]
 _GIVEN, _TAKEN = 6, 4  # numbers of a body: position, velocity and force; position and velocity
 _HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the table of spaces
