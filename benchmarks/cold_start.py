@@ -5,8 +5,6 @@ is a process of its own. Wall seconds are from the start of the first to the end
 all of them, and show how often the same kernel was compiled.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -5,8 +5,6 @@ simulator, one situation at a time, in one thread, as on a robot. The most memor
 simulator as well. torch is not imported; the figures show that.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -3,8 +3,6 @@
 The native vector environment with and without them, in turns in one run on one core, and the parts of a decision.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

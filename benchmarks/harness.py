@@ -1,7 +1,5 @@
 """What the benchmarks share: their options, turns of alternatives, a process in a checkout, and the JSON file."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

@@ -4,8 +4,6 @@ The same seed is played twice, the second time beside processes that keep the co
 message that a node handles goes into a hash, with its simulated time, its topic and its contents.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import subprocess

@@ -5,8 +5,6 @@ on the processor and memory of every process, and the goal selector's own decisi
 handing the goal to the middleware. The simulated robot stands for base, lidar, AMCL and Nav2, and is counted apart.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

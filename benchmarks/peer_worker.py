@@ -3,8 +3,6 @@
 It runs with the Python of the library's own venv, without this project, and prints JSON: what it can play, or figures.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

@@ -4,8 +4,6 @@ Each library steps in processes of its own, in its own venv if a folder for venv
 turns with it. Versions are pinned; what cannot be installed or played is named with the reason.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

@@ -5,8 +5,6 @@ a new machine, then with the cache that it has left. Watched from outside: the f
 robot's first motion, and the time from Ctrl-C to its end.
 """
 
-from __future__ import annotations
-
 import argparse
 import signal
 import subprocess

@@ -4,8 +4,6 @@ Both run their throughput benchmark in turns, in processes of their own, with th
 the median over the rounds; more than 1 is faster than the other.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -5,8 +5,6 @@ process, at 20 frames a second, one of them reading nothing. Measured are the se
 process's memory, how old the frames are when the viewers have them, and how long the game takes for its ticks.
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import contextlib

@@ -1,7 +1,5 @@
 """One complete configuration: the groups together, the checks between them, and changes by dotted name."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import hashlib
@@ -9,7 +7,7 @@ import json
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from . import sections
 from .validation import AtLeastOne, Checked, ConfigError, Positive, kinds, require
@@ -89,7 +87,7 @@ class Config(Checked):
         """The highest speed that the robot can have in an episode."""
         return max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
 
-    def with_fields(self, **changes: Any) -> Config:
+    def with_fields(self, **changes: Any) -> Self:
         """A copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
 
         Raises:

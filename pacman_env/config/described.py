@@ -1,7 +1,5 @@
 """Every field of the configuration as documents and forms show it: unit, range, comment; read from the source."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import inspect

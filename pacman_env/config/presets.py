@@ -1,7 +1,5 @@
 """Fields by dotted name: two presets of the robot and its surroundings, two executions of Algorithm 4, and text."""
 
-from __future__ import annotations
-
 import typing
 from collections.abc import Iterable, Mapping
 from typing import Any

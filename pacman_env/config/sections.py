@@ -4,8 +4,6 @@
 "Nav2" and "map_server" are the vendors' documents. Nothing here is tuned to make a result.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Annotated, Literal

@@ -3,8 +3,6 @@
 msgspec checks types and ranges; a class checks the rules between its fields. A message has field, value and rule.
 """
 
-from __future__ import annotations
-
 import functools
 import operator
 import re

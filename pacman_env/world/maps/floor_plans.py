@@ -4,8 +4,6 @@
 which starts at pixel (0, 0).
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import math

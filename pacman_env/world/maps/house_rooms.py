@@ -1,7 +1,5 @@
 """The rooms of a generated house as rectangles, and which of them have a door between them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

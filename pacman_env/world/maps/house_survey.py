@@ -1,7 +1,5 @@
 """The survey of a building: shapes to raster, a tour with a lidar, the grey image that SLAM would save."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

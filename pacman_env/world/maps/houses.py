@@ -3,8 +3,6 @@
 Whether a house makes a good game under some configuration is for the caller to judge, who draws another attempt if not.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, field

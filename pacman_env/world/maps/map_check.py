@@ -1,7 +1,5 @@
 """Judging a map, with its pellets, before a game is played on it: areas, connected parts, reachability, warnings."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 OpenCV decodes PNG and BMP; it would not rescale a binary PGM with a maxval other than 255, so PGM is read here.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from pathlib import Path

@@ -4,8 +4,6 @@ One image is read twice: ``occupancy`` is what Nav2's costmap gets, ``grey`` is 
 is free".
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import os
@@ -15,7 +13,7 @@ import struct
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import yaml
@@ -93,7 +91,7 @@ class OccupancyMap:
         *,
         opaque: NDArray[np.bool_] | None = None,
         **settings: Any,
-    ) -> OccupancyMap:
+    ) -> Self:
         """The map that map_server would make of an image; MapError if a value is out of range.
 
         ``pixels`` (H, W) are brightness as the image stores it, row 0 at the top; ``opaque`` (H, W) is False where

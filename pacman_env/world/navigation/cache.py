@@ -3,8 +3,6 @@
 A folder is renamed when it is complete. Nothing is unpickled. A cache that cannot be written is no error.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

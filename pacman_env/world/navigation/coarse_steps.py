@@ -4,8 +4,6 @@ A byte per goal, the goals of a cell side by side, the cells of a tile of 8 by 8
 cells that follow one another, share cache lines.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ Roll-outs over (v, omega) within the base's limits, scored on progress along the
 Clyde. Kernels work on one game's record ``g``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Of a picture's pixels: how far away others are, which are nearest, which belong together."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

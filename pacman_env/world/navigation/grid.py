@@ -4,8 +4,6 @@ Cells are numbered row by row with row 0 at the *bottom*, so that y grows with t
 game's rule (grey above 250 is free), whatever the costmap's thresholds are.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Only what the map holds is seen: no ray ends at anything that moves.
 """
 
-from __future__ import annotations
-
 import math
 from statistics import NormalDist
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ At a filter update the error is drawn anew; between updates the robot's odometry
 the true pose with the error of the last update, while the latched message keeps the pose of that instant.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ Accepts goals, pre-empts, cancels, watches progress and ends them with the resul
 work on one game's record ``g``; the fields of navigator, ``planner`` and ``controller`` are ``NAVIGATOR_FIELDS``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...engine.jit import kernel

@@ -4,8 +4,6 @@ Dijkstra over the inflated costmap with NavFn's cell weights, 16 directions (ste
 knight's moves, so that a length is at most 2.7 % above the straight line).
 """
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -7,8 +7,6 @@ Bodies are driven by forces, never by setting velocities: Chipmunk integrates po
 over the solver's result would push a body into the wall it touches.
 """
 
-from __future__ import annotations
-
 import math
 import weakref
 from collections.abc import Callable

@@ -5,8 +5,6 @@ Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and 
 distance to keep, which the planner fills in; 0: it does not count.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
