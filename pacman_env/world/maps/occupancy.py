@@ -22,6 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from pacman_env.files import replaced, shipped
 from pacman_env.world.maps.map_image import ImageError, read_image
 
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Pose = tuple[float, float, float]  # x, y, yaw: m and rad
 MODES = ("trinary", "scale", "raw")
 _YES, _NO = {"y", "yes", "true", "on"}, {"n", "no", "false", "off"}
 #: What PyYAML is known to raise on broken input beside its own error.
@@ -34,30 +37,17 @@ class MapError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class OccupancyMap:
-    """One map; arrays are (H, W) with row 0 at the top, read-only.
-
-    Attributes:
-        name: name of the map.
-        grey: brightness 0..255, colour turned to grey by luma. A negated map (dark is free) is inverted, so
-            that bright always means free; a pixel that is not opaque is 0: unknown is never free to the game.
-        occupancy: 0..100 or -1 (unknown), the cells of Nav2 Jazzy's map_server (map_io, 1.3.8 and later).
-        resolution: edge of a cell, m.
-        origin: pose (x, y, yaw) of the lower left corner of the image in the map frame, m and rad.
-        occupied_thresh: at least this dark is occupied, 0..1.
-        free_thresh: at most this dark is free, 0..1; wins over ``occupied_thresh``.
-        negate: the image's dark pixels are free.
-        mode: "trinary", "scale" or "raw".
-    """
+    """One map; arrays are (H, W) with row 0 at the top, read-only."""
 
     name: str
-    grey: NDArray[np.uint8]
-    occupancy: NDArray[np.int8]
-    resolution: float
-    origin: tuple[float, float, float]
-    occupied_thresh: float = 0.65
-    free_thresh: float = 0.196
-    negate: bool = False
-    mode: str = "trinary"
+    grey: Grey  #: 0..255 by luma, inverted if ``negate``: bright is free; 0 where it is not opaque
+    occupancy: NDArray[np.int8]  #: 0..100, -1 (unknown): cells of Nav2 Jazzy's map_server (map_io, 1.3.8 and later)
+    resolution: float  #: edge of a cell, m
+    origin: Pose  #: x, y, yaw of the image's lower left corner in the map frame, m and rad
+    occupied_thresh: float = 0.65  #: at least this dark is occupied, 0..1
+    free_thresh: float = 0.196  #: at most this dark is free, 0..1; wins over ``occupied_thresh``
+    negate: bool = False  #: the image's dark pixels are free
+    mode: str = "trinary"  #: "trinary", "scale" or "raw"
 
     def __post_init__(self) -> None:
         grey, occupancy = np.array(self.grey, dtype=np.uint8), np.array(self.occupancy, dtype=np.int8)
@@ -83,14 +73,7 @@ class OccupancyMap:
 
     @classmethod
     def from_pixels(
-        cls,
-        name: str,
-        pixels: NDArray[np.uint8],
-        resolution: float,
-        origin: tuple[float, float, float],
-        *,
-        opaque: NDArray[np.bool_] | None = None,
-        **settings: Any,
+        cls, name: str, pixels: Grey, resolution: float, origin: Pose, *, opaque: Mask | None = None, **settings: Any
     ) -> Self:
         """The map that map_server would make of an image; MapError if a value is out of range.
 
@@ -136,11 +119,10 @@ class OccupancyMap:
     def hash(self) -> str:
         """SHA-256 (hex) of grey, occupancy, resolution and origin: the key of what is computed from a map."""
         digest = hashlib.sha256(struct.pack("<2q4d", *self.grey.shape, self.resolution, *self.origin))
-        digest.update(self.grey.tobytes())
-        digest.update(self.occupancy.tobytes())
+        digest.update(self.grey.tobytes() + self.occupancy.tobytes())
         return digest.hexdigest()
 
-    def game_free(self, free_grey: int = 250) -> NDArray[np.bool_]:
+    def game_free(self, free_grey: int = 250) -> Mask:
         """(H, W) free by the game's rule: brighter than ``free_grey``. Nav2's rule is ``occupancy == 0``."""
         return self.grey > free_grey
 
@@ -186,8 +168,7 @@ class OccupancyMap:
             raise MapError(f"{path}: key 'image': {image!r}: unknown cells need alpha, choose a .png")
         alpha = np.where(hidden, 0, 255).astype(np.uint8)
         planes = np.dstack((pixels, pixels, pixels, alpha)) if hidden.any() else pixels
-        keys = {"image": image} | self._settings()
-        keys |= {"origin": list(self.origin), "negate": int(self.negate)}
+        keys = {"image": image} | self._settings() | {"origin": list(self.origin), "negate": int(self.negate)}
         text = yaml.safe_dump(keys, sort_keys=False, default_flow_style=None)
         for file, data in ((path.parent / image, cv2.imencode(suffix, planes)[1].tobytes()), (path, text.encode())):
             with replaced(file) as temporary:
