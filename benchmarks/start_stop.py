@@ -57,10 +57,10 @@ def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) 
                         note("menu")
                     if process.poll() is not None or time.monotonic() - began > PATIENCE_S:
                         raise ValueError(f"the game of {root} does not drive: {' '.join(output[-3:])}")
-                asked = time.monotonic()
+                stopped = time.monotonic()
                 process.send_signal(signal.SIGINT)
                 process.wait(PATIENCE_S)
-                moments["stop"] = time.monotonic() - asked
+                moments["stop"] = time.monotonic() - stopped
             finally:
                 if process.poll() is None:
                     process.kill()

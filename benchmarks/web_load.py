@@ -2,7 +2,7 @@
 
 The simulator plays round after round behind the page's server, first without viewers, then with many of them in another
 process, at 20 frames a second, one of them reading nothing. Measured are the server's time on the processor, the
-process's memory, how old the frames are when the viewers have them, and how long the game takes for its ticks.
+process's memory, how old the frames are when the viewers have them, and how long the game's ticks are.
 """
 
 import argparse
@@ -223,7 +223,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     print(f"the game beside it: {game['with']:.1f} %, without viewers {game['without']:.1f} %")
     print(f"memory of both: {memory['begin']:.1f} MB at the beginning, {memory['end']:.1f} MB at the end; ", end="")
     print(f"without viewers {alone['begin']:.1f} and {alone['end']:.1f} MB")
-    print(f"a frame's way to a viewer: median {ages['p50']:.1f} ms, 99 % within {ages['p99']:.1f} ms ", end="")
+    print(f"from a frame to its viewers: median {ages['p50']:.1f} ms, 99 % within {ages['p99']:.1f} ms ", end="")
     print(f"(promised: {LATENCY_MS:g}), longest {ages['longest']:.1f} ms")
     print("a tick of the game: median {p50:.2f} ms, 99 % within {p99:.2f} ms; ".format(**tick["with"]), end="")
     print("without viewers {p50:.2f} and {p99:.2f} ms".format(**tick["without"]))

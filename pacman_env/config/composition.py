@@ -104,7 +104,7 @@ class Config(Checked):
                 top[name] = value
         for group, fields in groups.items():
             owner = top.get(group, getattr(self, group))
-            if isinstance(owner, Checked):  # else Config says what is wrong
+            if isinstance(owner, Checked):  # else Config reports what is wrong
                 top[group] = dataclasses.replace(owner, **fields)  # type: ignore[type-var]
         return dataclasses.replace(self, **top)
 

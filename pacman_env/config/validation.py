@@ -103,7 +103,7 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
         kind = kinds(kind).get(key) if key else kind
     name = name.lstrip(".")
     for key, one in value.items() if in_dict else ():
-        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not say under which key
+        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not name the key
     if field := re.match("Object (missing required|contains unknown) field `(.*)`", rule):
         inner = f"{name}.{field[2]}".lstrip(".")
         return f"{inner} is missing" if "missing" in field[1] else f"{inner} = {value[field[2]]!r:.600}: no such field"

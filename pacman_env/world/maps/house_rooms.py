@@ -51,7 +51,7 @@ class Floor(NamedTuple):
 
 
 class Wall(NamedTuple):
-    """The stretch that rooms a < b share: x = at and y from low to high if upright, else the other way round."""
+    """The stretch that rooms a < b share: x = at and y from low to high if upright, else x and y exchanged."""
 
     a: int
     b: int
@@ -72,9 +72,9 @@ def lay_out(dice: Dice, turn: float, loops: int, wall: float, door: float) -> tu
     """
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
     while True:
-        ground, aspect = dice.between(*OUTLINE_M2), dice.between(1.05, 1.7)
-        width = min(max(math.sqrt(ground * aspect), _LENGTH_M[0]), _LENGTH_M[1])
-        depth = min(max(ground / width, _DEPTH_M[0]), _DEPTH_M[1])
+        floor_m2, aspect = dice.between(*OUTLINE_M2), dice.between(1.05, 1.7)
+        width = min(max(math.sqrt(floor_m2 * aspect), _LENGTH_M[0]), _LENGTH_M[1])
+        depth = min(max(floor_m2 / width, _DEPTH_M[0]), _DEPTH_M[1])
         scale = min(1.0, _SPAN_M / max(width * cos + depth * sin, width * sin + depth * cos))
         layout = (_corridor, _corridor, _open_plan, _open_plan, _ell, _ring, _plain)[dice.below(7)]
         floor = layout(dice, width * scale, depth * scale)

@@ -1,6 +1,6 @@
 """Endless houses, drawn from the number of a level: their walls, doors, glass and furniture.
 
-Whether a house makes a good game under some configuration is for the caller to judge, who draws another attempt if not.
+The caller judges whether a house makes a good game under some configuration, and draws another attempt if not.
 """
 
 import itertools
@@ -97,7 +97,7 @@ class House:
         self.dice = Dice(_SEED, level, attempt)
         self.turn = math.radians(_turn_degrees(self.dice))
         self.wall = self.dice.between(*_WALL_M)
-        # The free square of 0.55 m around a ghost's cell, turned, and what noise takes.
+        # The free square of 0.55 m around a ghost's cell, turned, and a margin for noise.
         self.passage = 0.55 * (abs(math.cos(self.turn)) + abs(math.sin(self.turn))) + 0.2
         self.floor, self.doors = lay_out(self.dice, self.turn, loops, self.wall, self.passage)
         half, rooms = self.wall / 2, self.floor.rooms

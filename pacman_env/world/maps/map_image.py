@@ -18,7 +18,7 @@ _PGM_HEADER = re.compile(rb"P([25])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9}
 
 
 class ImageError(ValueError):
-    """An image cannot be read; the message says why, the caller knows which."""
+    """An image cannot be read; the message has the reason, not the path."""
 
 
 def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:

@@ -208,7 +208,7 @@ def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
 
 
 def map_name(path: Path) -> str:
-    """The name of a map file: a file named just "map.yaml" takes its folder's name, which is clearer."""
+    """The name of a map file: a file named just "map.yaml" has its folder's name, which is clearer."""
     return path.resolve().parent.name if path.stem == "map" else path.stem
 
 

@@ -80,7 +80,7 @@ def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped
 
 @kernel
 def limit(v, w, p):  # type: ignore[no-untyped-def]
-    """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving gives way."""
+    """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving is slowed."""
     most = min(p.omega_max, p.wheel_max / p.half_base)
     w = min(max(w, -most), most)
     spare = p.wheel_max - abs(w) * p.half_base
@@ -133,7 +133,7 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
     if _clear(pose, v, w, around, p, affine, clearance) >= 0.0:
         g.nav_clear_step = g.step
         return True, v, w
-    # The direct arc is not admissible: sample the window and take the best progress at the highest speed that has any.
+    # The direct arc is not admissible: sample the window for the best progress at the highest speed that has any.
     best_score = 1e9
     ok, best_v, best_w = False, 0.0, 0.0
     for k in range(4, 0, -1):

@@ -172,7 +172,7 @@ def _home_cell(
 ) -> tuple[int, int]:
     """The wished cell if the robot can stand there, else the roomiest one of the largest part.
 
-    Unless ``any_part``, the wished cell must lie in a part worth playing in: a quarter of the largest or more.
+    Unless ``any_part``, the wished cell must lie in a part large enough for a game: a quarter of the largest or more.
     """
     column, row = wished
     rows, columns = labels.shape

@@ -18,7 +18,7 @@ NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalSt
 NAVIGATOR_FIELDS = [
     *record_fields(np.float64, "x y heading heading_cos heading_sin"),  # true pose: m, m, rad
     *record_fields(np.float64, "vx vy omega left right"),  # m/s, m/s, rad/s; of the wheels, m/s
-    *record_fields(np.float64, "speed_limit"),  # m/s, forward speed asked for
+    *record_fields(np.float64, "speed_limit"),  # m/s, commanded forward speed
     *record_fields(np.int32, "nav_state nav_goal"),  # the goal driven to, -1: none
     *record_fields(np.int32, "nav_next nav_next_step"),  # goal accepted, from when on it may be driven to; -1: none
     *record_fields(np.int32, "nav_next_aborts"),  # the accepted goal will be aborted at once

@@ -24,7 +24,7 @@ STEPS16 = np.concatenate([_HALF_TURN, -_HALF_TURN])
 _START = 16  # in place of a direction: the path begins at this cell
 _SETTLED = 32  # added to a cell's direction once its cost is final
 _PAD = 2  # no step leads further
-#: By the direction come by, the steps worth trying on open floor, in rising order.
+#: By the direction come by, the steps that can be the best on open floor, in rising order.
 _ONWARDS = np.sort((np.arange(16)[:, None] + (-1, 0, 1)) % 16, axis=1)
 _EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside what a detour costs
 _BATCH = 32  # cells whose steps are tried together

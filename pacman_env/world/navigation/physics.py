@@ -93,7 +93,7 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
 def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
     """A step of a robot's body under its force; False, and nothing done, if there is no space for it.
 
-    Robot ``i`` takes one that is free when it comes near a wall, and leaves it when the contact is forgotten.
+    Robot ``i`` enters a free one when it comes near a wall, and leaves it when the contact is forgotten.
     ``clear`` (H, W) are the cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
     """
     rows, columns = clear.shape
@@ -129,7 +129,7 @@ def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
-    """Take a free space with the walls of a level; False: there is none."""
+    """Enter a free space with the walls of a level; False: there is none."""
     _, _, _, _, owners, levels, space_of = spaces
     count = len(levels)
     for j in range(count):

@@ -17,7 +17,7 @@ from .grid import cell_of
 from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 
 PATH_POINTS = 64
-_PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one and the look-ahead
+_PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one, and control's distance ahead
 _ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
 _DETOUR_AHEAD_CM = 200  # a ghost is gone from places farther along the path when the robot gets there
 _SEARCH_M2 = 20.0  # a detour for which more area must be searched is no path
@@ -27,7 +27,7 @@ _GREED = 2  # weight of the estimate in the search for a detour: fewer cells, a 
 
 
 class Fields(NamedTuple):
-    """What the planner knows of a map with K drivable cells and M goals."""
+    """What the planner has of a map with K drivable cells and M goals."""
 
     affine: Any  # (6,) world to cell
     snap: Any  # (H, W) number of the nearest drivable cell
