@@ -5,20 +5,16 @@ is a process of its own. Wall seconds are from the start of the first to the end
 all of them, and show how often the same kernel was compiled.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import ROOT, benchmark_parser, in_checkout, run_benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import ROOT, Option, benchmark, count, in_checkout
 
 STEPS = 20
 
@@ -38,17 +34,7 @@ def play(env_id: str, map_source: str) -> None:
 
 
 def seconds(workers: int, cache: Path, env_id: str, map_source: str) -> tuple[float, float]:
-    """Wall seconds until the last of the workers has played, and CPU seconds of all of them.
-
-    Args:
-        workers: how many start together.
-        cache: their folder for compiled kernels and prepared maps.
-        env_id: of the environment that each makes.
-        map_source: a YAML file or the name of a map.
-
-    Raises:
-        ValueError: a worker failed; its error is on stderr.
-    """
+    """Wall seconds until the last of the workers has played, and CPU seconds of all; ValueError if one cannot."""
     code = f"from benchmarks.cold_start import play; play({env_id!r}, {map_source!r})"
     command = in_checkout(ROOT, "-c", code, PACMAN_ENV_CACHE=str(cache))
     began, before = time.monotonic(), os.times()
@@ -76,12 +62,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"env": arguments.env, "rows": rows}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("cold_start", __doc__)
-    parser.add_argument("--workers", type=whole_number(1), default=4, metavar="N", help="beside one (%(default)s)")
-    parser.add_argument("--env", default="pacman_env/PacManBotFlat-v0", metavar="ID", help="with goals (%(default)s)")
-    return run_benchmark(parser, argv, run)
-
+ENV: Option = ("--env", {"default": "pacman_env/PacManBotFlat-v0", "metavar": "ID", "help": "with goals (%(default)s)"})
+main = benchmark("cold_start", __doc__, run, count("--workers", 4, "beside one (%(default)s)"), ENV)
 
 if __name__ == "__main__":
     sys.exit(main())

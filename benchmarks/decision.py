@@ -5,19 +5,15 @@ simulator, one situation at a time, in one thread, as on a robot. The most memor
 simulator as well. torch is not imported; the figures show that.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import benchmark_parser, run_benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import Option, benchmark, count
 from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.base import Policy
@@ -59,48 +55,34 @@ def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisio
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Time the decisions and print the figures.
-
-    Raises:
-        ValueError: no such policy, or a map or setting that cannot be played with.
-    """
     config = make_config("robot", **parse_settings(arguments.set))
     policy = make_policy(arguments.policy)
     assets = map_assets(arguments.map, config)
     times = decision_times_ms(policy, assets, config, arguments.decisions, arguments.seed)
     p50, p99 = np.percentile(times, [50, 99]).tolist()
-    name, candidates, memory, torch = (
-        assets.occupancy.name,
-        len(assets.goal_xy) + 1,
-        peak_memory_mb(),
-        "torch" in sys.modules,
-    )
-    print(f"{policy.name} on {name}: {assets.pellets} pellets, {candidates} candidates")
-    print(
-        f"  one decision: median {p50:.3f} ms, 99 % within {p99:.3f} ms, longest of {len(times)}: {max(times):.3f} ms"
-    )
-    print(f"  memory, simulator included: {memory:.0f} MB at most; torch {'' if torch else 'not '}imported")
-    return {
+    figures = {
         "policy": policy.name,
-        "map": name,
+        "map": assets.occupancy.name,
         "map_hash": assets.occupancy.hash,
         "pellets": assets.pellets,
-        "candidates": candidates,
+        "candidates": len(assets.goal_xy) + 1,
         "decisions": len(times),
         "p50_ms": p50,
         "p99_ms": p99,
         "longest_ms": max(times),
-        "peak_memory_mb": memory,
-        "torch_imported": torch,
+        "peak_memory_mb": peak_memory_mb(),
+        "torch_imported": "torch" in sys.modules,
     }
+    print("{policy} on {map}: {pellets} pellets, {candidates} candidates".format(**figures))
+    print(f"  one decision: median {p50:.3f} ms, 99 % within {p99:.3f} ms, ", end="")
+    print("longest of {decisions}: {longest_ms:.3f} ms".format(**figures))
+    torch = "" if figures["torch_imported"] else "not "
+    print(f"  memory, simulator included: {figures['peak_memory_mb']:.0f} MB at most; torch {torch}imported")
+    return figures
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("decision", __doc__, "--policy", "--seed")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration")
-    parser.add_argument("--decisions", type=whole_number(1), default=2000, metavar="N")
-    return run_benchmark(parser, argv, run)
-
+SET: Option = ("--set", {"action": "append", "default": [], "metavar": "NAME=VALUE", "help": "a configuration's field"})
+main = benchmark("decision", __doc__, run, "--policy", "--seed", SET, count("--decisions", 2000))
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,19 +3,17 @@
 The native vector environment with and without them, in turns in one run on one core, and the parts of a decision.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
+from timeit import timeit
 from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import benchmark_parser, run_benchmark, turns
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import benchmark, count, turns
 from pacman_env.engine.jit import kernel
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.evaluation.benchmark import make_vector
@@ -31,23 +29,20 @@ _SCORER = ScorerParameters()
 
 def _rate(env: PacManBotVectorEnv, rng: np.random.Generator, steps: int) -> float:
     """Decisions per second with random allowed goals, each held for a while."""
-    spent = 0.0
-    for _ in range(max(steps // HELD, 1)):
+    spent, choices_made = 0.0, max(steps // HELD, 1)
+    for _ in range(choices_made):
         masks = env.action_masks()
         choices = (rng.random(masks.shape) * masks).argmax(axis=1)
         began = time.perf_counter()
         for _ in range(HELD):
             env.step(choices)
         spent += time.perf_counter() - began
-    return env.num_envs * HELD * max(steps // HELD, 1) / spent
+    return env.num_envs * HELD * choices_made / spent
 
 
 def _microseconds(call: Callable[[], object], games: int, repeats: int) -> float:
     call()
-    began = time.perf_counter()
-    for _ in range(repeats):
-        call()
-    return 1e6 * (time.perf_counter() - began) / repeats / games
+    return 1e6 * timeit(call, number=repeats) / repeats / games
 
 
 @kernel
@@ -56,10 +51,9 @@ def _score_all(robot, clyde, position, p, terms):  # type: ignore[no-untyped-def
         score_situation(robot[i], clyde[i], position[i], True, False, p, terms)
 
 
-def parts(situation: Situation, speed_mps: float, repeats: int) -> dict[str, float]:
+def parts(s: Situation, speed_mps: float, repeats: int) -> dict[str, float]:
     """Microseconds per decision of each part of the features, for the situations of a batch."""
-    n = len(situation)
-    s, terms = situation, np.empty((situation.mask.shape[1], 6))
+    n, terms = len(s), np.empty((s.mask.shape[1], 6))
     whole = _microseconds(lambda: planner_features(s, speed_mps), n, repeats)
     encounter = _microseconds(lambda: encounters(s, speed_mps), n, repeats)
     scorer = _microseconds(lambda: _score_all(s.robot, s.clyde, s.position, _SCORER, terms), n, repeats)
@@ -72,7 +66,6 @@ def parts(situation: Situation, speed_mps: float, repeats: int) -> dict[str, flo
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure the environments in turns and the parts, and print the figures."""
     levels = {"num_levels": arguments.games} if arguments.map.startswith("generated") else {}
     envs = [make_vector(arguments.games, arguments.map, observation=kinds, **levels) for kinds in KINDS]
     rng = np.random.default_rng(arguments.seed)
@@ -91,12 +84,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"games": arguments.games, "decisions_per_s": by_kind, "us_per_decision": costs}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("feature_cost", __doc__, "--rounds", "--seed")
-    parser.add_argument("--games", type=whole_number(1), default=64)
-    parser.add_argument("--steps", type=whole_number(1), default=600, help="decisions of each game per turn")
-    return run_benchmark(parser, argv, run)
-
+STEPS = count("--steps", 600, "decisions of each game per turn")
+main = benchmark("feature_cost", __doc__, run, "--rounds", "--seed", count("--games", 64), STEPS)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,7 +1,5 @@
 """What the benchmarks share: their options, turns of alternatives, a process in a checkout, and the JSON file."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform
@@ -17,6 +15,7 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.files import prepare, write_json
 
 T = TypeVar("T")
+Option = str | tuple[str, dict[str, Any]]  # a name in OPTIONS, or a name and what argparse needs
 ROOT = Path(__file__).resolve().parents[1]
 CORES = len(os.sched_getaffinity(0))
 #: Options that several benchmarks have.
@@ -30,33 +29,27 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
-def benchmark_parser(name: str, description: str | None, *options: str) -> Parser:
-    """The parser of ``python -m benchmarks.NAME`` with ``--map``, ``--json`` and the named ones of ``OPTIONS``."""
-    parser = Parser(prog=f"python -m benchmarks.{name}", description=description)
-    for option in ("--map", *options, "--json"):
-        parser.add_argument(option, **OPTIONS[option])
-    return parser
+def count(flag: str, default: int, meaning: str = "(%(default)s)", least: int = 1) -> Option:
+    return flag, {"type": whole_number(least), "default": default, "metavar": "N", "help": meaning}
 
 
-def run_benchmark(
-    parser: argparse.ArgumentParser,
-    argv: Sequence[str] | None,
+def benchmark(
+    name: str,
+    description: str | None,
     measure: Callable[[argparse.Namespace], dict[str, Any]],
+    *options: Option,
     extra: str = "eval",
     failed: Callable[[dict[str, Any]], bool] = lambda figures: False,
-) -> int:
-    """Measure, and write the figures with version, map, seed and machine where ``--json`` names a file.
+) -> Callable[..., int]:
+    """The ``main(argv)`` of ``python -m benchmarks.NAME``, with ``--map``, ``--json`` and the given options.
 
-    Args:
-        parser: of :func:`benchmark_parser`.
-        argv: arguments; None: those of the process.
-        measure: prints the figures and returns them.
-        extra: of the package, whose libraries are needed.
-        failed: whether figures are a failure, for the exit status.
-
-    Returns:
-        The exit status: 0, 1 for figures that are a failure, 2 after one line on stderr.
+    ``measure`` prints figures and returns them; ``--json`` writes them with version, map, seed and machine. ``extra``
+    of the package has the libraries that it needs; the exit status is 1 where the figures are a failure.
     """
+    parser = Parser(prog=f"python -m benchmarks.{name}", description=description)
+    for option in ("--map", *options, "--json"):
+        flag, keywords = (option, OPTIONS[option]) if isinstance(option, str) else option
+        parser.add_argument(flag, **keywords)
 
     def work(arguments: argparse.Namespace) -> int:
         if arguments.json:
@@ -64,14 +57,13 @@ def run_benchmark(
         figures = measure(arguments)
         if arguments.json:
             facts = {"version": __version__, "map": arguments.map, "seed": getattr(arguments, "seed", None)}
-            write_json(arguments.json, {**facts, "machine": machine(), **figures})
+            write_json(arguments.json, {**facts, "machine": _machine(), **figures})
         return int(failed(figures))
 
-    return run_command(parser, argv, work, extra)
+    return lambda argv=None: run_command(parser, argv, work, extra)
 
 
-def machine() -> dict[str, Any]:
-    """Python's version, the processor's name and the number of cores that this process may use."""
+def _machine() -> dict[str, Any]:
     processor = platform.processor() or platform.machine()
     return {"python": platform.python_version(), "processor": processor, "cores": CORES}
 
@@ -86,12 +78,6 @@ def median_and_range(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 def in_checkout(root: Path, *arguments: str, **variables: str) -> dict[str, Any]:
-    """What ``subprocess.run`` and ``Popen`` need to run this Python on the code of a checkout.
-
-    Args:
-        root: folder of the checkout.
-        arguments: of Python.
-        variables: of the environment, beside those of this process.
-    """
+    """What ``subprocess`` needs to run this Python on the code of a checkout, with environment ``variables``."""
     environment = {**os.environ, "PYTHONPATH": str(root), **variables}
     return {"args": [sys.executable, *arguments], "cwd": root, "env": environment, "text": True}

@@ -4,8 +4,6 @@ The same seed is played twice, the second time beside processes that keep the co
 message that a node handles goes into a hash, with its simulated time, its topic and its contents.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import subprocess
@@ -13,45 +11,27 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from benchmarks.harness import CORES, benchmark_parser, run_benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import CORES, benchmark, count
 
 LIMIT_S = 3600.0  # of simulated time, for a game
 
 
-@dataclass(frozen=True)
-class Game:
-    """One game, from its start to the menu.
+class Game(NamedTuple):
+    """One game, from its start to the menu."""
 
-    Attributes:
-        result: of the referee.
-        simulated_s: its length.
-        real_s: how long it took.
-        core_s: time on the processor.
-        messages: that nodes have handled, from the first game on.
-        hash: over these.
-    """
-
-    result: str
+    result: str  # of the referee
     simulated_s: float
     real_s: float
-    core_s: float
-    messages: int
-    hash: str
+    core_s: float  # time on the processor
+    messages: int  # that nodes have handled, from the first game on
+    hash: str  # over these
 
 
 def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
-    """Games in a row, by the same nodes.
-
-    Raises:
-        ValueError: a map or policy that cannot be played.
-        RuntimeError: a node failed, or a game has no end.
-        ModuleNotFoundError: rclpy is absent.
-    """
+    """Games in a row, by the same nodes; RuntimeError if a node failed, or a game has no end."""
     from pacman_env.ros import topics
     from pacman_env.ros.discovery import stay_on_this_machine
     from pacman_env.ros.lock_step.game import LockStepGame
@@ -125,17 +105,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     print(f"\nthe same seed: {'equal' if same else 'DIFFERENT'}; seed {arguments.seed + 1}: ", end="")
     print("another game" if differs else "THE SAME GAME")
     series = {"idle": first, "busy": again, "other": other}
-    games = {name: [asdict(g) for g in games] for name, games in series.items()}
+    games = {name: [g._asdict() for g in games] for name, games in series.items()}
     return {"policy": arguments.policy, "reproducible": same and differs, **games}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Play; the exit status: 1 where a seed does not decide the games."""
-    parser = benchmark_parser("lock_step", __doc__, "--policy", "--seed")
-    parser.add_argument("--games", type=whole_number(1), default=10, metavar="N")
-    parser.add_argument("--busy", type=whole_number(0), default=CORES, metavar="N", help="cores, the 2nd time")
-    return run_benchmark(parser, argv, run, "ros", failed=lambda figures: not figures["reproducible"])
-
+OPTIONS = "--policy", "--seed", count("--games", 10), count("--busy", CORES, "cores, the 2nd time", least=0)
+main = benchmark("lock_step", __doc__, run, *OPTIONS, extra="ros", failed=lambda figures: not figures["reproducible"])
 
 if __name__ == "__main__":
     sys.exit(main())

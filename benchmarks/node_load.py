@@ -5,22 +5,18 @@ on the processor and memory of every process, and the goal selector's own decisi
 handing the goal to the middleware. The simulated robot stands for base, lidar, AMCL and Nav2, and is counted apart.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import psutil
 
-from benchmarks.harness import benchmark_parser, run_benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import benchmark, count
 from pacman_env.world.maps.occupancy import load_map
 
 PATIENCE_S = 300.0  # the first start compiles
@@ -29,21 +25,8 @@ SELECTOR_CPU_PERCENT, SELECTOR_MB, DECISION_MS, SYSTEM_CPU_PERCENT, LIGHT_MB = 5
 LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", "game_controller")
 
 
-def measure(map_source: str, policy: str, seconds: float, domain: int, log: Callable[[str], None]) -> dict[str, Any]:
-    """All figures of ``seconds`` of running rounds.
-
-    Args:
-        map_source: a YAML file or the name of a shipped map.
-        policy: a name of the registry, or an .onnx file.
-        seconds: how long the processes are watched.
-        domain: ROS_DOMAIN_ID.
-        log: prints the progress.
-
-    Raises:
-        ValueError: a map or policy that cannot be played.
-        RuntimeError: a game that does not come to run.
-        ModuleNotFoundError: rclpy is absent.
-    """
+def measure(map_source: str, policy: str, seconds: float, domain: int) -> dict[str, Any]:
+    """All figures of ``seconds`` of running rounds; RuntimeError for a game that does not come to run."""
     from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup
     from pacman_env.ros.supervisor.processes import ProcessGroup
     from pacman_env.ros.supervisor.status_line import StatusLine
@@ -56,7 +39,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, log: Call
     status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
     names = (SIMULATOR, *GAME, SELECTOR)
     with tempfile.TemporaryDirectory() as logs:
-        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), log)
+        processes = ProcessGroup(setup.command, Path(logs), dict(os.environ), _log)
 
         def wait(condition: Callable[[], Any], what: str) -> None:
             end = time.monotonic() + PATIENCE_S
@@ -73,7 +56,7 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, log: Call
             wait(lambda: status_line.ready and status_line.call(START_GAME), "the referee")
             wait(lambda: status_line.state == "running", "the round")
             wait(lambda: status_line.condition.get("decisions", {}).get("count"), "a decision")
-            log(f"running, watched for {seconds:g} s")
+            _log(f"running, watched for {seconds:g} s")
             found = {name: psutil.Process(number) for name, number in processes.ids().items()}
             before = {name: found[name].cpu_times() for name in names}
             began = time.monotonic()
@@ -100,37 +83,29 @@ def measure(map_source: str, policy: str, seconds: float, domain: int, log: Call
     }
 
 
-def report(figures: dict[str, Any]) -> str:
-    """The figures as a table, with what is promised."""
-    lines = [f"{'node':<20}  cpu % of a core  memory MB"]
-    for name, node in figures["nodes"].items():
-        lines.append(f"{name:<20}  {node['cpu_percent']:15.1f}  {node['memory_mb']:9.0f}")
-    decisions = figures["decisions"]
-    lines += [
-        f"{'all but sim_robot':<20}  {figures['system_cpu_percent']:15.1f}  (promised: below {SYSTEM_CPU_PERCENT:g})",
-        f"{', '.join(LIGHT_NODES)}: promised are at most {LIGHT_MB:g} MB each",
-        f"goal_selector: promised are less than {SELECTOR_CPU_PERCENT:g} % and {SELECTOR_MB:g} MB",
-    ]
-    if decisions.get("count"):
-        lines.append(
-            f"from pose to goal sent: median {decisions['median_ms']:.1f} ms, 99 % within {decisions['p99_ms']:.1f} ms"
-            f" (promised: {DECISION_MS:g}), longest of {decisions['count']}: {decisions['longest_ms']:.1f} ms"
-        )
-    return "\n".join(lines)
-
-
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    log = partial(print, file=sys.stderr)
-    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id, log)
-    print(report(figures))
+    """Measure, and print a table with what is promised."""
+    figures = measure(arguments.map, arguments.policy, arguments.seconds, arguments.domain_id)
+    print(f"{'node':<20}  cpu % of a core  memory MB")
+    for name, node in figures["nodes"].items():
+        print(f"{name:<20}  {node['cpu_percent']:15.1f}  {node['memory_mb']:9.0f}")
+    all_percent = figures["system_cpu_percent"]
+    print(f"{'all but sim_robot':<20}  {all_percent:15.1f}  (promised: below {SYSTEM_CPU_PERCENT:g})")
+    print(f"{', '.join(LIGHT_NODES)}: promised are at most {LIGHT_MB:g} MB each")
+    print(f"goal_selector: promised are less than {SELECTOR_CPU_PERCENT:g} % and {SELECTOR_MB:g} MB")
+    if (decisions := figures["decisions"]).get("count"):
+        print(
+            "from pose to goal sent: median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms".format(**decisions), end=""
+        )
+        print(f" (promised: {DECISION_MS:g}), longest of {decisions['count']}: {decisions['longest_ms']:.1f} ms")
     return figures
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("node_load", __doc__, "--policy", "--domain-id")
-    parser.add_argument("--seconds", type=whole_number(1), default=60, metavar="S")
-    return run_benchmark(parser, argv, run, "ros")
+def _log(message: str) -> None:
+    print(message, file=sys.stderr)
 
+
+main = benchmark("node_load", __doc__, run, "--policy", "--domain-id", count("--seconds", 60), extra="ros")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,11 +1,7 @@
 """Steps random actions in one library's environments and times them; :mod:`.peers` runs it as a script.
 
-It runs with the Python of the library's own venv, where this project is not installed: it imports the standard library
-and numpy, and the function of each library that library. It first prints what it can play, then answers each line
-of standard input, all in JSON, one line each.
+It runs with the Python of the library's own venv, without this project, and prints JSON: what it can play, or figures.
 """
-
-from __future__ import annotations
 
 import itertools
 import json
@@ -13,6 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import metadata
 from typing import Any, NamedTuple
 
@@ -27,23 +24,14 @@ Step = Callable[[], Any]
 
 
 class Task(NamedTuple):
-    """An environment to step.
+    """An environment to step."""
 
-    Attributes:
-        name: as its library calls it.
-        simulated_s: simulated seconds of a decision.
-        description: what else a decision is.
-        sizes: how many games at once.
-        threaded: whether it steps with the given number of threads.
-        make: makes it for so many games and threads; returns what steps all of them, ended ones anew.
-    """
-
-    name: str
-    simulated_s: float
-    description: str
-    sizes: tuple[int, ...]
-    threaded: bool
-    make: Callable[[int, int], Step]
+    name: str  # as its library calls it
+    simulated_s: float  # simulated seconds of a decision
+    description: str  # what else a decision is
+    sizes: tuple[int, ...]  # how many games at once
+    threaded: bool  # whether it steps with the given number of threads
+    make: Callable[[int, int], Step]  # for so many games and threads: what steps all of them, ended ones anew
 
 
 def ours(map_source: str) -> list[Task]:
@@ -77,21 +65,18 @@ def of_envpool(_: str) -> list[Task]:
     """Its C++ environments, stepped synchronously; episodes begin anew by themselves."""
     import envpool
 
-    def maker(name: str) -> Callable[[int, int], Step]:
-        def make(size: int, threads: int) -> Step:
-            env = envpool.make(name, env_type="gymnasium", num_envs=size, num_threads=threads, seed=SEED)
-            env.reset()
-            rng = np.random.default_rng(SEED)
-            actions = itertools.cycle(rng.integers(env.action_space.n, size=(DRAWN, size), dtype=np.int32))
-            return lambda: env.step(next(actions))
-
-        return make
+    def make(name: str, size: int, threads: int) -> Step:
+        env = envpool.make(name, env_type="gymnasium", num_envs=size, num_threads=threads, seed=SEED)
+        env.reset()
+        rng = np.random.default_rng(SEED)
+        actions = itertools.cycle(rng.integers(env.action_space.n, size=(DRAWN, size), dtype=np.int32))
+        return lambda: env.step(next(actions))
 
     pacman = "4 frames of an Atari 2600 that is emulated, drawn: 4 x 84 x 84 grey values; no physics"
     lander = "one Box2D step of a lander, its two legs and the sparks of its engines over ground; 8 numbers"
     return [
-        Task("MsPacman-v5", 4 / 60, pacman, BATCHES, True, maker("MsPacman-v5")),
-        Task("LunarLander-v3", 1 / 50, lander, BATCHES, True, maker("LunarLander-v3")),
+        Task("MsPacman-v5", 4 / 60, pacman, BATCHES, True, partial(make, "MsPacman-v5")),
+        Task("LunarLander-v3", 1 / 50, lander, BATCHES, True, partial(make, "LunarLander-v3")),
     ]
 
 
@@ -118,7 +103,7 @@ def of_vmas(_: str) -> list[Task]:
         return step
 
     description = (
-        "2 substeps of 4 discs that collide, the actions of all 4 one decision; 18 numbers each, 12 of them a lidar's"
+        "2 substeps of 4 discs that collide, all 4 actions one decision; 18 numbers each, 12 of them a lidar's"
     )
     return [Task("navigation", 0.1, description, BATCHES, True, make)]
 
@@ -139,10 +124,8 @@ def of_mpe2(_: str) -> list[Task]:
 
         return step
 
-    description = (
-        "one step of 4 discs among 2 obstacles in Python, the actions of all 4 one decision; 14 or 16 numbers each"
-    )
-    return [Task("simple_tag_v3", 0.1, description, ONE, False, make)]
+    discs = "one step of 4 discs among 2 obstacles in Python, the actions of all 4 one decision; 14 or 16 numbers each"
+    return [Task("simple_tag_v3", 0.1, discs, ONE, False, make)]
 
 
 def of_highway_env(_: str) -> list[Task]:
@@ -150,14 +133,12 @@ def of_highway_env(_: str) -> list[Task]:
     import gymnasium as gym
     import highway_env  # noqa: F401  # registers them
 
-    def maker(name: str) -> Callable[[int, int], Step]:
-        return lambda size, threads: alone(gym.make(name))
+    def make(name: str, size: int, threads: int) -> Step:
+        return alone(gym.make(name))
 
     description = "{} steps of {} cars in Python that drive by models of drivers; 5 x 5 numbers"
-    return [
-        Task("highway-v0", 1.0, description.format(15, 51), ONE, False, maker("highway-v0")),
-        Task("highway-fast-v0", 1.0, description.format(5, 21), ONE, False, maker("highway-fast-v0")),
-    ]
+    counts = {"highway-v0": (15, 51), "highway-fast-v0": (5, 21)}  # of steps, of cars
+    return [Task(name, 1.0, description.format(*n), ONE, False, partial(make, name)) for name, n in counts.items()]
 
 
 LIBRARIES: dict[str, Callable[[str], list[Task]]] = {
@@ -204,34 +185,23 @@ def reason(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def main(library: str, map_source: str) -> None:
-    """Print the tasks, then measure what is asked for, until standard input ends."""
-    out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # for what the library prints
-
-    def answer(content: dict[str, Any]) -> None:
-        print(json.dumps(content), file=out, flush=True)
-
-    try:
-        tasks = LIBRARIES[library](map_source)
-        version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)
-    except Exception as error:
-        answer({"error": reason(error)})
-        return
-    answer({"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]})
-    step: Step | None = None
-    of_step: list[int] = []
-    for line in sys.stdin:
-        *wanted, seconds = json.loads(line)
-        number, size, threads = wanted
+def main(library: str, map_source: str, case: str) -> None:
+    """Print the tasks, or measure a case: a task's number, games, threads and seconds."""
+    with os.fdopen(os.dup(1), "w") as out:
+        os.dup2(2, 1)  # for what the library prints
         try:
-            if step is None or of_step != wanted:
-                step = None  # before the next: its threads would be in the way
-                step, of_step = tasks[number].make(size, threads), wanted
+            tasks = LIBRARIES[library](map_source)
+            if wanted := json.loads(case):
+                number, size, threads, seconds = wanted
+                step = tasks[number].make(size, threads)
                 turn(step, size, seconds)  # to warm up
-            answer(turn(step, size, seconds))
+                answer: dict[str, Any] = turn(step, size, seconds)
+            else:
+                version = getattr(sys.modules.get(library), "__version__", None) or metadata.version(library)
+                answer = {"version": version, "tasks": [{**task._asdict(), "make": None} for task in tasks]}
         except Exception as error:
-            answer({"error": reason(error)})
+            answer = {"error": reason(error)}
+        json.dump(answer, out)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
 """Well-known environments beside ours: ``python -m benchmarks.peers``.
 
-Each library steps in a process of its own, in its own venv if a folder for venvs is given, and ours does the same in
+Each library steps in processes of its own, in its own venv if a folder for venvs is given, and ours does the same in
 turns with it. Versions are pinned; what cannot be installed or played is named with the reason.
 """
-
-from __future__ import annotations
 
 import argparse
 import hashlib
@@ -13,17 +11,14 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import CORES, ROOT, benchmark_parser, median_and_range, run_benchmark, turns
+from benchmarks.harness import CORES, ROOT, benchmark, median_and_range, turns
 
 Turn = dict[str, float]  # decisions_per_s and cores
 
@@ -54,11 +49,7 @@ class PeerError(Exception):
 
 
 def python_of(name: str, folder: Path) -> Path:
-    """The interpreter of a library's venv in ``folder``, which is made if it is not there or has other versions.
-
-    Raises:
-        PeerError: it cannot be installed.
-    """
+    """The interpreter of a library's venv in ``folder``, which is made if it is not there or has other versions."""
     venv = folder.absolute() / name
     python, stamp = venv / "bin" / "python", venv / "installed"
     wanted = hashlib.sha256(repr((platform.python_version(), PEERS[name])).encode()).hexdigest()
@@ -85,36 +76,20 @@ def _environment(bare: bool) -> dict[str, str]:
 
 
 class Worker:
-    """A process that plays a library's environments.
+    """Plays a library's environments with the present Python, if none is given, each turn in a process of its own.
 
-    Attributes:
-        name: of the library.
-        version: of it.
-        tasks: what it plays, as ``peer_worker.Task`` has it.
+    What a library cannot do is a PeerError; without ours there is nothing to compare with: ValueError.
     """
 
     def __init__(self, name: str, map_source: str, python: Path | None = None) -> None:
-        """Start it, with the present Python if none is given; raises PeerError if it cannot play."""
         self.name = name
-        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  # until close()
-        self._process = subprocess.Popen(
-            [python or sys.executable, "-P", SCRIPT, name, map_source],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            text=True,
-            env=_environment(bare=python is not None),
-        )
-        try:
-            found = self._answer()
-        except BaseException:
-            self.close()
-            raise
-        self.version: str = found["version"]
-        self.tasks: list[dict[str, Any]] = found["tasks"]
+        self._command = [python or sys.executable, "-P", SCRIPT, name, map_source]
+        self._environment = _environment(bare=python is not None)
+        facts = self._run()
+        self.version: str = facts["version"]
+        self.tasks: list[dict[str, Any]] = facts["tasks"]  # peer_worker.Task
 
     def title(self, task: int) -> str:
-        """A task's name, after the library's."""
         return f"{self.name} {self.version} {self.tasks[task]['name']}"
 
     def cases(self) -> Iterator[tuple[int, int, int]]:
@@ -125,105 +100,63 @@ class Worker:
                     yield number, size, threads
 
     def turn(self, task: int, size: int, threads: int, seconds: float) -> Turn:
-        """Decisions per second and cores in use, of one turn; raises PeerError."""
-        return self._answer(json.dumps([task, size, threads, seconds]))
+        return self._run(task, size, threads, seconds)
 
-    def close(self) -> None:
-        self._process.kill()
-        self._process.communicate()
-        self._log.close()
-
-    def _answer(self, asked: str | None = None) -> dict[str, Any]:
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        clock = threading.Timer(LIMIT_S, process.kill)
-        clock.start()
+    def _run(self, *case: float) -> dict[str, Any]:
+        command, env = [*self._command, json.dumps(case)], self._environment
         try:
-            if asked is not None:
-                print(asked, file=process.stdin, flush=True)
-            line = process.stdout.readline()
-        except BrokenPipeError:
-            line = ""
-        finally:
-            clock.cancel()
-        if not line:
-            status = process.wait()
-            self._log.seek(0)
-            last = [line for line in self._log.read().splitlines() if line.strip()][-1:]
-            raise PeerError(": ".join([f"ended with status {status}", *last]))
-        answer: dict[str, Any] = json.loads(line)
-        if "error" in answer:
-            raise PeerError(answer["error"])
-        return answer
-
-
-@contextmanager
-def _ours_plays() -> Iterator[None]:
-    """Without ours there is nothing to compare with."""
-    try:
-        yield
-    except PeerError as error:
-        raise ValueError(f"our own environment: {error}") from None
+            done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            answer = {"error": f"no answer within {LIMIT_S:g} s"}
+        else:
+            last = [line for line in done.stderr.splitlines() if line.strip()][-1:]
+            error = {"error": ": ".join([f"ended with status {done.returncode}", *last])}
+            answer = json.loads(done.stdout) if done.stdout else error
+        if "error" not in answer:
+            return answer
+        raise ValueError(f"our own environment: {answer['error']}") if self.name == OURS else PeerError(answer["error"])
 
 
 def run(names: Sequence[str], venvs: Path | None, map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """All figures.
+    """All figures: of ours on a map, and of ``names`` in their venvs, if there is a folder for venvs.
 
-    Args:
-        names: of ``PEERS``.
-        venvs: where each has its venv, made if needed; None: nothing is installed.
-        map_source: what ours is played on.
-        rounds: turns for each figure.
-        seconds: that these turns take together.
-
-    Raises:
-        ValueError: ours cannot be played.
+    ``rounds`` turns for each figure take ``seconds`` together.
     """
     if venvs:
         venvs.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
-    steps, failed = {}, {}
+    failed = {}
     turns_of_ours: dict[int, list[Turn]] = {}
-    with _ours_plays():
-        own = Worker(OURS, map_source)
+    own = Worker(OURS, map_source)
+    steps = {own.title(0): own.tasks[0]}
 
-    @_ours_plays()
     def own_turn(size: int) -> Turn:
         return own.turn(0, size, 1, seconds / rounds)
 
-    with closing(own):
-        steps[own.title(0)] = own.tasks[0]
-        for name in names:
-            try:
-                with closing(Worker(name, map_source, python_of(name, venvs) if venvs else None)) as peer:
-                    for task, size, threads in peer.cases():
-                        steps[peer.title(task)] = peer.tasks[task]
-                        print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
-                        peer_turn = partial(peer.turn, task, size, threads, seconds / rounds)
-                        pairs = turns(rounds, partial(own_turn, size), peer_turn)
-                        turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
-                        row = _row(peer, task, size, threads, [turn for _, turn in pairs])
-                        simulated = peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]
-                        rows.append(row | _ratios(pairs, simulated))
-            except PeerError as error:
-                failed[name] = str(error)
-        first = [
-            _row(own, task, size, threads, turns_of_ours.get(size) or [own_turn(size) for _ in range(rounds)])
-            for task, size, threads in own.cases()
-        ]
-    return {
-        "rows": first + rows,
-        "steps": steps,
-        "failed": failed,
-        "map": map_source,
-        "rounds": rounds,
-        "venvs": venvs is not None,
-        "cores": CORES,
-    }
+    for name in names:
+        try:
+            peer = Worker(name, map_source, python_of(name, venvs) if venvs else None)
+            for case in peer.cases():
+                task, size, threads = case
+                steps[peer.title(task)] = peer.tasks[task]
+                print(f"{peer.title(task)}, N = {size}, threads: {threads} ...", file=sys.stderr, flush=True)
+                pairs = turns(rounds, partial(own_turn, size), partial(peer.turn, *case, seconds / rounds))
+                turns_of_ours.setdefault(size, []).extend(turn for turn, _ in pairs)
+                rates = [turn["decisions_per_s"] / ours["decisions_per_s"] for ours, turn in pairs]
+                ratio, *around = median_and_range(rates)
+                simulated = peer.tasks[task]["simulated_s"] / own.tasks[0]["simulated_s"]
+                ratios = {"ratio": ratio, "ratio_range": around, "simulated_ratio": ratio * simulated}
+                rows.append(_row(peer, case, [turn for _, turn in pairs]) | ratios)
+        except PeerError as error:
+            failed[name] = str(error)
+    sizes = {size: turns_of_ours.get(size) or [own_turn(size) for _ in range(rounds)] for _, size, _ in own.cases()}
+    first = [_row(own, (task, size, threads), sizes[size]) for task, size, threads in own.cases()]
+    facts = {"map": map_source, "rounds": rounds, "venvs": venvs is not None, "cores": CORES}
+    return {"rows": first + rows, "steps": steps, "failed": failed, **facts}
 
 
-def _row(worker: Worker, task: int, size: int, threads: int, turns: Sequence[Turn]) -> dict[str, Any]:
+def _row(worker: Worker, case: tuple[int, int, int], turns: Sequence[Turn]) -> dict[str, Any]:
+    task, size, threads = case
     rate, cores = (float(np.median([turn[key] for turn in turns])) for key in ("decisions_per_s", "cores"))
     return {
         "library": worker.name,
@@ -237,12 +170,6 @@ def _row(worker: Worker, task: int, size: int, threads: int, turns: Sequence[Tur
     }
 
 
-def _ratios(pairs: Sequence[tuple[Turn, ...]], simulated: float) -> dict[str, Any]:
-    """To ours, of turns side by side; ``simulated``: simulated seconds of a decision by those of ours."""
-    ratio, low, high = median_and_range([turn["decisions_per_s"] / own["decisions_per_s"] for own, turn in pairs])
-    return {"ratio": ratio, "ratio_range": [low, high], "simulated_ratio": ratio * simulated}
-
-
 def table(figures: dict[str, Any]) -> str:
     """The figures, what a decision is in each, what was not measured and why, and the note."""
     head = f"{'':<27}{'N':>4}{'threads':>9}{'decisions/s':>13}{'of ours':>32}"
@@ -253,13 +180,12 @@ def table(figures: dict[str, Any]) -> str:
     for row in figures["rows"]:
         ratio, simulated = "", ""
         if "ratio" in row:
-            low, high = row["ratio_range"]
-            ratio = f"{row['ratio']:.3g} ({low:.3g} to {high:.3g})"
+            ratio = "{:.3g} ({:.3g} to {:.3g})".format(row["ratio"], *row["ratio_range"])
             simulated = f"{row['simulated_ratio']:.3g}"
-        name = f"{row['library']} {row['task']}"
+        name, rate, real = f"{row['library']} {row['task']}", row["decisions_per_s"], row["simulated_s_per_s"]
         lines.append(
-            f"{name:<27}{row['n']:>4}{row['threads']:>9}{_rounded(row['decisions_per_s']):>13}{ratio:>32}"
-            f"{_rounded(row['simulated_s_per_s']):>15}{simulated:>9}{row['cores']:>7.2f}"
+            f"{name:<27}{row['n']:>4}{row['threads']:>9}{_rounded(rate):>13}{ratio:>32}"
+            f"{_rounded(real):>15}{simulated:>9}{row['cores']:>7.2f}"
         )
     lines += ["", "a decision:"]
     lines += [
@@ -288,17 +214,15 @@ def _report(arguments: argparse.Namespace) -> dict[str, Any]:
     return figures
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("peers", __doc__, "--rounds")
-    parser.add_argument(
-        "libraries", nargs="*", metavar="NAME", help=f"of {', '.join(PEERS)} (all of them)", type=_library
-    )
-    parser.add_argument("--seconds", type=float, default=6.0, help="roughly what each figure may take (%(default)s)")
-    parser.add_argument(
-        "--venvs", type=Path, metavar="DIR", help="install each of them there, in a venv of its own, if it is not yet"
-    )
-    return run_benchmark(parser, argv, _report)
-
+main = benchmark(
+    "peers",
+    __doc__,
+    _report,
+    "--rounds",
+    ("libraries", {"nargs": "*", "metavar": "NAME", "help": f"of {', '.join(PEERS)} (all of them)", "type": _library}),
+    ("--seconds", {"type": float, "default": 6.0, "help": "roughly what each figure may take (%(default)s)"}),
+    ("--venvs", {"type": Path, "metavar": "DIR", "help": "install each library there, in a venv of its own, once"}),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

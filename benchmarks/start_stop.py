@@ -5,8 +5,6 @@ a new machine, then with the cache that it has left. Watched from outside: the f
 robot's first motion, and the time from Ctrl-C to its end.
 """
 
-from __future__ import annotations
-
 import argparse
 import signal
 import subprocess
@@ -14,11 +12,11 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import ROOT, benchmark_parser, in_checkout, run_benchmark
+from benchmarks.harness import ROOT, Option, benchmark, in_checkout
 
 PATIENCE_S = 600.0
 DRIVES_MPS = 0.05
@@ -26,18 +24,7 @@ COLUMNS = ("first line", "menu", "drives", "stop")
 
 
 def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) -> dict[str, float]:
-    """Seconds from the command to each of the moments, and from Ctrl-C to the end.
-
-    Args:
-        root: the checkout whose game is started.
-        cache: its folder for compiled kernels and prepared maps.
-        map_source: a YAML file or the name of a shipped map.
-        policy: a name of the registry, or an .onnx file.
-        domain: ROS_DOMAIN_ID.
-
-    Raises:
-        ValueError: the game has ended, or does not come to drive.
-    """
+    """Seconds from the command to each of the moments, and from Ctrl-C to the end; ValueError if it does not drive."""
     from pacman_env.ros.discovery import join
     from pacman_env.ros.supervisor.status_line import StatusLine
     from pacman_env.ros.topics import ODOMETRY
@@ -70,10 +57,10 @@ def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) 
                         note("menu")
                     if process.poll() is not None or time.monotonic() - began > PATIENCE_S:
                         raise ValueError(f"the game of {root} does not drive: {' '.join(output[-3:])}")
-                asked = time.monotonic()
+                stopped = time.monotonic()
                 process.send_signal(signal.SIGINT)
                 process.wait(PATIENCE_S)
-                moments["stop"] = time.monotonic() - asked
+                moments["stop"] = time.monotonic() - stopped
             finally:
                 if process.poll() is None:
                     process.kill()
@@ -90,7 +77,6 @@ def _read(process: subprocess.Popen[str], output: list[str], on_line: Callable[[
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure every checkout in turns and print the table."""
     roots = {"this": ROOT} | ({"before": arguments.before} if arguments.before else {})
     rows: list[dict[str, Any]] = []
     print(f"{'checkout':<9} {'cache':<6}" + "".join(f" {name:>11}" for name in COLUMNS) + "   s")
@@ -104,11 +90,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"policy": arguments.policy, "rows": rows}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("start_stop", __doc__, "--policy", "--domain-id")
-    parser.add_argument("before", nargs="?", type=Path, metavar="CHECKOUT", help="another version to measure beside")
-    return run_benchmark(parser, argv, run, "ros")
-
+BEFORE: Option = ("before", {"nargs": "?", "type": Path, "metavar": "CHECKOUT", "help": "also measure this version"})
+main = benchmark("start_stop", __doc__, run, "--policy", "--domain-id", BEFORE, extra="ros")
 
 if __name__ == "__main__":
     sys.exit(main())

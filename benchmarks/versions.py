@@ -4,8 +4,6 @@ Both run their throughput benchmark in turns, in processes of their own, with th
 the median over the rounds; more than 1 is faster than the other.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess
@@ -16,16 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import ROOT, benchmark_parser, in_checkout, median_and_range, run_benchmark, turns
+from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
 from pacman_env.cli.command import finite_number
 
 
 def benchmark_module(root: Path) -> str:
-    """The throughput benchmark of a checkout, as ``python -m`` names it; older versions have it elsewhere.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """The throughput benchmark of a checkout, as ``python -m`` names it; older versions have it elsewhere."""
     for module in ("pacman_env.evaluation.benchmark", "eval.benchmarks.throughput", "eval.benchmark"):
         if (root / module.replace(".", "/")).with_suffix(".py").is_file():
             return module
@@ -33,11 +27,7 @@ def benchmark_module(root: Path) -> str:
 
 
 def measure(root: Path, map_source: str, seconds: float) -> dict[str, Any]:
-    """The figures of one run of a version's own throughput benchmark.
-
-    Raises:
-        ValueError: it failed.
-    """
+    """The figures of one run of a version's own throughput benchmark."""
     module = benchmark_module(root)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "figures.json"
@@ -45,8 +35,7 @@ def measure(root: Path, map_source: str, seconds: float) -> dict[str, Any]:
         done = subprocess.run(**in_checkout(root, "-m", module, *options), capture_output=True)
         if done.returncode != 0:
             raise ValueError(f"{module} in {root} failed: {done.stderr.strip()}")
-        figures: dict[str, Any] = json.loads(file.read_text())
-        return figures
+        return dict(json.loads(file.read_text()))
 
 
 def ratios(here: Sequence[dict[str, Any]], there: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
@@ -60,7 +49,6 @@ def ratios(here: Sequence[dict[str, Any]], there: Sequence[dict[str, Any]]) -> d
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure both checkouts in turns and print the ratios."""
     roots = ROOT, arguments.checkout.resolve()
     map_source = str(Path(arguments.map).resolve()) if Path(arguments.map).exists() else arguments.map
     for root in roots[::-1]:  # compiled and prepared before anything counts
@@ -75,12 +63,14 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"beside": there[0]["version"], "ratios": found}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("versions", __doc__, "--rounds")
-    parser.add_argument("checkout", type=Path, help="folder of the other version")
-    parser.add_argument("--seconds", type=finite_number(0), default=3.0, help="roughly what each figure may take")
-    return run_benchmark(parser, argv, run)
-
+main = benchmark(
+    "versions",
+    __doc__,
+    run,
+    "--rounds",
+    ("checkout", {"type": Path, "help": "folder of the other version"}),
+    ("--seconds", {"type": finite_number(0), "default": 3.0, "help": "roughly what each figure may take"}),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

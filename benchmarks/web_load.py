@@ -2,10 +2,8 @@
 
 The simulator plays round after round behind the page's server, first without viewers, then with many of them in another
 process, at 20 frames a second, one of them reading nothing. Measured are the server's time on the processor, the
-process's memory, how old the frames are when the viewers have them, and how long the game takes for its ticks.
+process's memory, how old the frames are when the viewers have them, and how long the game's ticks are.
 """
-
-from __future__ import annotations
 
 import argparse
 import asyncio
@@ -17,17 +15,15 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from multiprocessing.connection import Connection
+from collections.abc import Iterator, Sequence
+from multiprocessing.synchronize import Event
 from typing import Any
 from unittest import mock
 
 import numpy as np
 import psutil
 
-from benchmarks.harness import benchmark_parser, run_benchmark
-from pacman_env.cli.command import whole_number
+from benchmarks.harness import benchmark, count
 
 #: Promised of the server, of a core, and of frames, ms.
 SERVER_PERCENT, LATENCY_MS = 30.0, 150.0
@@ -38,26 +34,14 @@ MOST_FRAMES = 1 << 20
 FRAME = re.compile(r'\{"kind":"frame",.*?"number":(\d+)')
 
 
-def measure(viewers: int, seconds: float, alone_s: float, game_map: str, say: Callable[[str], None]) -> dict[str, Any]:
-    """All figures.
-
-    Args:
-        viewers: one of them reads nothing.
-        seconds: how long they look.
-        alone_s: how long the game plays without them before.
-        game_map: a YAML file or the name of a shipped map.
-        say: told what is going on.
-
-    Raises:
-        ValueError: a map that cannot be played, or viewers that see nothing.
-        ModuleNotFoundError: the extra ``web`` is absent.
-    """
+def measure(viewers: int, seconds: float, alone_s: float, game_map: str) -> dict[str, Any]:
+    """All figures, of the game for ``alone_s`` without viewers and for ``seconds`` with them."""
     from pacman_env.web.played_round import PlayedRound
     from pacman_env.web.rules import Rules
     from pacman_env.web.server import WebServer
     from pacman_env.web.simulated import SimulatedGame
 
-    made_s = np.full(MOST_FRAMES, np.nan)  # by number; of one size, as memory is looked at
+    made_s = np.full(MOST_FRAMES, np.nan)  # by number; of one size, as memory is measured
     steps_ms: list[float] = []
     step = PlayedRound.step
 
@@ -75,10 +59,8 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str, say: Ca
 
         def frame(self) -> Any:
             made = super().frame()
-            if made is not None:
-                place = made.number % MOST_FRAMES
-                if made.number != self.last:
-                    self.last, made_s[place] = made.number, time.monotonic()
+            if made is not None and made.number != self.last:
+                self.last, made_s[made.number % MOST_FRAMES] = made.number, time.monotonic()
             return made
 
     with (
@@ -87,19 +69,29 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str, say: Ca
         WebServer(game, most_viewers=viewers) as server,
         _played(game),
     ):
-        say(f"the game alone, for {alone_s:g} s")
+        _log(f"the game alone, for {alone_s:g} s")
         time.sleep(WARM_S)
         alone = _during(alone_s, steps_ms)
-        say(f"with {viewers} viewers, for {seconds:g} s")
-        with _looking(server.port, viewers) as results:
+        _log(f"with {viewers} viewers, for {seconds:g} s")
+        context = multiprocessing.get_context("spawn")
+        connected, ended, received = context.Event(), context.Event(), context.SimpleQueue()
+        process = context.Process(target=_watch, args=(server.port, viewers, connected, ended, received), daemon=True)
+        process.start()
+        try:
+            if not connected.wait(60.0):
+                raise ValueError("the viewers cannot connect")
             time.sleep(WARM_S)
             began_s = time.monotonic()
             watched = _during(seconds, steps_ms)
             ended_s = time.monotonic()
-            seen = results()
-    ages_ms = [1e3 * (at_s - made_s[number % MOST_FRAMES]) for number, at_s in seen if began_s <= at_s <= ended_s]
+            ended.set()
+            frames = received.get()
+        finally:
+            process.kill()
+            process.join()
+    ages_ms = [1e3 * (at_s - made_s[number % MOST_FRAMES]) for number, at_s in frames if began_s <= at_s <= ended_s]
     if not ages_ms:
-        raise ValueError("the viewers saw no frame")
+        raise ValueError("the viewers received no frame")
     return {
         "viewers": viewers,
         "seconds": seconds,
@@ -114,7 +106,7 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str, say: Ca
 
 @contextlib.contextmanager
 def _played(game: Any) -> Iterator[None]:
-    """Round after round, as somebody who presses Start each time; the first runs."""
+    """Round after round, Start pressed each time; the first runs."""
     from pacman_env.web.messages import Start
 
     done, runs = threading.Event(), threading.Event()
@@ -140,7 +132,8 @@ def _played(game: Any) -> Iterator[None]:
 
 def _during(seconds: float, steps_ms: list[float]) -> dict[str, Any]:
     """Time on the processor, in percent of a core, and the ticks, of a while."""
-    memory = _memory_mb()
+    process = psutil.Process()
+    memory = process.memory_info().rss / 1e6
     before, began_s, first = _thread_times(), time.monotonic(), len(steps_ms)
     time.sleep(seconds)
     lasted_s = time.monotonic() - began_s
@@ -150,7 +143,7 @@ def _during(seconds: float, steps_ms: list[float]) -> dict[str, Any]:
         "game_percent": 100.0 * game_s / lasted_s,
         "others_percent": 100.0 * (sum(spent.values()) - game_s) / lasted_s,
         "tick_ms": _spread(steps_ms[first:]),
-        "memory_mb": {"begin": memory, "end": _memory_mb()},
+        "memory_mb": {"begin": memory, "end": process.memory_info().rss / 1e6},
     }
 
 
@@ -163,146 +156,90 @@ def _thread_times() -> dict[tuple[int, str], float]:
     }
 
 
-def _memory_mb() -> float:
-    return float(psutil.Process().memory_info().rss) / 1e6
-
-
 def _spread(values: Sequence[float]) -> dict[str, float]:
-    if not values:
-        return {"p50": float("nan"), "p99": float("nan"), "longest": float("nan")}
-    return {
-        "p50": float(np.percentile(values, 50)),
-        "p99": float(np.percentile(values, 99)),
-        "longest": float(np.max(values)),
-    }
+    p50, p99, longest = np.percentile(values, [50, 99, 100]).tolist() if values else [float("nan")] * 3
+    return {"p50": p50, "p99": p99, "longest": longest}
 
 
 # The viewers, in a process of their own
 
 
-@contextlib.contextmanager
-def _looking(port: int, viewers: int) -> Iterator[Callable[[], list[tuple[int, float]]]]:
-    """Viewers; the function ends them and returns the frames that they have had: number and time."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_look, args=(port, viewers, theirs), daemon=True)
-    process.start()
-    try:
-        if not ours.poll(60.0) or ours.recv() != "here":
-            raise ValueError("the viewers do not come in")
-
-        def results() -> list[tuple[int, float]]:
-            ours.send("enough")
-            numbers, times = ours.recv()
-            return list(zip(numbers.tolist(), times.tolist(), strict=True))
-
-        yield results
-    finally:
-        process.kill()
-        process.join()
-        for end in (ours, theirs):
-            end.close()
+def _watch(port: int, viewers: int, connected: Event, ended: Event, received: Any) -> None:
+    threading.Thread(target=_read_nothing, args=(port,), daemon=True).start()
+    received.put(asyncio.run(_watch_together(port, viewers - 1, connected, ended)))
 
 
-def _look(port: int, viewers: int, pipe: Connection) -> None:
-    """All viewers, in this process, until the pipe says that it is enough."""
-    numbers: list[int] = []
-    times: list[float] = []
-    asyncio.run(_look_together(port, viewers, pipe, numbers, times))
-    pipe.send((np.array(numbers, np.int64), np.array(times)))
+async def _watch_together(port: int, viewers: int, connected: Event, ended: Event) -> list[tuple[int, float]]:
+    """Number and time of the frames that all of them receive."""
+    from websockets.asyncio.client import ClientConnection, connect
 
+    frames: list[tuple[int, float]] = []
 
-async def _look_together(port: int, viewers: int, pipe: Connection, numbers: list[int], times: list[float]) -> None:
-    from websockets.asyncio.client import connect
+    async def watch(connection: ClientConnection) -> None:
+        while True:
+            if number := FRAME.match(await connection.recv(decode=True)):
+                frames.append((int(number[1]), time.monotonic()))
 
-    here = asyncio.Semaphore(0)
-
-    async def see() -> None:
-        async with connect(f"ws://127.0.0.1:{port}/ws", compression=None, max_size=None, max_queue=None) as socket_:
-            here.release()
-            while True:
-                message = await socket_.recv(decode=True)
-                if number := FRAME.match(message):
-                    numbers.append(int(number[1]))
-                    times.append(time.monotonic())
-
-    looking = [asyncio.create_task(see()) for _ in range(viewers - 1)]
-    deaf = threading.Thread(target=_read_nothing, args=(port,), daemon=True)
-    deaf.start()
-    for _ in looking:
-        await here.acquire()
-    pipe.send("here")
-    await asyncio.to_thread(pipe.recv)
-    for task in looking:
-        task.cancel()
-    await asyncio.gather(*looking, return_exceptions=True)
+    async with contextlib.AsyncExitStack() as stack:
+        tasks = []
+        for _ in range(viewers):
+            client = connect(f"ws://127.0.0.1:{port}/ws", compression=None, max_size=None, max_queue=None)
+            tasks.append(asyncio.create_task(watch(await stack.enter_async_context(client))))
+        connected.set()
+        await asyncio.to_thread(ended.wait)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    return frames
 
 
 def _read_nothing(port: int) -> None:
-    """Comes in, reads nothing, and comes again when it is sent away."""
-    lines: tuple[str, ...] = (
-        "GET /ws HTTP/1.1",
-        f"host: 127.0.0.1:{port}",
-        "upgrade: websocket",
-        "connection: upgrade",
-    )
-    lines += ("sec-websocket-version: 13", f"sec-websocket-key: {'A' * 22}==", "", "")
+    """Connects, reads nothing, and connects again when the server has closed the connection."""
+    lines = ("GET /ws HTTP/1.1", f"host: 127.0.0.1:{port}", "upgrade: websocket", "connection: upgrade")
+    request = "\r\n".join((*lines, "sec-websocket-version: 13", f"sec-websocket-key: {'A' * 22}==", "", ""))
     with contextlib.suppress(ConnectionRefusedError):
         while True:
-            with socket.socket() as there:
-                there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                there.connect(("127.0.0.1", port))
-                there.sendall("\r\n".join(lines).encode())
+            with socket.socket() as connection:
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                connection.connect(("127.0.0.1", port))
+                connection.sendall(request.encode())
                 with contextlib.suppress(OSError):
                     while True:
                         time.sleep(0.5)
-                        there.sendall(b"\x8a\x80" + os.urandom(4))  # a pong that nobody asked for: fails at the end
-
-
-def report(figures: dict[str, Any]) -> str:
-    """The figures as lines, with what is promised."""
-    ages, tick, game = figures["latency_ms"], figures["tick_ms"], figures["game_percent"]
-    memory, alone = figures["memory_mb"]["with"], figures["memory_mb"]["without"]
-    lines = (
-        (
-            f"{figures['viewers']} viewers, one of them reading nothing, for {figures['seconds']:g} s:",
-            f"{figures['frames_per_s']:.1f} frames a second each",
-        ),
-        (
-            f"server: {figures['server_percent']:.1f} % of a core (promised: below {SERVER_PERCENT:g});",
-            f"the game beside it: {game['with']:.1f} %, without viewers {game['without']:.1f} %",
-        ),
-        (
-            f"memory of both: {memory['begin']:.1f} MB at the beginning, {memory['end']:.1f} MB at the end;",
-            f"without viewers {alone['begin']:.1f} and {alone['end']:.1f} MB",
-        ),
-        (
-            f"a frame's way to a viewer: median {ages['p50']:.1f} ms, 99 % within {ages['p99']:.1f} ms",
-            f"(promised: {LATENCY_MS:g}), longest {ages['longest']:.1f} ms",
-        ),
-        (
-            f"a tick of the game: median {tick['with']['p50']:.2f} ms, 99 % within {tick['with']['p99']:.2f} ms;",
-            f"without viewers {tick['without']['p50']:.2f} and {tick['without']['p99']:.2f} ms",
-        ),
-    )
-    return "\n".join(" ".join(words) for words in lines)
+                        connection.sendall(
+                            b"\x8a\x80" + os.urandom(4)
+                        )  # a pong without a ping: fails once it is closed
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure, and print the figures with what is promised."""
     viewers, seconds = (4, 2) if arguments.quick else (arguments.viewers, arguments.seconds)
-    alone_s = max(1.0, min(30.0, seconds / 2))
-    figures = measure(viewers, seconds, alone_s, arguments.map, partial(print, file=sys.stderr))
-    print(report(figures))
+    figures = measure(viewers, seconds, max(1.0, min(30.0, seconds / 2)), arguments.map)
+    ages, tick, game = figures["latency_ms"], figures["tick_ms"], figures["game_percent"]
+    memory, alone = figures["memory_mb"]["with"], figures["memory_mb"]["without"]
+    print(f"{viewers} viewers, one of them reading nothing, for {seconds:g} s: ", end="")
+    print(f"{figures['frames_per_s']:.1f} frames a second each")
+    print(f"server: {figures['server_percent']:.1f} % of a core (promised: below {SERVER_PERCENT:g}); ", end="")
+    print(f"the game beside it: {game['with']:.1f} %, without viewers {game['without']:.1f} %")
+    print(f"memory of both: {memory['begin']:.1f} MB at the beginning, {memory['end']:.1f} MB at the end; ", end="")
+    print(f"without viewers {alone['begin']:.1f} and {alone['end']:.1f} MB")
+    print(f"from a frame to its viewers: median {ages['p50']:.1f} ms, 99 % within {ages['p99']:.1f} ms ", end="")
+    print(f"(promised: {LATENCY_MS:g}), longest {ages['longest']:.1f} ms")
+    print("a tick of the game: median {p50:.2f} ms, 99 % within {p99:.2f} ms; ".format(**tick["with"]), end="")
+    print("without viewers {p50:.2f} and {p99:.2f} ms".format(**tick["without"]))
     return figures
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = benchmark_parser("web_load", __doc__)
-    parser.add_argument("--viewers", type=whole_number(2), default=50, metavar="N", help="at once (%(default)s)")
-    parser.add_argument("--seconds", type=whole_number(1), default=600, metavar="S", help="they look (%(default)s)")
-    parser.add_argument("--quick", action="store_true", help="a few viewers for a few seconds: does it work at all?")
-    return run_benchmark(parser, argv, run, "web")
+def _log(message: str) -> None:
+    print(message, file=sys.stderr)
 
+
+OPTIONS = (
+    count("--viewers", 50, "at once (%(default)s)", least=2),
+    count("--seconds", 600, "they watch (%(default)s)"),
+    ("--quick", {"action": "store_true", "help": "a few viewers for a few seconds: does it work at all?"}),
+)
+main = benchmark("web_load", __doc__, run, *OPTIONS, extra="web")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,47 +1,21 @@
-"""The configuration of a game: every number of the rules, the robot and the simulator, once, with unit and source.
+"""The configuration of a game: every number of the rules, the robot and the simulator, once, with unit and source."""
 
-Frozen dataclasses compose into :class:`Config`; ``make_config`` builds one from a preset, an execution and fields by
-dotted name, ``parse_settings`` reads such fields from text.
-"""
-
-from .composition import Config, differences
-from .presets import EXECUTIONS, PRESETS, make_config, preset_names
-from .sections import (
-    MAX_SPEED_MPS,
-    ClydeConfig,
-    ExecutionConfig,
-    LocalizationConfig,
-    Nav2Config,
-    ObservationConfig,
-    PelletConfig,
-    RandomizeConfig,
-    RefugeConfig,
-    RewardConfig,
-    RobotConfig,
-    ShowConfig,
-)
-from .settings import parse_settings
-from .validation import ConfigError
-
-__all__ = [
-    "EXECUTIONS",
-    "MAX_SPEED_MPS",
-    "PRESETS",
-    "ClydeConfig",
-    "Config",
-    "ConfigError",
-    "ExecutionConfig",
-    "LocalizationConfig",
-    "Nav2Config",
-    "ObservationConfig",
-    "PelletConfig",
-    "RandomizeConfig",
-    "RefugeConfig",
-    "RewardConfig",
-    "RobotConfig",
-    "ShowConfig",
-    "differences",
-    "make_config",
-    "parse_settings",
-    "preset_names",
-]
+from .composition import Config as Config
+from .composition import differences as differences
+from .presets import EXECUTIONS as EXECUTIONS
+from .presets import PRESETS as PRESETS
+from .presets import make_config as make_config
+from .presets import parse_settings as parse_settings
+from .presets import preset_names as preset_names
+from .sections import MAX_SPEED_MPS as MAX_SPEED_MPS
+from .sections import ClydeConfig as ClydeConfig
+from .sections import ExecutionConfig as ExecutionConfig
+from .sections import Nav2Config as Nav2Config
+from .sections import ObservationConfig as ObservationConfig
+from .sections import PelletConfig as PelletConfig
+from .sections import RandomizeConfig as RandomizeConfig
+from .sections import RefugeConfig as RefugeConfig
+from .sections import RewardConfig as RewardConfig
+from .sections import RobotConfig as RobotConfig
+from .sections import ShowConfig as ShowConfig
+from .validation import ConfigError as ConfigError

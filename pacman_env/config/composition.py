@@ -1,7 +1,5 @@
 """One complete configuration: the groups together, the checks between them, and changes by dotted name."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import hashlib
@@ -9,7 +7,7 @@ import json
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from . import sections
 from .validation import AtLeastOne, Checked, ConfigError, Positive, kinds, require
@@ -19,6 +17,10 @@ MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
 
 def _as_json(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     return {name: list(value) if isinstance(value, tuple) else value for name, value in fields}
+
+
+def _divides(step: float, period: float) -> bool:
+    return period / step > 0.5 and abs(period / step - round(period / step)) < 1e-6
 
 
 @dataclass(frozen=True)
@@ -54,77 +56,45 @@ class Config(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, period in (
-            ("execution.tick_s", self.execution.tick_s),
-            ("execution.check_period_s", self.execution.check_period_s),
+        tick_s, check_s, step_s = self.execution.tick_s, self.execution.check_period_s, self.physics_step_s
+        whole = f"must be a whole number of physics steps of {step_s} s"
+        for name, period_s in (
+            ("execution.tick_s", tick_s),
+            ("execution.check_period_s", check_s),
             ("clyde.update_period_s", self.clyde.update_period_s),
             ("localization.scan_period_s", self.localization.scan_period_s),
             ("nav2.planner_period_s", self.nav2.planner_period_s),
         ):
-            steps = period / self.physics_step_s
-            require(
-                steps > 0.5 and abs(steps - round(steps)) < 1e-6,
-                name,
-                period,
-                f"must be a whole number of physics steps of {self.physics_step_s} s",
-            )
+            self._require(_divides(step_s, period_s), name, whole)
         longest_s = min(self.decisions.longest_s, self.decisions.threat_longest_s)
-        require(
-            self.decisions.when == "tick" or longest_s >= self.execution.tick_s,
-            "decisions.longest_s, threat_longest_s",
-            longest_s,
-            f"must be at least execution.tick_s = {self.execution.tick_s}",
-        )
-        require(
-            self.decisions.when == "tick" or self.action == "goal",
-            "decisions.when",
-            self.decisions.when,
-            "must be tick where actions are velocities: they hold for a tick",
-        )
-        require(
-            self.action_range == "physical" or self.action == "velocity",
-            "action_range",
-            self.action_range,
-            "must be physical where actions are goals: it is the range of velocities",
-        )
-        fastest = self.fastest_mps
-        require(
-            fastest <= self.robot.wheel_speed_mps,
-            "randomize.speed_mps",
-            self.randomize.speed_mps,
-            f"must be at most robot.wheel_speed_mps = {self.robot.wheel_speed_mps}",
-        )
-        require(
-            fastest * self.nav2.planner_period_s <= MAX_BLIND_M,
-            "nav2.planner_period_s",
-            self.nav2.planner_period_s,
-            f"the robot would drive more than {MAX_BLIND_M} m on one plan, which is written out for a little more",
-        )
-        checks = self.execution.tick_s / self.execution.check_period_s
-        require(
-            checks > 0.5 and abs(checks - round(checks)) < 1e-6,
-            "execution.check_period_s",
-            self.execution.check_period_s,
-            f"must divide execution.tick_s = {self.execution.tick_s} s",
-        )
+        by_event = self.decisions.when == "event"
+        rule = f"must be at least execution.tick_s = {tick_s}"
+        require(not by_event or longest_s >= tick_s, "decisions.longest_s, threat_longest_s", longest_s, rule)
+        rule = "must be tick where actions are velocities: they hold for a tick"
+        self._require(not by_event or self.action == "goal", "decisions.when", rule)
+        rule = "must be physical where actions are goals: it is the range of velocities"
+        self._require(self.action_range == "physical" or self.action == "velocity", "action_range", rule)
+        wheel_mps, fastest_mps = self.robot.wheel_speed_mps, self.fastest_mps
+        rule = f"must be at most robot.wheel_speed_mps = {wheel_mps}"
+        self._require(fastest_mps <= wheel_mps, "randomize.speed_mps", rule)
+        rule = f"the robot would drive more than {MAX_BLIND_M} m on one plan, which is written out for a little more"
+        self._require(fastest_mps * self.nav2.planner_period_s <= MAX_BLIND_M, "nav2.planner_period_s", rule)
+        rule = f"must divide execution.tick_s = {tick_s} s"
+        self._require(_divides(check_s, tick_s), "execution.check_period_s", rule)
 
     @property
     def fastest_mps(self) -> float:
         """The highest speed that the robot can have in an episode."""
-        return (
-            self.robot.speed_mps
-            if self.randomize.speed_mps is None
-            else max(self.robot.speed_mps, self.randomize.speed_mps[1])
-        )
+        return max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
 
-    def with_fields(self, **changes: Any) -> Config:
+    def with_fields(self, **changes: Any) -> Self:
         """A copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
 
         Raises:
             ConfigError: an unknown name, or a value out of range.
         """
-        groups: dict[str, dict[str, Any]] = {}
         top: dict[str, Any] = {}
+        groups: dict[str, dict[str, Any]] = {}
         for name, value in changes.items():
             kind_of(name)
             group, _, leaf = name.rpartition(".")
@@ -134,16 +104,12 @@ class Config(Checked):
                 top[name] = value
         for group, fields in groups.items():
             owner = top.get(group, getattr(self, group))
-            if isinstance(owner, Checked):  # else Config says what is wrong
+            if isinstance(owner, Checked):  # else Config reports what is wrong
                 top[group] = dataclasses.replace(owner, **fields)  # type: ignore[type-var]
         return dataclasses.replace(self, **top)
 
     def value(self, name: str) -> Any:
-        """One field by its dotted name.
-
-        Raises:
-            ConfigError: an unknown name.
-        """
+        """One field by its dotted name; a ConfigError for an unknown one."""
         kind_of(name)
         return operator.attrgetter(name)(self)
 
@@ -153,7 +119,7 @@ class Config(Checked):
 
     @property
     def hash(self) -> str:
-        """12 hexadecimal digits by which two configurations are told apart: equal fields, equal hash."""
+        """12 hexadecimal digits that distinguish two configurations: equal fields, equal hash."""
         text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -166,11 +132,7 @@ for _group, _kind in kinds(Config).items():
 
 
 def kind_of(name: str) -> Any:
-    """The type of a field, or the class of a group, by its dotted name.
-
-    Raises:
-        ConfigError: there is none; says which ones may be meant.
-    """
+    """The type of a field, or the class of a group, by its dotted name; a ConfigError names the nearest ones."""
     if name in FIELDS:
         return FIELDS[name]
     close = difflib.get_close_matches(name, FIELDS, n=2, cutoff=0.7)
@@ -180,10 +142,7 @@ def kind_of(name: str) -> Any:
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Both values of every field that differs between two results of ``as_dict``, by dotted name.
-
-    A field that only one of them has is None in the other.
-    """
+    """Both values, None where there is no such field, of all that differs between two results of ``as_dict``."""
     found: dict[str, tuple[Any, Any]] = {}
     for name in sorted({*a, *b}):
         one, other = a.get(name), b.get(name)

@@ -1,13 +1,12 @@
-"""Named sets of fields: two presets of the robot and its surroundings, two executions of Algorithm 4."""
+"""Fields by dotted name: two presets of the robot and its surroundings, two executions of Algorithm 4, and text."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+import typing
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..plugins import PluginError, Registry
-from .composition import Config
-from .validation import ConfigError
+from .composition import FIELDS, Config, kind_of
+from .validation import ConfigError, convert
 
 AS_BUILT: dict[str, Any] = {
     "execution.pose_source": "amcl",
@@ -33,6 +32,7 @@ _IDEAL: dict[str, Any] = {
     "execution.check_period_s": 0.05,
 }
 PRESETS = {"robot": _ROBOT, "ideal": _IDEAL}
+_WORDS = {"true": True, "false": False, "none": None}
 #: Those, and what other packages add as entry points: fields by dotted name.
 _ALL_PRESETS: Registry[Mapping[str, Any]] = Registry("preset", "pacman_env.presets", dict(sorted(PRESETS.items())))
 preset_names = _ALL_PRESETS.names
@@ -54,3 +54,25 @@ def make_config(preset: str = "robot", execution: str = "robust", **changes: Any
     if not isinstance(execution, str) or execution not in EXECUTIONS:
         raise ConfigError(f"unknown execution {execution!r}: choose one of {sorted(EXECUTIONS)}")
     return Config().with_fields(**{**fields, **EXECUTIONS[execution], **changes})
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
+    """Values by dotted name, for :func:`make_config`, of texts like ``clyde.speed_mps=0.3``; several have commas.
+
+    Raises:
+        ConfigError: not ``name=value``, no such field, or a value of another type or out of range.
+    """
+    changes = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"setting {text!r}: must be name=value")
+        kind = kind_of(name)
+        inner = [field for field in FIELDS if field.startswith(f"{name}.")]
+        if inner:
+            raise ConfigError(f"configuration field {name!r} is a group: choose one of {', '.join(inner)}")
+        parts: list[Any] = [_WORDS.get(part.strip().lower(), part.strip()) for part in value.split(",")]
+        is_list = parts != [None] and any(typing.get_origin(k) is tuple for k in (kind, *typing.get_args(kind)))
+        plain = parts if is_list else parts[0] if len(parts) == 1 else value
+        changes[name] = convert(plain, kind, name, strict=kind is bool)
+    return changes

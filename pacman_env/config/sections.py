@@ -4,8 +4,6 @@
 "Nav2" and "map_server" are the vendors' documents. Nothing here is tuned to make a result.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -34,18 +32,10 @@ class RobotConfig(Checked, group="robot"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            self.inscribed_radius_m >= self.radius_m,
-            "robot.inscribed_radius_m",
-            self.inscribed_radius_m,
-            f"must be at least radius_m = {self.radius_m}",
-        )
-        require(
-            self.speed_mps <= self.wheel_speed_mps,
-            "robot.speed_mps",
-            self.speed_mps,
-            f"must be at most wheel_speed_mps = {self.wheel_speed_mps}",
-        )
+        rule = f"must be at least radius_m = {self.radius_m}"
+        self._require(self.inscribed_radius_m >= self.radius_m, "inscribed_radius_m", rule)
+        rule = f"must be at most wheel_speed_mps = {self.wheel_speed_mps}"
+        self._require(self.speed_mps <= self.wheel_speed_mps, "speed_mps", rule)
 
 
 @dataclass(frozen=True)
@@ -55,7 +45,7 @@ class LocalizationConfig(Checked, group="localization"):
     perfect: bool = False  # True: belief = truth at every instant
     update_distance_m: Positive = 0.25  # filter update when moved farther in x or in y (AMCL)
     update_angle_rad: Positive = 0.2  # or turned farther (AMCL)
-    scan_period_s: Positive = 0.1  # the filter looks at each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)
+    scan_period_s: Positive = 0.1  # the filter tests each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)
     sigma_xy_m: NotNegative = 0.035  # error per axis, redrawn at each update [M]
     sigma_yaw_rad: NotNegative = 0.07  # [M]
     converges_m: Positive = 1.0  # a pose given in RViz that is off by at most this much ...
@@ -79,8 +69,8 @@ class Nav2Config(Checked, group="nav2"):
     stuck_abort_s: Positive = 150.0  # stuck through all recoveries (Nav2)
     abort_rate: Share = 0.0  # probability that a goal is aborted at once for no reason (bad TF)
     recovery_wait_s: Positive = 5.0  # recovery "wait" (Nav2)
-    clyde_keepout_m: Positive = 0.236  # inscribed radius + 0.05 m: Clyde and eight points around him, original
-    clear_distance_m: NotNegative = 0.5  # costmaps are cleared of Clyde when he has moved this far
+    clyde_keepout_m: Positive = 0.236  # inscribed radius + 0.05 m: Clyde and eight points around it, original
+    clear_distance_m: NotNegative = 0.5  # costmaps are cleared of Clyde when it has moved this far
 
 
 @dataclass(frozen=True)
@@ -95,22 +85,22 @@ class PelletConfig(Checked, group="pellets"):
 
 @dataclass(frozen=True)
 class ClydeConfig(Checked, group="clyde"):
-    """Algorithm 2, for Clyde and for the ghosts beside him."""
+    """Algorithm 2, for Clyde and for the ghosts beside it."""
 
     speed_mps: Annotated[float, Meta(ge=0, le=MAX_SPEED_MPS)] = 0.25  # round 1, original
     speed_step_mps: NotNegative = 0.05  # per round, original
-    clearance_m: NotNegative = 0.25  # half-width of the free square around his cells, original
-    update_period_s: Positive = 0.2  # he moves, and is seen to move, at 5 Hz; original
+    clearance_m: NotNegative = 0.25  # half-width of the free square around its cells, original
+    update_period_s: Positive = 0.2  # it moves, and is published, at 5 Hz; original
     spawn: Literal["connected", "anywhere"] = "connected"  # "anywhere", the original: also in sealed pockets
     spawn_distance_m: NotNegative = 1.5  # at least this far from the robot in a straight line; original: 0
-    click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where he can be puts him there
+    click_distance_m: NotNegative = 0.25  # a click in RViz this near a place where Clyde can be puts it there
     ghosts: tuple[str, ...] = ("wander",)  # behaviours of one to four: Clyde, Blinky, Pinky, Inky
-    # Arcade: Clyde turns away at 8 tiles; a tile is taken as the pick-up radius, what the robot sweeps on either side.
+    # Arcade: Clyde turns away at 8 tiles; a tile is the pick-up radius, what the robot sweeps on either side.
     arcade_distance_m: Positive = 2.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(1 <= len(self.ghosts) <= 4, "clyde.ghosts", self.ghosts, "must name one to four behaviours")
+        self._require(1 <= len(self.ghosts) <= 4, "ghosts", "must name one to four behaviours")
 
 
 @dataclass(frozen=True)
@@ -129,31 +119,31 @@ class ExecutionConfig(Checked, group="execution"):
     # A pellet is pursued this long before another is preferred; original: 0. Its goals changed every 0.5 s where Clyde
     # begins to threaten.
     min_dwell_s: NotNegative = 1.0
-    # A success counts this far beyond nav2.goal_tolerance_m (as_built: anywhere): Nav2 sees the robot arrive before the
-    # pose that is heard says so.
+    # A success counts this far beyond nav2.goal_tolerance_m (as_built: anywhere): Nav2's pose arrives there before the
+    # received pose does.
     success_margin_m: NotNegative = 0.1
 
 
 @dataclass(frozen=True)
 class DecisionConfig(Checked, group="decisions"):
-    """When the planner is asked for a choice; in between the robot goes on with the last one."""
+    """When the planner makes a choice; in between the robot continues with the last one."""
 
     #: At each tick, or when its goal has ended, a pellet was collected, a ghost has come near, or it has been long.
     when: Literal["tick", "event"] = "tick"
-    longest_s: Positive = 4.0  # of event: it is asked after so much time in any case
-    threat_distance_m: NotNegative = 2.0  # of event: a ghost that comes nearer, straight, is a reason to ask ...
-    threat_longest_s: Positive = 1.0  # ... and as long as one is, it is asked after so much time
+    longest_s: Positive = 4.0  # of event: a choice after so much time in any case
+    threat_distance_m: NotNegative = 2.0  # of event: a ghost that comes nearer, straight, is a reason for a choice ...
+    threat_longest_s: Positive = 1.0  # ... and as long as one is, the next follows after so much time
     #: Of event: of the rewards between two decisions; and of reward.progress, whatever `when` is.
     discount_per_s: Annotated[float, Meta(gt=0, le=1)] = 1.0
 
 
 @dataclass(frozen=True)
 class ShowConfig(Checked, group="show"):
-    """Algorithm 5: how long the shows last, and how often the way home is tried."""
+    """Algorithm 5: how long the shows last, and how often the return home is tried."""
 
     start_s: _ShowTime = 8.0  # before a round, original
     death_s: _ShowTime = 5.0  # after a death, original
-    home_retries: Count = 3  # more tries after a failed way home before the game gives up; original: none
+    home_retries: Count = 3  # more tries after a failed return home before the game ends; original: none
     home_retry_s: NotNegative = 5.0  # pause before each of them
     spin_radps: Annotated[float, Meta(gt=0, le=1.9)] = 1.5  # how fast the robot turns in a show, original
     swing_s: Positive = 0.25  # the shake goes to the other side this often, original
@@ -168,8 +158,8 @@ class RewardConfig(Checked, group="reward"):
     completion: Number = 5.0
     tick: Number = -0.002
     timeout: Number = -5.0
-    #: Per metre that the way to the nearest pellet left has become shorter: potential-based (Ng, Harada, Russell 1999),
-    #: so that it changes no best policy; 0: none.
+    #: Per metre by which the path to the nearest pellet left has become shorter: potential-based (Ng, Harada, Russell
+    #: 1999), so that it changes no best policy; 0: none.
     progress: Number = 0.0
 
 
@@ -180,7 +170,7 @@ class RefugeConfig(Checked, group="refuges"):
     spread: Count = 7  # farthest-point places by path length, beside the home pose ...
     clearance_m: NotNegative = 0.30  # ... this far from walls where the map has such places: a pellet's clearance
     nooks: Count = 4  # places Clyde's centre cannot come near
-    nook_clearance_m: NotNegative = 0.42  # how near he cannot come
+    nook_clearance_m: NotNegative = 0.42  # how near it cannot come
 
 
 Range = tuple[NotNegative, NotNegative] | None
@@ -223,7 +213,7 @@ class ObservationConfig(Checked, group="observation"):
     #: and ghosts lie; with a scan and, but for a grid alone, with velocities in any case), grid (picture around the
     #: robot), planner (what the learned planner reads); in any order.
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = ("features",)
-    #: Those of the map by their numbers, or the nearest, in the order of the robot's way to them: as many on any map.
+    #: Those of the map by their numbers, or the nearest, in the order of the robot's path to them: as many on any map.
     candidates: Literal["all", "nearest"] = "all"
     nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = 4  # of nearest, and in bearings: so many are listed
     nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = 2  # of nearest: so many are listed
@@ -242,9 +232,5 @@ class ObservationConfig(Checked, group="observation"):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "kinds", tuple(sorted(set(self.kinds))))
-        require(
-            self.scan_maximum_m > self.scan_minimum_m,
-            "observation.scan_maximum_m",
-            self.scan_maximum_m,
-            f"must be above scan_minimum_m = {self.scan_minimum_m}",
-        )
+        rule = f"must be above scan_minimum_m = {self.scan_minimum_m}"
+        self._require(self.scan_maximum_m > self.scan_minimum_m, "scan_maximum_m", rule)

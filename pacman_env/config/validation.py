@@ -1,23 +1,22 @@
 """The one check of typed values: settings, fields of a configuration, files, snapshots.
 
-msgspec checks the types and ranges that annotations give; rules between fields are checked by the class that has them.
-What is wrong is said with the dotted name of the field, the value and the rule.
+msgspec checks types and ranges; a class checks the rules between its fields. A message has field, value and rule.
 """
 
-from __future__ import annotations
-
 import functools
+import operator
 import re
 import typing
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-_LARGEST = 1e300  # so that a number is finite
-Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
-NotNegative = Annotated[float, Meta(ge=0, le=_LARGEST)]
-Positive = Annotated[float, Meta(gt=0, le=_LARGEST)]
+LARGEST = 1e300  # so that a number is finite
+Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
+NotNegative = Annotated[float, Meta(ge=0, le=LARGEST)]
+Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Count = Annotated[int, Meta(ge=0)]
 AtLeastOne = Annotated[int, Meta(ge=1)]
@@ -52,25 +51,14 @@ def require(condition: bool, field_name: str, value: object, rule: str) -> None:
         raise ConfigError(f"{field_name} = {value!r:.600}: {rule}")
 
 
-_hints = functools.cache(functools.partial(typing.get_type_hints, include_extras=True))
-
-
-def kinds(owner: Any) -> dict[str, Any]:
-    """The fields of a class with their types, ranges included."""
-    return _hints(owner)
+#: The fields of a class with their types, ranges included.
+kinds: Callable[[Any], dict[str, Any]] = functools.cache(functools.partial(typing.get_type_hints, include_extras=True))
 
 
 def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) -> Any:
-    """The value as ``kind``: lists become tuples, whole numbers floats, NumPy's numbers Python's.
+    """The value as ``kind``: lists become tuples, whole numbers floats, NumPy's numbers Python's; or a ConfigError.
 
-    Args:
-        value: plain data, or text where ``strict`` is False.
-        kind: a type, with ``msgspec.Meta`` where a range belongs to it.
-        name: of the value, for the message.
-        strict: text stands for nothing but text.
-
-    Raises:
-        ConfigError: it is of another type or out of range.
+    ``kind`` is a type, with ``msgspec.Meta`` where it has a range; text becomes a number only if not ``strict``.
     """
     try:
         return msgspec.convert(_plain(value), kind, strict=strict, dec_hook=lambda kind, value: kind(value))
@@ -79,10 +67,7 @@ def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) ->
 
 
 class Checked:
-    """A dataclass whose values have the types and ranges that their annotations say.
-
-    A subclass that is a group of fields gives its name, ``class RobotConfig(Checked, group="robot")``.
-    """
+    """A dataclass whose values have the types and ranges of their annotations; ``group`` is for messages."""
 
     _prefix = ""
 
@@ -97,6 +82,10 @@ class Checked:
             else:
                 object.__setattr__(self, field, convert(value, kind, name))
 
+    def _require(self, condition: bool, name: str, rule: str) -> None:
+        """:func:`require` for a field, which is named without this group."""
+        require(condition, self._prefix + name, operator.attrgetter(name)(self), rule)
+
 
 def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
@@ -105,7 +94,7 @@ def _plain(value: Any) -> Any:
 
 
 def _message(error: str, value: Any, kind: Any, name: str) -> str:
-    """msgspec's words as ``robot.speed_mps = -1.0: must be a finite number above 0.0``."""
+    """msgspec's message as ``robot.speed_mps = -1.0: must be a finite number above 0.0``."""
     rule, _, place = error.partition(" - at `$")
     place, in_dict, _ = place.partition("[...]")
     for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
@@ -114,7 +103,7 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
         kind = kinds(kind).get(key) if key else kind
     name = name.lstrip(".")
     for key, one in value.items() if in_dict else ():
-        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not say under which key
+        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not name the key
     if field := re.match("Object (missing required|contains unknown) field `(.*)`", rule):
         inner = f"{name}.{field[2]}".lstrip(".")
         return f"{inner} is missing" if "missing" in field[1] else f"{inner} = {value[field[2]]!r:.600}: no such field"

@@ -23,8 +23,7 @@ from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.web.frame import Frame, Pose, thinned
-from pacman_env.world.navigation import navigator
-from pacman_env.world.navigation.lidar import scan
+from pacman_env.world.navigation import lidar, navigator
 
 _RAYS = 180
 _RANGE_M = (0.15, 12.0)  # of the RPLIDAR A1
@@ -308,24 +307,14 @@ class PlayedRound:
 
     def lidar(self) -> NDArray[np.float64]:
         """(R,) the scan at the robot's true pose, m, NaN: nothing met; without noise."""
-        grid, ranges = self.assets.grid, np.zeros(_RAYS, dtype=np.float32)
-        x, y, heading = self.snapshots[-1].true
-        low, high = _RANGE_M
-        scan(
-            np.asarray(self.batch.levels.arrays["affine"][int(self.batch.games["level"][0])]),
-            np.asarray(self.batch.levels.arrays["clearance_cm"][int(self.batch.games["level"][0])]),
-            grid.resolution,
-            x,
-            y,
-            heading,
-            np.uint64(0),
-            0,
-            0.0,
-            low,
-            high,
-            ranges,
+        levels, ranges = self.batch.levels, np.zeros((1, _RAYS), dtype=np.float32)
+        arrays, level = levels.arrays, np.ascontiguousarray(self.batch.games["level"][:1])
+        maps = lidar.Maps(arrays["affine"], arrays["clearance_cm"], arrays["shape"], levels.resolution)
+        pose, zeros = np.array([self.snapshots[-1].true]), np.zeros(1, np.int32)
+        lidar.scan(
+            maps, lidar.Robots(level, pose, zeros.astype(np.uint64), zeros), lidar.Sensor(*_RANGE_M, 0.0), ranges
         )
-        return np.where(ranges >= high, np.nan, ranges.astype(float))
+        return np.where(ranges[0] >= _RANGE_M[1], np.nan, ranges[0].astype(float))
 
     def why(self, tick: int) -> dict[str, Any]:
         """The terms of the candidates at a tick: the policies are asked again, from the beginning on.

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import pacman_env
-from benchmarks.harness import ROOT, benchmark_parser, in_checkout, median_and_range, run_benchmark, turns
+from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
 
 
 def test_alternatives_take_turns() -> None:
@@ -28,9 +28,8 @@ def test_alternatives_take_turns() -> None:
 @pytest.mark.parametrize(("rate", "status"), [(2.0, 0), (0.5, 1)])
 def test_figures_are_written_with_version_seed_and_machine(rate: float, status: int, tmp_path: Path) -> None:
     out = tmp_path / "new" / "figures.json"
-    parser = benchmark_parser("mine", "Mine.", "--seed")
-    words = ["--map", "loop", "--seed", "3", "--json", str(out)]
-    assert run_benchmark(parser, words, lambda _: {"rate": rate}, failed=lambda f: f["rate"] < 1.0) == status
+    main = benchmark("mine", "Mine.", lambda _: {"rate": rate}, "--seed", failed=lambda f: f["rate"] < 1.0)
+    assert main(["--map", "loop", "--seed", "3", "--json", str(out)]) == status
     figures = json.loads(out.read_text())
     assert set(figures.pop("machine")) == {"python", "processor", "cores"}
     assert figures == {"version": pacman_env.__version__, "map": "loop", "seed": 3, "rate": rate}
@@ -42,7 +41,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(
     def measure(_: Any) -> dict[str, Any]:
         raise AssertionError
 
-    assert run_benchmark(benchmark_parser("mine", None), ["--json", "."], measure) == 2
+    assert benchmark("mine", None, measure)(["--json", "."]) == 2
     assert "is a folder" in capsys.readouterr().err
 
 

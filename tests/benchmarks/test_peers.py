@@ -18,16 +18,6 @@ from tests.evaluation.helpers import refused_in_one_line
 
 SHORT = ["--map", "loop", "--rounds", "2", "--seconds", "0.1"]
 
-#: A library that is there: what its worker's script says and answers.
-FAKE = """
-import json, sys
-print(json.dumps({"version": "1.0", "tasks": [
-    {"name": "Easy-v0", "simulated_s": 0.25, "description": "a bit", "sizes": [1, 64], "threaded": True}]}), flush=True)
-for line in sys.stdin:
-    task, size, threads, seconds = json.loads(line)
-    print(json.dumps({"decisions_per_s": 1000.0 * size * threads, "cores": 1.0}), flush=True)
-"""
-
 
 def a_script(folder: Path, text: str) -> Path:
     path = folder / "script.py"
@@ -38,7 +28,7 @@ def a_script(folder: Path, text: str) -> Path:
 @pytest.fixture(scope="module")
 def measured() -> dict[str, Any]:
     """Ours alone, really played."""
-    return run([], None, "loop", 2, 0.1)
+    return run([], None, "loop", 1, 0.1)
 
 
 def test_ours_steps_one_game_and_64(measured: dict[str, Any]) -> None:
@@ -53,16 +43,12 @@ def test_ours_steps_one_game_and_64(measured: dict[str, Any]) -> None:
 
 def test_the_script_says_what_a_decision_of_ours_is() -> None:
     worker = Worker(OURS, "loop")
-    try:
-        (task,) = worker.tasks
-        assert task["description"].startswith("10 Chipmunk steps")
-        assert list(worker.cases()) == [(0, 1, 1), (0, 64, 1)]
-        assert worker.turn(0, 64, 1, 0.05)["decisions_per_s"] > 0
-        with pytest.raises(PeerError, match="list index out of range"):
-            worker.turn(1, 64, 1, 0.05)
-        assert worker.turn(0, 1, 1, 0.05)["decisions_per_s"] > 0  # it goes on
-    finally:
-        worker.close()
+    (task,) = worker.tasks
+    assert task["description"].startswith("10 Chipmunk steps")
+    assert list(worker.cases()) == [(0, 1, 1), (0, 64, 1)]
+    assert worker.turn(0, 64, 1, 0.05)["decisions_per_s"] > 0
+    with pytest.raises(ValueError, match="our own environment: IndexError: list index out of range"):
+        worker.turn(1, 64, 1, 0.05)
 
 
 def test_a_turn_counts_the_games_and_lasts_a_step_at_least() -> None:
@@ -128,9 +114,6 @@ class Fake(Worker):
             raise PeerError("ended with status -9: no memory")
         return {"decisions_per_s": 2000.0 * size * (2 if self.name == OURS else threads), "cores": float(threads)}
 
-    def close(self) -> None:
-        pass
-
 
 def test_the_table_has_ratios_and_names_what_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -169,12 +152,9 @@ def test_a_process_that_dies_is_an_error_with_its_last_words(tmp_path: Path, mon
     monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, "import sys; sys.exit('out of luck')"))
     with pytest.raises(PeerError, match="ended with status 1: out of luck"):
         Worker("vmas", "loop")
-    monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, FAKE.replace("for line in sys.stdin:", "if False:")))
-    worker = Worker("vmas", "loop")
-    worker._process.wait()
+    monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, ""))
     with pytest.raises(PeerError, match="ended with status 0"):
-        worker.turn(0, 1, 1, 0.1)
-    worker.close()
+        Worker("vmas", "loop")
 
 
 def test_a_library_that_cannot_be_imported_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,7 +168,7 @@ def test_a_library_that_cannot_be_imported_says_why(tmp_path: Path, monkeypatch:
 def test_a_process_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "SCRIPT", a_script(tmp_path, "import time; time.sleep(600)"))
     monkeypatch.setattr(peers, "LIMIT_S", 0.2)
-    with pytest.raises(PeerError, match="ended with status -9"):
+    with pytest.raises(PeerError, match=r"no answer within 0\.2 s"):
         Worker("vmas", "loop")
 
 

@@ -65,10 +65,10 @@ def test_comments_behind_a_field_and_above_it_are_its_own() -> None:
         "    c: int = 2\n    d_mps: float = 3.0\n"
     )
     fields = fields_of(source)["A"]
-    assert [(f.name, f.kind, f.comment, f.unit) for f in fields] == [
-        ("b_m", "float", "behind", "m"),
-        ("c", "int", "above in two lines", ""),
-        ("d_mps", "float", "", "m/s"),
+    assert [(f.name, f.comment, f.unit) for f in fields] == [
+        ("b_m", "behind", "m"),
+        ("c", "above in two lines", ""),
+        ("d_mps", "", "m/s"),
     ]
 
 

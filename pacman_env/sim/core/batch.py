@@ -17,7 +17,7 @@ from ...engine.native import Table
 from ...engine.threads import Threads
 from ...game.execution import COMPLETE, TIMEOUT
 from ...game.round import clyde_speed_mps
-from ...world.navigation.clear_cells import overlap_m
+from ...world.navigation.physics import overlap_m
 from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel

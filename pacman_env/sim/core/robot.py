@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ...config import Config
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
-from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.grid import build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
-from ...world.navigation.physics import Spaces
+from ...world.navigation.physics import Spaces, clear_cells
 from ...world.navigation.planner import PATH_POINTS, detour_memory
 from . import kernels, records
 from .parameters import batch_parameters, draw_episodes
@@ -163,11 +162,12 @@ class SimulatedRobot:
         """(R,) ranges in m, R and the limits as in ``config.observation``; see :func:`lidar.scan`."""
         kinds, grid = self.config.observation, self.grid
         ranges = np.empty(kinds.scan_rays, dtype=np.float32)
-        lidar.scan_all(  # the kernel that environments have compiled
-            grid.affine[None], grid.clearance_cm[None], np.array([grid.clearance_cm.shape], np.int32), grid.resolution,
-            np.zeros(1, np.int32), np.array([self.pose]), self._games["seed"], np.array([self.steps], np.int32),
-            kinds.scan_noise, kinds.scan_minimum_m, kinds.scan_maximum_m, ranges[None],
-        )  # fmt: skip
+        shape = np.array([grid.shape], np.int32)
+        maps = lidar.Maps(grid.affine[None], grid.clearance_cm[None], shape, grid.resolution)
+        pose, tick = np.array([self.pose]), np.array([self.steps], np.int32)
+        robots = lidar.Robots(np.zeros(1, np.int32), pose, self._games["seed"], tick)
+        sensor = lidar.Sensor(kinds.scan_minimum_m, kinds.scan_maximum_m, kinds.scan_noise)
+        lidar.scan(maps, robots, sensor, ranges[None])
         return ranges
 
     def distance_m(self, slot: int) -> float | None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...config import ConfigError, ObservationConfig
 from ...plugins import PluginError, Registry
-from ...world.navigation.lidar import scan_all
+from ...world.navigation import lidar
 from ..core.batch import GameBatch
 from .bearings import GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS, ghost_bearings, pellet_bearings
 from .nearest import Nearest, in_order, nearest_candidates
@@ -155,20 +155,11 @@ class Scan:
         """From where the robots truly are."""
         config, games, arrays = batch.config.observation, batch.games, batch.levels.arrays
         ranges = np.empty((batch.n, config.scan_rays), dtype=np.float32)
-        scan_all(
-            arrays["affine"],
-            arrays["clearance_cm"],
-            arrays["shape"],
-            batch.levels.resolution,
-            np.ascontiguousarray(games["level"]),
-            np.stack([games["x"], games["y"], games["heading"]], axis=1),
-            np.ascontiguousarray(games["seed"]),
-            np.ascontiguousarray(games["tick"]),
-            config.scan_noise,
-            config.scan_minimum_m,
-            config.scan_maximum_m,
-            ranges,
-        )
+        pose = np.stack([games["x"], games["y"], games["heading"]], axis=1)
+        level, seed, tick = (np.ascontiguousarray(games[name]) for name in ("level", "seed", "tick"))
+        maps = lidar.Maps(arrays["affine"], arrays["clearance_cm"], arrays["shape"], batch.levels.resolution)
+        sensor = lidar.Sensor(config.scan_minimum_m, config.scan_maximum_m, config.scan_noise)
+        lidar.scan(maps, lidar.Robots(level, pose, seed, tick), sensor, ranges)
         return {"scan": ranges}
 
 

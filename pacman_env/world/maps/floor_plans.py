@@ -1,16 +1,12 @@
 """The maps the project ships, drawn by code: floor plans in metres, surveyed by a simulated lidar.
 
-What lives here: small drawing functions (rooms, doors, furniture), the survey that turns a drawing into the
-grey image a SLAM node would have saved, and the four plans. ``python -m pacman_env.world.maps.floor_plans FOLDER``
-writes them all. Reading and writing map files is :mod:`pacman_env.world.maps.occupancy`'s business. Pellets are
-not placed here, but the paddings are chosen for Algorithm 1's lattice, which starts at pixel (0, 0).
+``python -m pacman_env.world.maps.floor_plans FOLDER`` writes them all. Paddings are chosen for Algorithm 1's lattice,
+which starts at pixel (0, 0).
 """
 
-from __future__ import annotations
-
 import argparse
+import itertools
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -30,11 +26,8 @@ _STOP_CLEARANCE_PX = 6.1  # the robot stops 0.3 m and more from anything
 class Sketch:
     """A building in its own frame (m, x right, y up), solid everywhere until rooms are carved out of it.
 
-    Args:
-        size: width and height of the building, m.
-        home: the point of the building that becomes the origin of the map frame, m.
-        turn_deg: rotation from building to map frame: SLAM maps are seldom parallel to their walls.
-        pad_px: unknown columns left of the building and unknown rows above it.
+    ``home`` becomes the origin of the map frame, turned by ``turn_deg``: SLAM maps are seldom parallel to their walls.
+    ``pad_px`` are unknown columns left of the building and unknown rows above it. Boxes are (x0, y0, x1, y1).
     """
 
     def __init__(
@@ -55,7 +48,6 @@ class Sketch:
         self.solid = np.ones(self.x.shape, dtype=np.bool_)
 
     def to_map(self, x: float, y: float) -> tuple[float, float]:
-        """Point of the building in the map frame, m."""
         dx, dy = x - self.home[0], y - self.home[1]
         return self._cos * dx - self._sin * dy, self._sin * dx + self._cos * dy
 
@@ -63,12 +55,12 @@ class Sketch:
         return (self.x > x0) & (self.x < x1) & (self.y > y0) & (self.y < y1)
 
     def carve(self, *boxes: tuple[float, float, float, float]) -> None:
-        """Rooms, corridors and doors: boxes (x0, y0, x1, y1) made free."""
+        """Rooms, corridors and doors."""
         for box in boxes:
             self.solid &= ~self._box(*box)
 
     def block(self, *boxes: tuple[float, float, float, float]) -> None:
-        """Walls and box-shaped furniture: boxes (x0, y0, x1, y1) made solid."""
+        """Walls and furniture."""
         for box in boxes:
             self.solid |= self._box(*box)
 
@@ -84,15 +76,13 @@ class Sketch:
 
     def table(self, x: float, y: float, width: float, depth: float, chairs: int = 0) -> None:
         """A table around (x, y): a lidar sees only its legs, and those of ``chairs`` on each long side."""
-        for sx in (-0.5, 0.5):
-            for sy in (-0.5, 0.5):
-                self.disc(x + sx * width, y + sy * depth)
+        for sx, sy in itertools.product((-0.5, 0.5), repeat=2):
+            self.disc(x + sx * width, y + sy * depth)
         for k in range(chairs):
-            seat = x + width * ((k + 0.5) / chairs - 0.5)
-            for dx in (-0.18, 0.18):
-                for dy in (-0.25, 0.2):  # pushed under the table
-                    self.disc(seat + dx, y + depth / 2 + dy)
-                    self.disc(seat + dx, y - depth / 2 - dy)
+            chair = x + width * ((k + 0.5) / chairs - 0.5)
+            for dx, dy in itertools.product((-0.18, 0.18), (-0.25, 0.2)):  # pushed under the table
+                self.disc(chair + dx, y + depth / 2 + dy)
+                self.disc(chair + dx, y - depth / 2 - dy)
 
 
 def _touching(mask: NDArray[np.bool_], cells: int = 1) -> NDArray[np.bool_]:
@@ -164,47 +154,22 @@ def survey(name: str, sketch: Sketch, seed: int, *, stop_every_m: float = 1.0) -
 def house() -> OccupancyMap:
     """Six rooms around a hall; the bedroom in the far corner has one doorway, which a ghost can guard."""
     s = Sketch((11.2, 9.2), home=(1.1, 4.9), turn_deg=-11.0, pad_px=(30, 45))
+    s.carve((0.0, 4.25, 11.2, 5.55))  # hall
+    s.carve((0.0, 0.0, 5.2, 4.1), (0.0, 5.7, 4.3, 9.2), (4.45, 5.7, 8.0, 9.2))  # living room, kitchen, dining room
+    s.carve((5.35, 0.0, 8.4, 4.1), (8.55, 1.5, 11.2, 4.1), (8.15, 5.7, 11.2, 8.9))  # study, laundry, bedroom
+    s.carve((1.7, 4.0, 3.3, 4.3), (0.7, 5.5, 1.85, 5.75), (3.0, 5.5, 4.2, 5.75))  # hall - living room, kitchen twice
     s.carve(
-        (0.0, 4.25, 11.2, 5.55),  # hall
-        (0.0, 0.0, 5.2, 4.1),  # living room
-        (0.0, 5.7, 4.3, 9.2),  # kitchen
-        (4.45, 5.7, 8.0, 9.2),  # dining room
-        (5.35, 0.0, 8.4, 4.1),  # study
-        (8.55, 1.5, 11.2, 4.1),  # laundry
-        (8.15, 5.7, 11.2, 8.9),  # bedroom
-    )
-    s.carve(
-        (1.7, 4.0, 3.3, 4.3),  # hall - living room
-        (0.7, 5.5, 1.85, 5.75),  # hall - kitchen
-        (3.0, 5.5, 4.2, 5.75),  # hall - kitchen
-        (6.2, 5.5, 7.35, 5.75),  # hall - dining room
-        (4.25, 6.0, 4.5, 7.1),  # kitchen - dining room
-        (6.3, 4.05, 7.45, 4.3),  # hall - study
-        (5.15, 1.3, 5.4, 2.5),  # living room - study
-        (8.35, 2.4, 8.6, 3.6),  # study - laundry
-        (9.4, 4.05, 10.6, 4.3),  # hall - laundry
-        (9.0, 5.5, 10.15, 5.75),  # hall - bedroom
-    )
-    s.block(
-        (0.3, 0.25, 2.7, 1.1),  # sofa, a hand's breadth off the walls
-        (0.3, 1.1, 1.1, 2.0),
-        (0.0, 2.7, 0.35, 4.1),  # shelf
-        (2.0, 1.75, 3.0, 2.4),  # low table
-        (4.8, 2.7, 5.2, 4.1),  # television
-        (0.0, 8.6, 4.3, 9.2),  # kitchen block
-        (0.0, 6.7, 0.6, 8.6),
-        (1.7, 7.0, 3.0, 7.65),  # kitchen island
-        (4.45, 8.8, 6.0, 9.2),  # sideboard
-        (5.35, 0.0, 6.5, 0.6),  # desk
-        (6.8, 0.0, 8.4, 2.0),  # bed
-        (5.35, 3.0, 5.95, 4.1),  # wardrobe
-        (10.55, 1.5, 11.2, 2.8),  # washing machines
-        (8.55, 1.5, 9.2, 1.9),
-        (9.75, 6.95, 11.2, 8.9),  # bed
-        (8.15, 8.35, 9.3, 8.9),  # wardrobe
-        (10.85, 4.85, 11.2, 5.55),  # chest
-        (4.5, 5.3, 5.6, 5.55),  # shoe rack
-    )
+        (6.2, 5.5, 7.35, 5.75), (6.3, 4.05, 7.45, 4.3), (9.4, 4.05, 10.6, 4.3)
+    )  # hall - dining room, study, laundry
+    s.carve((9.0, 5.5, 10.15, 5.75), (4.25, 6.0, 4.5, 7.1))  # hall - bedroom, kitchen - dining room
+    s.carve((5.15, 1.3, 5.4, 2.5), (8.35, 2.4, 8.6, 3.6))  # study - living room, laundry
+    s.block((0.3, 0.25, 2.7, 1.1), (0.3, 1.1, 1.1, 2.0))  # sofa, a hand's breadth off the walls
+    s.block((0.0, 2.7, 0.35, 4.1), (2.0, 1.75, 3.0, 2.4), (4.8, 2.7, 5.2, 4.1))  # shelf, low table, television
+    s.block((0.0, 8.6, 4.3, 9.2), (0.0, 6.7, 0.6, 8.6), (1.7, 7.0, 3.0, 7.65))  # kitchen block and island
+    s.block((4.45, 8.8, 6.0, 9.2), (4.5, 5.3, 5.6, 5.55), (10.85, 4.85, 11.2, 5.55))  # sideboard, shoe rack, chest
+    s.block((5.35, 0.0, 6.5, 0.6), (6.8, 0.0, 8.4, 2.0), (5.35, 3.0, 5.95, 4.1))  # study: desk, bed, wardrobe
+    s.block((10.55, 1.5, 11.2, 2.8), (8.55, 1.5, 9.2, 1.9))  # washing machines
+    s.block((9.75, 6.95, 11.2, 8.9), (8.15, 8.35, 9.3, 8.9))  # bedroom: bed, wardrobe
     s.turned(4.0, 0.75, 0.8, 0.75, 35.0)  # armchair
     s.turned(5.9, 5.93, 0.07, 0.7, 68.0)  # open door leaves
     s.turned(8.75, 6.05, 0.07, 0.8, 40.0)
@@ -217,39 +182,16 @@ def house() -> OccupancyMap:
 def loop() -> OccupancyMap:
     """A ring of corridors around two rooms that each open on two of its sides, with niches outside."""
     s = Sketch((12.4, 8.7), home=(0.8, 3.6), turn_deg=6.0, pad_px=(41, 17))
-    s.carve(
-        (0.0, 0.0, 10.6, 1.5),  # ring
-        (0.0, 5.9, 10.6, 7.4),
-        (0.0, 0.0, 1.5, 7.4),
-        (9.1, 0.0, 10.6, 7.4),
-        (1.65, 1.65, 4.9, 5.75),  # west room
-        (6.5, 1.65, 8.95, 5.75),  # east room
-        (1.2, 7.3, 3.2, 8.7),  # niches
-        (6.6, 7.3, 8.0, 8.2),
-        (10.75, 3.0, 12.4, 5.6),  # store
-    )
-    s.carve(
-        (3.3, 5.7, 4.4, 5.95),  # west room - north
-        (1.45, 2.2, 1.7, 3.3),  # west room - west
-        (7.2, 1.45, 8.3, 1.7),  # east room - south
-        (8.9, 4.0, 9.15, 5.1),  # east room - east
-        (10.55, 3.7, 10.8, 4.8),  # store
-    )
-    s.block(
-        (2.7, 3.2, 3.9, 4.0),  # desk block
-        (1.65, 5.0, 2.6, 5.75),  # cupboards
-        (4.5, 1.65, 4.9, 3.4),
-        (6.5, 1.65, 6.95, 3.6),
-        (6.5, 5.3, 7.9, 5.75),
-        (4.2, 0.0, 6.0, 0.4),  # benches
-        (5.0, 7.1, 6.3, 7.4),
-        (11.9, 3.0, 12.4, 5.6),  # shelves
-        (1.2, 8.35, 2.2, 8.7),
-        (5.2, 1.4, 5.5, 1.65),  # pilasters
-        (5.2, 5.75, 5.5, 6.05),
-        (0.0, 5.2, 0.2, 5.5),
-        (10.4, 1.9, 10.6, 2.2),
-    )
+    s.carve((0.0, 0.0, 10.6, 1.5), (0.0, 5.9, 10.6, 7.4), (0.0, 0.0, 1.5, 7.4), (9.1, 0.0, 10.6, 7.4))  # ring
+    s.carve((1.65, 1.65, 4.9, 5.75), (6.5, 1.65, 8.95, 5.75))  # west room, east room
+    s.carve((1.2, 7.3, 3.2, 8.7), (6.6, 7.3, 8.0, 8.2), (10.75, 3.0, 12.4, 5.6))  # niches, store
+    s.carve((3.3, 5.7, 4.4, 5.95), (1.45, 2.2, 1.7, 3.3))  # doors of the west room
+    s.carve((7.2, 1.45, 8.3, 1.7), (8.9, 4.0, 9.15, 5.1), (10.55, 3.7, 10.8, 4.8))  # of the east room and the store
+    s.block((2.7, 3.2, 3.9, 4.0))  # desk block
+    s.block((1.65, 5.0, 2.6, 5.75), (4.5, 1.65, 4.9, 3.4), (6.5, 1.65, 6.95, 3.6), (6.5, 5.3, 7.9, 5.75))  # cupboards
+    s.block((4.2, 0.0, 6.0, 0.4), (5.0, 7.1, 6.3, 7.4))  # benches
+    s.block((11.9, 3.0, 12.4, 5.6), (1.2, 8.35, 2.2, 8.7))  # shelves
+    s.block((5.2, 1.4, 5.5, 1.65), (5.2, 5.75, 5.5, 6.05), (0.0, 5.2, 0.2, 5.5), (10.4, 1.9, 10.6, 2.2))  # pilasters
     s.turned(0.0, 0.0, 1.1, 1.1, 45.0)  # cut corners
     s.turned(10.6, 7.4, 1.1, 1.1, 45.0)
     s.turned(4.5, 6.1, 0.07, 0.8, -80.0)  # open door leaf
@@ -286,13 +228,11 @@ def maze() -> OccupancyMap:
     up = np.concatenate(([0.0], np.cumsum(np.array(depths[::-1]) + wall)))[::-1]
     lines = _MAZE.strip("\n").splitlines()
     s = Sketch((left[-1] - wall, up[0] - wall), home=(left[3] + 0.5, up[4] + 0.5), turn_deg=3.0, pad_px=(14, 23))
-    for i in range(len(depths)):
-        for j in range(len(widths)):
-            x0, y0 = left[j], up[i + 1]
-            right_open, up_open = lines[2 * i + 1][3 * j + 3] == " ", lines[2 * i][3 * j + 1] == " "
-            s.carve((x0, y0, x0 + widths[j] + (0.2 if right_open else 0.0), y0 + depths[i]))
-            if up_open:
-                s.carve((x0, y0, x0 + widths[j], y0 + depths[i] + 0.2))
+    for (i, depth), (j, width) in itertools.product(enumerate(depths), enumerate(widths)):
+        x0, y0 = left[j], up[i + 1]
+        right_open, up_open = lines[2 * i + 1][3 * j + 3] == " ", lines[2 * i][3 * j + 1] == " "
+        s.carve((x0, y0, x0 + width + (0.2 if right_open else 0.0), y0 + depth))
+        s.carve((x0, y0, x0 + width, y0 + depth + (0.2 if up_open else 0.0)))
     return survey("maze", s, seed=3, stop_every_m=0.6)
 
 
@@ -300,22 +240,11 @@ def open_plan() -> OccupancyMap:
     """One large room with many islands."""
     s = Sketch((11.6, 8.6), home=(5.6, 4.3), turn_deg=17.0, pad_px=(33, 48))
     s.carve((0.0, 0.0, 9.6, 8.6), (9.4, 1.6, 11.6, 6.2))
-    s.block(
-        (0.0, 7.95, 3.6, 8.6),  # kitchen
-        (0.0, 6.6, 0.6, 8.0),
-        (1.5, 6.1, 3.4, 6.75),  # bar
-        (3.2, 0.25, 5.3, 1.05),  # sofas
-        (5.3, 0.25, 6.1, 1.9),
-        (4.1, 1.6, 4.8, 2.15),  # low table
-        (0.0, 2.5, 0.4, 4.6),  # shelves
-        (7.0, 0.0, 9.6, 0.4),
-        (2.6, 3.2, 3.0, 5.0),  # room divider
-        (4.6, 6.4, 4.72, 8.6),  # booth
-        (4.6, 6.4, 5.5, 6.52),
-        (7.2, 6.4, 7.32, 8.6),
-        (11.2, 2.6, 11.6, 5.2),  # lockers
-        (9.6, 5.85, 10.8, 6.2),
-    )
+    s.block((0.0, 7.95, 3.6, 8.6), (0.0, 6.6, 0.6, 8.0), (1.5, 6.1, 3.4, 6.75))  # kitchen, bar
+    s.block((3.2, 0.25, 5.3, 1.05), (5.3, 0.25, 6.1, 1.9), (4.1, 1.6, 4.8, 2.15))  # sofas, low table
+    s.block((0.0, 2.5, 0.4, 4.6), (7.0, 0.0, 9.6, 0.4), (2.6, 3.2, 3.0, 5.0))  # shelves, room divider
+    s.block((4.6, 6.4, 4.72, 8.6), (4.6, 6.4, 5.5, 6.52), (7.2, 6.4, 7.32, 8.6))  # booth
+    s.block((11.2, 2.6, 11.6, 5.2), (9.6, 5.85, 10.8, 6.2))  # lockers
     s.table(5.5, 7.7, 1.2, 0.8, chairs=2)
     s.table(1.15, 1.05, 1.4, 0.8, chairs=2)
     s.table(8.5, 7.4, 0.8, 1.6)
@@ -330,27 +259,17 @@ def open_plan() -> OccupancyMap:
     return survey("open_plan", s, seed=4)
 
 
-FLOOR_PLANS: dict[str, Callable[[], OccupancyMap]] = {
-    "house": house,
-    "loop": loop,
-    "maze": maze,
-    "open_plan": open_plan,
-}
+FLOOR_PLANS = {"house": house, "loop": loop, "maze": maze, "open_plan": open_plan}
 
 
 def save_all(folder: Path) -> None:
-    """Write every plan as ``name.yaml`` and ``name.pgm``.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Write every plan as ``name.yaml`` and ``name.pgm``."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in FLOOR_PLANS.items():
         draw().save(folder / f"{name}.yaml", image=f"{name}.pgm")
 
 
 def main() -> None:
-    """Run ``python -m pacman_env.world.maps.floor_plans FOLDER``."""
     parser = argparse.ArgumentParser(description="Draw the project's own maps.")
     parser.add_argument("folder", type=Path, help="where the YAML and PGM files go")
     save_all(parser.parse_args().folder)

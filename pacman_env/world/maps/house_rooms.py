@@ -1,15 +1,9 @@
-"""The rooms of a generated house as rectangles, and which of them have a door between them.
-
-Walls, glass and furniture are not built here.
-"""
-
-from __future__ import annotations
+"""The rooms of a generated house as rectangles, and which of them have a door between them."""
 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,45 +27,31 @@ class Dice:
         self.draw = drawn.__next__  # half the time of a call of Generator.random
 
     def between(self, low: float, high: float) -> float:
-        """Uniform in [low, high)."""
         return low + (high - low) * self.draw()
 
     def below(self, count: int) -> int:
-        """Uniform over 0..count - 1."""
         return int(self.draw() * count)
 
     def chance(self, share: float) -> bool:
-        """True in that share of calls."""
         return self.draw() < share
 
     def shuffled(self, items: Sequence[Any]) -> list[Any]:
-        """The items in random order."""
         keys = [self.draw() for _ in items]
         return [items[k] for k in sorted(range(len(items)), key=keys.__getitem__)]
 
 
-@dataclass(frozen=True)
-class Floor:
-    """Rooms between the middles of their walls.
+class Floor(NamedTuple):
+    """Rooms between the middles of their walls."""
 
-    Attributes:
-        size: width and depth of the building, m.
-        rooms: one rectangle each, none overlaps another.
-        halls: numbers of the rooms that are corridors.
-        core: a shaft or a staircase that nobody enters.
-        wide: numbers of two rooms that are open to each other, the living room before the kitchen.
-    """
-
-    size: tuple[float, float]
-    rooms: list[Rect]
-    halls: frozenset[int] = frozenset()
-    core: Rect | None = None
-    wide: tuple[int, int] | None = None
+    size: tuple[float, float]  # width and depth of the building, m
+    rooms: list[Rect]  # none overlaps another
+    halls: frozenset[int] = frozenset()  # numbers of the rooms that are corridors
+    core: Rect | None = None  # a shaft or a staircase, closed
+    wide: tuple[int, int] | None = None  # two rooms that are open to each other, the living room before the kitchen
 
 
-@dataclass(frozen=True)
-class Wall:
-    """The stretch that rooms a < b share: x = at and y from low to high if upright, else the other way round."""
+class Wall(NamedTuple):
+    """The stretch that rooms a < b share: x = at and y from low to high if upright, else x and y exchanged."""
 
     a: int
     b: int
@@ -82,25 +62,19 @@ class Wall:
 
 
 def area(rect: Rect) -> float:
-    """Area, m2."""
     return (rect[2] - rect[0]) * (rect[3] - rect[1])
 
 
 def lay_out(dice: Dice, turn: float, loops: int, wall: float, door: float) -> tuple[Floor, list[Wall]]:
-    """Rooms, and one wall for each door, which make so many loops and at least one dead end.
+    """Rooms, and one wall for each door: ``loops`` = doors - rooms + 1, and at least one dead end.
 
-    Args:
-        dice: random choices.
-        turn: of the building against the map, rad: bounds its size.
-        loops: doors - rooms + 1.
-        wall: thickness, m.
-        door: least width, m.
+    ``turn`` of the building against the map (rad) bounds its size; ``wall`` is thickness, ``door`` least width, m.
     """
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
     while True:
-        ground, aspect = dice.between(*OUTLINE_M2), dice.between(1.05, 1.7)
-        width = min(max(math.sqrt(ground * aspect), _LENGTH_M[0]), _LENGTH_M[1])
-        depth = min(max(ground / width, _DEPTH_M[0]), _DEPTH_M[1])
+        floor_m2, aspect = dice.between(*OUTLINE_M2), dice.between(1.05, 1.7)
+        width = min(max(math.sqrt(floor_m2 * aspect), _LENGTH_M[0]), _LENGTH_M[1])
+        depth = min(max(floor_m2 / width, _DEPTH_M[0]), _DEPTH_M[1])
         scale = min(1.0, _SPAN_M / max(width * cos + depth * sin, width * sin + depth * cos))
         layout = (_corridor, _corridor, _open_plan, _open_plan, _ell, _ring, _plain)[dice.below(7)]
         floor = layout(dice, width * scale, depth * scale)

@@ -1,10 +1,4 @@
-"""The survey of a building: shapes to raster, a tour with a lidar, the grey image that SLAM would save.
-
-What stands where is decided by the caller (:mod:`pacman_env.world.maps.houses`); map files are
-:mod:`pacman_env.world.maps.occupancy`'s business.
-"""
-
-from __future__ import annotations
+"""The survey of a building: shapes to raster, a tour with a lidar, the grey image that SLAM would save."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -30,15 +24,15 @@ _LATTICE_PX, _PLACES = 40, 5  # Algorithm 1 at 2 m, from pixel (0, 0), finds abo
 _PLACE_CLEARANCE = 8 * _CELL  # the half diagonal of a pellet's free square
 _CROPS = 4  # margins tried for that
 _STOP_CLEARANCE = 6 * _CELL  # the robot stops more than 0.3 m from anything
-_HOME_CLEARANCE = 9 * _CELL  # 0.45 m, of which noise takes a cell
+_HOME_CLEARANCE = 9 * _CELL  # 0.45 m, a cell of it for noise
 _STOP_EVERY = 5  # cells of the tour
 _NEAR_PX = 36  # every place for the robot is seen from a stop at most that far away
 _RANGE_PX = 240.0  # RPLIDAR A1: 12 m
-_RAYS, _FANS = 360, 4  # rays per stop; the stops take turns with fans that lie between each other
+_RAYS, _FANS = 360, 4  # rays per stop, of one fan after the other; fans lie between each other
 _BOW_M, _SKEW = 0.07, 0.02  # at most; m and rad
 _WALL_SHARES = (0.0, 0.94, 0.5, 0.15)  # of the surface seen, by depth in cells
 _SUBPIXEL = 4  # bits
-_THIN_PX = 9  # free squares of that size outside are thinned: nobody shall stand there
+_THIN_PX = 9  # free squares of that size outside are thinned: no place to stand
 _angle = np.arange(_RAYS * _FANS) * (2 * math.pi / (_RAYS * _FANS)) + 0.0007  # none along a row of cell corners
 _RAY = np.stack([np.sin(_angle), np.cos(_angle)], axis=1)  # (rays, 2) row, column
 
@@ -48,15 +42,7 @@ def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], f
 
     Free is what some stop saw; occupied are surfaces next to it, a cell or two deep and a little ragged; the
     rest is unknown. Some rays leave through glass and are thin fans outside, too thin for a pellet or a ghost.
-
-    Args:
-        name: of the map.
-        shapes: painted one over the other on what is OUTSIDE.
-        turn: of the building against the map, rad.
-        draw: the next random number in [0, 1).
-
-    Raises:
-        ValueError: the building has no place for the robot, or is too large for the image.
+    Shapes are painted one over the other, turned by ``turn`` (rad); ``draw`` gives the next random number in [0, 1).
     """
     kind, margin = _raster(name, shapes, turn, draw)
     seed = np.uint64(int(draw() * 2**53))
@@ -173,7 +159,7 @@ def _largest_part(mask):  # type: ignore[no-untyped-def]
 def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
     """Scan from each place of a tour that no earlier scan saw from nearby.
 
-    Returns ``seen`` (H, W), 1 where a ray passed, 2 near a stop, and ``hit``, 1 where one ended at something.
+    ``seen`` (H, W) is 1 where a ray passed, 2 near a stop, ``hit`` 1 where one ended at something.
     """
     rows, columns = kind.shape
     seen, hit = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)

@@ -1,15 +1,12 @@
-"""Endless houses, drawn from the number of a level: their walls, doors and glass, and the map a robot makes of them.
+"""Endless houses, drawn from the number of a level: their walls, doors, glass and furniture.
 
-Rooms are chosen in ``house_rooms.py``, furniture in ``house_furniture.py``, what a lidar sees of it all in
-``house_survey.py``. Whether a house makes a good game under some
-configuration is for the caller to judge, who draws another attempt if not.
+The caller judges whether a house makes a good game under some configuration, and draws another attempt if not.
 """
 
-from __future__ import annotations
-
+import itertools
 import math
+from dataclasses import dataclass, field
 
-from .house_furniture import Room
 from .house_rooms import Dice, Rect, Wall, area, lay_out
 from .house_survey import DOORWAY, GLASS, MAX_PIXELS, OPEN, RESOLUTION_M, SOLID, Shape, survey
 from .occupancy import OccupancyMap
@@ -24,7 +21,57 @@ _WALL_M = (0.10, 0.15)
 _DOOR_M, _OPENING_M = 1.05, (1.5, 2.6)
 _LEAF_SHARE, _GLASS_SHARE = 0.4, 0.45
 _GLASS_M = (0.5, 2.0)
-_PANE_M, _POST_M = 0.22, 0.08  # nobody leaves between two posts
+_PANE_M, _POST_M = 0.22, 0.08  # a gap that nothing passes
+_BATH_M2 = 5.5
+_TRIES = 8  # for a place
+_IN_CORNER = 0.3  # share of the pieces at a wall that go into its corner
+_FREE = -1  # the side of a piece that stands free
+#: Forms: a box, a table of which the lidar sees the legs, one with chairs around it, a pot, a heap of small things.
+_BOX, _LEGS, _CHAIRS, _POT, _HEAP = range(5)
+_CHAIR_M = 0.4
+#: By kind of room: form, stands free, length from, to, depth from, to (m), chance. The first is placed first.
+_FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float], ...]] = {
+    "hall": ((_BOX, False, 0.6, 1.2, 0.22, 0.32, 0.7), (_POT, False, 0.25, 0.35, 0.25, 0.35, 0.5)),
+    "living": (
+        (_BOX, False, 1.7, 2.4, 0.8, 0.95, 1.0),  # sofa
+        (_BOX, False, 1.2, 1.8, 0.35, 0.45, 0.9),  # television
+        (_CHAIRS, True, 1.2, 1.8, 0.8, 1.0, 0.5),
+        (_LEGS, True, 0.8, 1.2, 0.5, 0.7, 0.6),  # low table
+        (_BOX, True, 0.75, 0.85, 0.75, 0.85, 0.4),  # armchair
+        (_BOX, False, 0.8, 2.0, 0.3, 0.4, 0.8),  # shelf
+        (_POT, False, 0.3, 0.45, 0.3, 0.45, 0.7),
+        (_BOX, True, 0.25, 0.4, 0.25, 0.4, 0.2),  # pillar
+        (_LEGS, True, 0.4, 0.5, 0.4, 0.5, 0.5),  # chair
+    ),
+    "kitchen": (
+        (_BOX, False, 2.0, 3.6, 0.6, 0.65, 1.0),
+        (_BOX, False, 0.6, 1.8, 0.6, 0.65, 0.8),
+        (_CHAIRS, True, 0.8, 1.6, 0.8, 0.9, 0.8),
+        (_LEGS, False, 0.4, 0.45, 0.4, 0.45, 0.5),  # chair
+        (_BOX, False, 0.8, 1.4, 0.35, 0.45, 0.5),
+    ),
+    "bedroom": (
+        (_BOX, False, 0.9, 1.8, 2.0, 2.1, 0.9),  # bed
+        (_BOX, False, 1.0, 2.2, 0.55, 0.65, 0.9),  # wardrobe
+        (_LEGS, False, 1.0, 1.4, 0.55, 0.7, 0.5),  # desk
+        (_BOX, False, 0.4, 0.5, 0.4, 0.5, 0.5),
+        (_LEGS, False, 0.4, 0.45, 0.4, 0.45, 0.5),
+        (_POT, False, 0.25, 0.4, 0.25, 0.4, 0.3),
+    ),
+    "study": (
+        (_LEGS, False, 1.2, 1.8, 0.6, 0.8, 1.0),
+        (_BOX, False, 0.8, 2.4, 0.3, 0.4, 0.9),
+        (_BOX, False, 1.4, 2.0, 0.8, 0.9, 0.5),
+        (_LEGS, True, 0.4, 0.5, 0.4, 0.5, 0.8),
+        (_BOX, False, 0.4, 0.9, 0.3, 0.5, 0.6),
+    ),
+    "bath": (
+        (_BOX, False, 1.4, 1.7, 0.7, 0.8, 0.7),
+        (_BOX, False, 0.4, 0.8, 0.4, 0.5, 0.8),
+        (_BOX, False, 0.35, 0.4, 0.55, 0.65, 0.8),
+    ),
+}
+_CLUTTER = ((_HEAP, False, 0.3, 1.4, 0.2, 0.6, 0.7), (_BOX, False, 0.06, 0.2, 0.06, 0.15, 0.5))  # in every room
 
 
 def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
@@ -32,13 +79,6 @@ def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
 
     The same level and attempt give the same map everywhere; the number of loops depends on the level alone. The
     building is turned against the map, the image's yaw is 0. Grey is 254 free, 205 unknown, 0 occupied.
-
-    Args:
-        level: 0 and up.
-        attempt: 0 and up; another house for the same level.
-
-    Raises:
-        ValueError: level or attempt is negative.
     """
     house = House(level, attempt)
     return survey(f"generated-{level}", house.shapes, house.turn, house.dice.draw)
@@ -57,11 +97,11 @@ class House:
         self.dice = Dice(_SEED, level, attempt)
         self.turn = math.radians(_turn_degrees(self.dice))
         self.wall = self.dice.between(*_WALL_M)
-        # The free square of 0.55 m around a ghost's cell, turned, and what noise takes.
-        self.way = 0.55 * (abs(math.cos(self.turn)) + abs(math.sin(self.turn))) + 0.2
-        self.floor, self.doors = lay_out(self.dice, self.turn, loops, self.wall, self.way)
+        # The free square of 0.55 m around a ghost's cell, turned, and a margin for noise.
+        self.passage = 0.55 * (abs(math.cos(self.turn)) + abs(math.sin(self.turn))) + 0.2
+        self.floor, self.doors = lay_out(self.dice, self.turn, loops, self.wall, self.passage)
         half, rooms = self.wall / 2, self.floor.rooms
-        self.rooms = [Room((x0 + half, y0 + half, x1 - half, y1 - half), "", self.way) for x0, y0, x1, y1 in rooms]
+        self.rooms = [Room((x0 + half, y0 + half, x1 - half, y1 - half), "", self.passage) for x0, y0, x1, y1 in rooms]
         max(self.rooms, key=lambda r: area(r.inner)).role = "living"
         for k in self.floor.halls:
             self.rooms[k].role = "hall"
@@ -100,10 +140,10 @@ class House:
             self._add(OPEN, room.inner)
 
     def _build_door(self, wall: Wall) -> tuple[int, Rect, int]:
-        """A doorway and the places on both sides that stay clear; where its open leaf would be: room, place, side."""
+        """Add a doorway and the clear places on both sides; returns its open leaf: room, place, side."""
         dice, half = self.dice, self.wall / 2
         wide = (wall.a, wall.b) == self.floor.wide
-        width = dice.between(*_OPENING_M) if wide else dice.between(self.way, max(_DOOR_M, self.way + 0.1))
+        width = dice.between(*_OPENING_M) if wide else dice.between(self.passage, max(_DOOR_M, self.passage + 0.1))
         width = min(width, wall.high - wall.low)
         low = dice.between(wall.low, wall.high - width)
 
@@ -114,7 +154,7 @@ class House:
         for k in (wall.a, wall.b):
             room = self.rooms[k]
             sign = 1 if room.inner[0 if wall.upright else 1] > wall.at else -1
-            ends = sorted((wall.at, wall.at + sign * (half + self.way)))
+            ends = sorted((wall.at, wall.at + sign * (half + self.passage)))
             room.entries.append(rect(ends[0], low - 0.02, ends[1], low + width + 0.02))
         ends = sorted((wall.at + sign * half, wall.at + sign * (half + width - 0.05)))
         hinge = low + width + 0.03 if dice.chance(0.5) else low - 0.08
@@ -143,6 +183,113 @@ class House:
 def _turn_degrees(dice: Dice) -> float:
     """A quarter of the buildings is parallel to the map, half of them nearly, a quarter turned by any angle."""
     upright = 90.0 * dice.below(2)
-    return (
-        upright + (0.0, dice.between(-10.0, 10.0), dice.between(-10.0, 10.0), dice.between(-45.0, 45.0))[dice.below(4)]
-    )
+    degrees = (0.0, dice.between(-10.0, 10.0), dice.between(-10.0, 10.0), dice.between(-45.0, 45.0))
+    return upright + degrees[dice.below(4)]
+
+
+@dataclass
+class Room:
+    """A room while it is furnished; sides are 0 low y, 1 high y, 2 low x, 3 high x, -1 none."""
+
+    inner: Rect  # the floor between the walls, m
+    role: str  # a key of the table of furniture; empty: chosen by size
+    passage: float  # width that stays free around pieces that do not stand at the same wall, m
+    entries: list[Rect] = field(default_factory=list)  # what must stay clear
+    occupied: list[tuple[Rect, int]] = field(default_factory=list)  # where something stands, and at which side
+
+    def place(self, rect: Rect, side: int) -> bool:
+        """Put something at a side, if the place is clear and leaves a passage to the other side."""
+        across = 0 if side >= 2 else 1
+        ahead = self.inner[across + 2] - self.inner[across] - (rect[across + 2] - rect[across])
+        if ahead < self.passage or not self._is_clear(rect, side):
+            return False
+        self.occupied.append((rect, side))
+        return True
+
+    def furnish(self, dice: Dice) -> tuple[list[Shape], int]:
+        """Shapes in the frame of ``inner``, and the number of pieces; a table and its chairs are one."""
+        role = self.role
+        if not role:
+            role = "bath" if area(self.inner) < _BATH_M2 else ("bedroom", "bedroom", "study", "kitchen")[dice.below(4)]
+        shapes: list[Shape] = []
+        count = 0
+        for form, free, length0, length1, deep0, deep1, share in (*_FURNITURE[role], *_CLUTTER):
+            if dice.draw() >= share:
+                continue
+            for _ in range(_TRIES):
+                length, deep = dice.between(length0, length1), dice.between(deep0, deep1)
+                if free:
+                    degrees = 90.0 * dice.below(2) + (dice.between(-35.0, 35.0) if dice.chance(0.4) else 0.0)
+                    around = 2 * _CHAIR_M if form == _CHAIRS else 0.0
+                    found = self._in_the_open(dice, length, deep + around, degrees)
+                else:
+                    found = self._at_a_wall(dice, length, deep)
+                    degrees = 90.0 if found and found[1] >= 2 else 0.0
+                if found:
+                    x0, y0, x1, y1 = found[0]
+                    shapes += _piece(dice, form, (x0 + x1) / 2, (y0 + y1) / 2, length, deep, degrees)
+                    self.occupied.append(found)
+                    count += 1
+                    break
+        return shapes, count
+
+    def _at_a_wall(self, dice: Dice, length: float, deep: float) -> tuple[Rect, int] | None:
+        side = dice.below(4)
+        x0, y0, x1, y1 = self.inner
+        low, high, front, back = (x0, x1, y0, y1) if side < 2 else (y0, y1, x0, x1)
+        spare = high - low - length
+        if spare < 0 or back - front - deep < self.passage:
+            return None
+        start = dice.draw() * spare
+        if start < self.passage or dice.chance(_IN_CORNER):
+            start = 0.0
+        elif spare - start < self.passage:
+            start = spare
+        a, at = low + start, back - deep if side % 2 else front
+        rect = (a, at, a + length, at + deep) if side < 2 else (at, a, at + deep, a + length)
+        return (rect, side) if self._is_clear(rect, side) else None
+
+    def _in_the_open(self, dice: Dice, length: float, deep: float, degrees: float) -> tuple[Rect, int] | None:
+        cos, sin = abs(math.cos(math.radians(degrees))), abs(math.sin(math.radians(degrees)))
+        dx, dy = (length * cos + deep * sin) / 2, (length * sin + deep * cos) / 2
+        x0, y0, x1, y1 = self.inner
+        x = dice.between(x0 + dx + self.passage, x1 - dx - self.passage)
+        y = dice.between(y0 + dy + self.passage, y1 - dy - self.passage)
+        if x1 - x0 < 2 * (dx + self.passage) or y1 - y0 < 2 * (dy + self.passage):
+            return None
+        rect = (x - dx, y - dy, x + dx, y + dy)
+        return (rect, _FREE) if self._is_clear(rect, _FREE) else None
+
+    def _is_clear(self, rect: Rect, side: int) -> bool:
+        left, low, right, high = rect
+        for x0, y0, x1, y1 in self.entries:
+            if left < x1 and x0 < right and low < y1 and y0 < high:
+                return False
+        for (x0, y0, x1, y1), at in self.occupied:
+            # Along one axis there has to be a passage between them; none where both stand at one wall.
+            gap = 0.0 if side == at != _FREE else self.passage
+            if left - x1 < gap and x0 - right < gap and low - y1 < gap and y0 - high < gap:
+                return False
+        return True
+
+
+def _piece(dice: Dice, form: int, x: float, y: float, length: float, deep: float, degrees: float) -> list[Shape]:
+    if form == _BOX:
+        return [(SOLID, x, y, length, deep, degrees)]
+    if form == _POT:
+        return [(SOLID, x, y, 0.9 * length, 0.9 * length, turn) for turn in (0.0, 45.0)]
+    legs = _legs(0.0, 0.0, length, deep)
+    if form == _HEAP:
+        count = 3 + dice.below(10)
+        legs = [(length * dice.between(-0.5, 0.5), deep * dice.between(-0.5, 0.5)) for _ in range(count)]
+    if form == _CHAIRS:
+        count = max(1, int(length / 0.6))  # on each side
+        for n, side in itertools.product(range(count), (-1, 1)):
+            away = deep / 2 + dice.between(0.0, 0.5) * _CHAIR_M  # all or half of it under the table
+            legs += _legs(length * ((n + 0.5) / count - 0.5), side * away, _CHAIR_M, _CHAIR_M)
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return [(SOLID, x + cos * u - sin * v, y + sin * u + cos * v, 0.07, 0.07, 0.0) for u, v in legs]
+
+
+def _legs(x: float, y: float, length: float, deep: float) -> list[tuple[float, float]]:
+    return [(x + u * (length / 2 - 0.04), y + v * (deep / 2 - 0.04)) for u in (-1, 1) for v in (-1, 1)]

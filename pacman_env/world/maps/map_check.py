@@ -1,9 +1,4 @@
-"""Judging a map before a game is played on it: areas, connected parts, reachable pellets, warnings.
-
-The pellets come from outside, for the rules of the game are not known here; nor is a map changed or repaired.
-"""
-
-from __future__ import annotations
+"""Judging a map, with its pellets, before a game is played on it: areas, connected parts, reachability, warnings."""
 
 import contextlib
 import dataclasses
@@ -24,54 +19,35 @@ SUSPICIOUS_SHARE = 0.01  # of all pixels
 
 @dataclass(frozen=True)
 class PelletPlace:
-    """One pellet in the map frame, m.
-
-    It is ``reachable`` if a robot that starts from home can collect it.
-    """
+    """One pellet in the map frame, m."""
 
     id: int
     x: float
     y: float
-    reachable: bool
+    reachable: bool  # for a robot that starts from home
 
 
 @dataclass(frozen=True)
 class MapReport:
-    """The findings of :func:`check_map`.
-
-    Attributes:
-        name: name of the map.
-        width: columns.
-        height: rows.
-        resolution: m per pixel.
-        nav2_free_m2: area with occupancy 0, free to Nav2's costmap.
-        game_free_m2: area free by the game's rule.
-        parts: parts of the game's free area of at least 0.1 m2; no step leads over a corner.
-        largest_part_m2: area of the largest of them.
-        home: (x, y) in m where the robot starts; None: it fits nowhere.
-        pellets: all pellets in the order of their ids.
-        warnings: one sentence each.
-    """
+    """The findings of :func:`check_map`."""
 
     name: str
     width: int
     height: int
-    resolution: float
-    nav2_free_m2: float
-    game_free_m2: float
-    parts: int
+    resolution: float  # m per pixel
+    nav2_free_m2: float  # with occupancy 0, free to Nav2's costmap
+    game_free_m2: float  # free by the game's rule
+    parts: int  # of the game's free area, of at least 0.1 m2; no step leads over a corner
     largest_part_m2: float
-    home: tuple[float, float] | None
-    pellets: tuple[PelletPlace, ...]
-    warnings: tuple[str, ...]
+    home: tuple[float, float] | None  # where the robot starts, m; None: it fits nowhere
+    pellets: tuple[PelletPlace, ...]  # in the order of their ids
+    warnings: tuple[str, ...]  # one sentence each
 
     @property
     def unreachable(self) -> tuple[int, ...]:
-        """Ids of the pellets that the robot cannot reach from home."""
         return tuple(p.id for p in self.pellets if not p.reachable)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
         return dataclasses.asdict(self)
 
     def render(self) -> str:
@@ -99,16 +75,9 @@ def check_map(
     *,
     home: tuple[float, float] | None = (0.0, 0.0),
 ) -> MapReport:
-    """Judge a map and the pellets of Algorithm 1 on it.
+    """Judge a map and the pellets of Algorithm 1 on it, (P, 2) in m, as an environment would use them.
 
-    Where the robot starts and what it can reach from there is what an environment makes of the map.
-
-    Args:
-        map: the map.
-        pellets: (P, 2) positions in the map frame, m.
-        ids: (P,) their ids.
-        config: gives the grey of free cells, the robot's size and what counts as reached.
-        home: where the robot starts, m; None or (0, 0): there, or at the widest place of the largest part.
+    The robot starts at ``home``, m; None or (0, 0): there, or at the widest place of the largest part.
     """
     free, nav2_free = map.game_free(config.pellets.free_grey), map.occupancy == 0
     cell_m2 = map.resolution**2
@@ -152,28 +121,24 @@ def _image_warnings(
     map: OccupancyMap, free: NDArray[np.bool_], nav2_free: NDArray[np.bool_], free_grey: int
 ) -> list[str]:
     warnings = []
-    unsure = nav2_free & ~free & (map.grey > 0)
+    unsure, blocked, cell_m2 = nav2_free & ~free & (map.grey > 0), free & ~nav2_free, map.resolution**2
     if unsure.mean() > SUSPICIOUS_SHARE:
         warnings.append(
-            f"unknown loads as free: {unsure.sum() * map.resolution**2:.1f} m2, mostly of grey "
+            f"unknown loads as free: {unsure.sum() * cell_m2:.1f} m2, mostly of grey "
             f"{int(np.median(map.grey[unsure]))}, are free to Nav2 (free_thresh {map.free_thresh:g}, mode {map.mode}), "
             f"but not to the game, which wants brighter than {free_grey}"
         )
-    blocked = free & ~nav2_free
     if blocked.mean() > SUSPICIOUS_SHARE:
         warnings.append(
-            f"{blocked.sum() * map.resolution**2:.1f} m2 are free to the game, but not to Nav2 "
+            f"{blocked.sum() * cell_m2:.1f} m2 are free to the game, but not to Nav2 "
             f"(mode {map.mode}, free_thresh {map.free_thresh:g})"
         )
     if map.free_thresh >= map.occupied_thresh:
-        warnings.append(
-            f"free_thresh {map.free_thresh:g} is not below occupied_thresh {map.occupied_thresh:g}: free wins"
-        )
+        thresholds = f"free_thresh {map.free_thresh:g} is not below occupied_thresh {map.occupied_thresh:g}"
+        warnings.append(f"{thresholds}: free wins")
     if map.origin[2] != 0:
-        warnings.append(
-            f"the image is turned by {map.origin[2]:g} rad in the map frame: the original game's pellet "
-            "formula ignores that"
-        )
+        turned = f"the image is turned by {map.origin[2]:g} rad in the map frame"
+        warnings.append(f"{turned}: the original game's pellet formula ignores that")
     if free[0].any() or free[-1].any() or free[:, 0].any() or free[:, -1].any():
         warnings.append("free area touches the image border, as if the outside were free")
     return warnings

@@ -1,11 +1,7 @@
 """Decoding a map's image to brightness and opacity as GraphicsMagick does for Nav2: PGM, PNG and BMP.
 
-OpenCV decodes PNG and BMP, and is imported when it has to; it would not rescale a binary PGM with a maxval other than
-255, so PGM is read here.
-What brightness means is :mod:`pacman_env.world.maps.occupancy`'s business.
+OpenCV decodes PNG and BMP; it would not rescale a binary PGM with a maxval other than 255, so PGM is read here.
 """
-
-from __future__ import annotations
 
 import re
 import struct
@@ -22,16 +18,13 @@ _PGM_HEADER = re.compile(rb"P([25])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9}
 
 
 class ImageError(ValueError):
-    """An image cannot be read; the message says why, the caller knows which."""
+    """An image cannot be read; the message has the reason, not the path."""
 
 
 def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
     """Brightness (H, W), row 0 at the top, and where it is opaque (H, W), None for an image without alpha.
 
     Colour becomes grey by Rec. 601 luma, 16 bits become 8; opaque means an alpha of 255.
-
-    Raises:
-        ImageError: no such file, another format, broken, or more than 10,000 pixels wide or high.
     """
     try:
         if not path.is_file():  # a device or a pipe has no end

@@ -1,11 +1,8 @@
 """Occupancy maps in map_server's format (YAML + image): read as Nav2 does, written, found by name.
 
-Two readings of one image live side by side: ``occupancy`` is what Nav2's costmap gets, ``grey`` is what the
-game's rule "brighter than 250 is free" looks at. What a map is good for is judged in
-:mod:`pacman_env.world.maps.map_check`; pellets and drivable space are computed elsewhere.
+One image is read twice: ``occupancy`` is what Nav2's costmap gets, ``grey`` is for the game's rule "brighter than 250
+is free".
 """
-
-from __future__ import annotations
 
 import hashlib
 import math
@@ -16,15 +13,18 @@ import struct
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from pacman_env.files import shipped
+from pacman_env.files import replaced, shipped
 from pacman_env.world.maps.map_image import ImageError, read_image
 
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Pose = tuple[float, float, float]  # x, y, yaw: m and rad
 MODES = ("trinary", "scale", "raw")
 _YES, _NO = {"y", "yes", "true", "on"}, {"n", "no", "false", "off"}
 #: What PyYAML is known to raise on broken input beside its own error.
@@ -37,30 +37,17 @@ class MapError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class OccupancyMap:
-    """One map; arrays are (H, W) with row 0 at the top, read-only.
-
-    Attributes:
-        name: name of the map.
-        grey: brightness 0..255, colour turned to grey by luma. A negated map (dark is free) is inverted, so
-            that bright always means free; a pixel that is not opaque is 0: unknown is never free to the game.
-        occupancy: 0..100 or -1 (unknown), the cells of Nav2 Jazzy's map_server (map_io, 1.3.8 and later).
-        resolution: edge of a cell, m.
-        origin: pose (x, y, yaw) of the lower left corner of the image in the map frame, m and rad.
-        occupied_thresh: at least this dark is occupied, 0..1.
-        free_thresh: at most this dark is free, 0..1; wins over ``occupied_thresh``.
-        negate: the image's dark pixels are free.
-        mode: "trinary", "scale" or "raw".
-    """
+    """One map; arrays are (H, W) with row 0 at the top, read-only."""
 
     name: str
-    grey: NDArray[np.uint8]
-    occupancy: NDArray[np.int8]
-    resolution: float
-    origin: tuple[float, float, float]
-    occupied_thresh: float = 0.65
-    free_thresh: float = 0.196
-    negate: bool = False
-    mode: str = "trinary"
+    grey: Grey  #: 0..255 by luma, inverted if ``negate``: bright is free; 0 where it is not opaque
+    occupancy: NDArray[np.int8]  #: 0..100, -1 (unknown): cells of Nav2 Jazzy's map_server (map_io, 1.3.8 and later)
+    resolution: float  #: edge of a cell, m
+    origin: Pose  #: x, y, yaw of the image's lower left corner in the map frame, m and rad
+    occupied_thresh: float = 0.65  #: at least this dark is occupied, 0..1
+    free_thresh: float = 0.196  #: at most this dark is free, 0..1; wins over ``occupied_thresh``
+    negate: bool = False  #: the image's dark pixels are free
+    mode: str = "trinary"  #: "trinary", "scale" or "raw"
 
     def __post_init__(self) -> None:
         grey, occupancy = np.array(self.grey, dtype=np.uint8), np.array(self.occupancy, dtype=np.int8)
@@ -86,27 +73,12 @@ class OccupancyMap:
 
     @classmethod
     def from_pixels(
-        cls,
-        name: str,
-        pixels: NDArray[np.uint8],
-        resolution: float,
-        origin: tuple[float, float, float],
-        *,
-        opaque: NDArray[np.bool_] | None = None,
-        **settings: Any,
-    ) -> OccupancyMap:
-        """The map that map_server would make of an image.
+        cls, name: str, pixels: Grey, resolution: float, origin: Pose, *, opaque: Mask | None = None, **settings: Any
+    ) -> Self:
+        """The map that map_server would make of an image; MapError if a value is out of range.
 
-        Args:
-            name: name of the map.
-            pixels: (H, W) brightness as the image stores it, row 0 at the top.
-            resolution: m per pixel.
-            origin: x, y, yaw of the lower left corner, m and rad.
-            opaque: (H, W) False where alpha is below 255; None: everywhere opaque.
-            settings: ``occupied_thresh``, ``free_thresh``, ``negate``, ``mode``: see the class.
-
-        Raises:
-            MapError: a value is out of range.
+        ``pixels`` (H, W) are brightness as the image stores it, row 0 at the top; ``opaque`` (H, W) is False where
+        alpha is below 255; resolution, origin and settings (``occupied_thresh`` and so on) are those of the class.
         """
         plain = cls(name, pixels, np.zeros(pixels.shape, np.int8), resolution, origin, **settings)
         occupancy = plain._nav2_table()[pixels]
@@ -135,23 +107,22 @@ class OccupancyMap:
 
     @property
     def height(self) -> int:
-        """Rows."""
+        """Rows of the image."""
         return self.grey.shape[0]
 
     @property
     def width(self) -> int:
-        """Columns."""
+        """Columns of the image."""
         return self.grey.shape[1]
 
     @cached_property
     def hash(self) -> str:
         """SHA-256 (hex) of grey, occupancy, resolution and origin: the key of what is computed from a map."""
         digest = hashlib.sha256(struct.pack("<2q4d", *self.grey.shape, self.resolution, *self.origin))
-        digest.update(self.grey.tobytes())
-        digest.update(self.occupancy.tobytes())
+        digest.update(self.grey.tobytes() + self.occupancy.tobytes())
         return digest.hexdigest()
 
-    def game_free(self, free_grey: int = 250) -> NDArray[np.bool_]:
+    def game_free(self, free_grey: int = 250) -> Mask:
         """(H, W) free by the game's rule: brighter than ``free_grey``. Nav2's rule is ``occupancy == 0``."""
         return self.grey > free_grey
 
@@ -171,17 +142,15 @@ class OccupancyMap:
         return across / self.resolution - 0.5, self.height - up / self.resolution - 0.5
 
     def save(self, yaml_path: str | os.PathLike[str], *, image: str | None = None) -> Path:
-        """Write YAML and image, each atomically; loading gives the same grey, occupancy and geometry.
+        """Write YAML and, beside it, the image, each atomically; loading gives the same grey, occupancy and geometry.
 
-        Args:
-            yaml_path: the YAML file; the image is written beside it.
-            image: file name of the image, .pgm or .png; None: the YAML's stem, .png where alpha is needed.
+        ``image`` is a file name that ends in .pgm or .png; None: the YAML's stem, .png where alpha is needed.
 
         Raises:
             MapError: ``image`` is no such name, or no such image yields this grey and occupancy.
             OSError: a file cannot be written.
         """
-        import cv2  # 16 MB, which who only reads a PGM does without
+        import cv2  # 16 MB, which reading a PGM does not need
 
         path = Path(yaml_path)
         pixels = 255 - self.grey if self.negate else self.grey.copy()
@@ -199,26 +168,26 @@ class OccupancyMap:
             raise MapError(f"{path}: key 'image': {image!r}: unknown cells need alpha, choose a .png")
         alpha = np.where(hidden, 0, 255).astype(np.uint8)
         planes = np.dstack((pixels, pixels, pixels, alpha)) if hidden.any() else pixels
-        keys = {"image": image} | self._settings()
-        keys |= {"origin": list(self.origin), "negate": int(self.negate)}
-        _write_atomically(path.parent / image, cv2.imencode(suffix, planes)[1].tobytes())
-        _write_atomically(path, yaml.safe_dump(keys, sort_keys=False, default_flow_style=None).encode())
+        keys = {"image": image} | self._settings() | {"origin": list(self.origin), "negate": int(self.negate)}
+        text = yaml.safe_dump(keys, sort_keys=False, default_flow_style=None)
+        for file, data in ((path.parent / image, cv2.imencode(suffix, planes)[1].tobytes()), (path, text.encode())):
+            with replaced(file) as temporary:
+                temporary.write_bytes(data)
         return path
 
 
 def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
     """Read a map as Nav2 Jazzy's map_server does.
 
-    Args:
-        source: the name of a shipped map, a YAML file, or a folder that holds exactly one ``*.yaml``. Images
-            are PGM (P2, P5), PNG or BMP of at most 10,000 x 10,000 pixels.
+    ``source`` is the name of a shipped map, a YAML file, or a folder that holds exactly one ``*.yaml``. Images are PGM
+    (P2, P5), PNG or BMP of at most 10,000 x 10,000 pixels.
 
     Raises:
         MapError: names the file and the key or image that is wrong, or lists the shipped names.
     """
-    shipped = _shipped()
-    if isinstance(source, str) and source in shipped:
-        return _load(shipped[source], source)
+    known = _shipped()
+    if isinstance(source, str) and source in known:
+        return _load(known[source], source)
     if not os.fspath(source):
         raise MapError("map = '': must be a shipped map's name, a YAML file or a folder with one")
     try:
@@ -234,12 +203,12 @@ def load_map(source: str | os.PathLike[str]) -> OccupancyMap:
         raise MapError(f"{source}: cannot be read: {error}") from error
     if str(source).startswith("generated"):
         raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
-    names = ", ".join(shipped) or "none found"
+    names = ", ".join(known) or "none found"
     raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map ({names})")
 
 
 def map_name(path: Path) -> str:
-    """The name of a map file: a file named just "map.yaml" takes its folder's name, which tells more."""
+    """The name of a map file: a file named just "map.yaml" has its folder's name, which is clearer."""
     return path.resolve().parent.name if path.stem == "map" else path.stem
 
 
@@ -292,7 +261,7 @@ def _required(path: Path, keys: dict[Any, Any], key: str) -> Any:
 
 
 def _number(path: Path, keys: dict[Any, Any], key: str) -> float:
-    """A finite number; strings count, for PyYAML reads ``5e-2`` as one."""
+    """A finite number, also as a string: PyYAML reads ``5e-2`` as one."""
     value = _required(path, keys, key)
     if isinstance(value, (str, int, float)) and not isinstance(value, bool):
         try:
@@ -315,12 +284,3 @@ def _negate(path: Path, keys: dict[Any, Any]) -> bool:
     if re.fullmatch(r"[+-]?\d{1,9}", text):
         return int(text) != 0
     raise MapError(f"{path}: key 'negate': {reprlib.repr(value)} must be 0 or 1")
-
-
-def _write_atomically(path: Path, data: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

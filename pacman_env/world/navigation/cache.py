@@ -1,10 +1,7 @@
-"""Arrays that are expensive to compute, kept on disk under a key.
+"""Arrays that are expensive to compute, kept on disk: a folder per key with one ``.npy`` file per array.
 
-A folder per key with one ``.npy`` file per array, written to a temporary folder and renamed, so that a reader sees
-all or nothing. Nothing is unpickled. A cache that cannot be written is no error: the arrays are computed again.
+A folder is renamed when it is complete. Nothing is unpickled. A cache that cannot be written is no error.
 """
-
-from __future__ import annotations
 
 import contextlib
 import os
@@ -23,12 +20,9 @@ KEEP_BYTES = 2 << 30  # of arrays on disk; a house takes 2 to 5 MB, the largest 
 
 
 def cached_arrays(key: str, names: tuple[str, ...], compute: Callable[[], Arrays]) -> Arrays:
-    """The arrays stored under ``key``, computed and stored where they are not.
+    """The arrays stored under ``key``, computed and stored where they are not, or where a file is damaged.
 
-    Args:
-        key: hexadecimal digest of everything the arrays depend on.
-        names: the arrays that ``compute`` returns.
-        compute: called on a miss, and where a stored file is damaged.
+    The key is a hexadecimal digest of everything the arrays depend on; ``names`` are those that ``compute`` returns.
     """
     folder = cache_dir() / "maps" / key
     try:

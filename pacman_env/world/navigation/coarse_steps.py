@@ -1,11 +1,8 @@
-"""Ways to the goals in coarse steps, three cells at a time, for looking far ahead along many ways at once.
+"""The paths of ``paths.py`` in coarse steps, three cells at a time, for the prediction along many of them at once.
 
-The same ways as those of ``paths.py``, but laid out for walking along many at once: a byte per goal,
-the goals of a cell side by side, the cells of a tile of 8 by 8 together. Ways that run together, and cells that follow
-one another, lie in the same memory.
+A byte per goal, the goals of a cell side by side, the cells of a tile of 8 by 8 together: paths that run together, and
+cells that follow one another, share cache lines.
 """
-
-from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +19,9 @@ CODES = 1 + _SIDE**2
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """(R, C, 8, 8, G) for path fields (G, K): a code for the cell three steps on, see :func:`coarse_step`.
+    """(R, C, 8, 8, G) for path fields (G, K) of cells (K, 2): a code for the cell three steps on.
 
-    ``NO_WAY`` without a way, ``ARRIVED`` at the goal. A coarse step is 0.15 to 0.35 m on a map of 0.05 m per cell.
-
-    Args:
-        next_step: path fields, ``world/navigation/paths.py``.
-        cell: (K, 2) column and row of each cell.
-        shape: rows and columns of the map; they go to the tiles ``row // 8, column // 8`` and within.
+    ``NO_WAY`` without a path, ``ARRIVED`` at the goal. A coarse step is 0.15 to 0.35 m on a map of 0.05 m per cell.
     """
     rows, columns = (-(-n // TILE) for n in shape)
     result = np.zeros((rows, columns, TILE, TILE, len(next_step)), dtype=np.uint8)
@@ -39,19 +31,14 @@ def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: t
 
 @kernel
 def coarse_step(code):  # type: ignore[no-untyped-def]
-    """Columns and rows that the coarse step of a code goes on."""
+    """Columns and rows that the coarse step of a code advances."""
     row = (code - 1) // _SIDE
     return code - 1 - row * _SIDE - _REACH, row - _REACH
 
 
-def _measured() -> NDArray[np.float64]:
-    """(CODES, 2) length of the coarse step of each code, cells, and its reciprocal; the longest cell step is 2."""
-    codes = np.arange(CODES)
-    lengths = np.hypot((codes - 1) % _SIDE - _REACH, (codes - 1) // _SIDE - _REACH)
-    return np.stack([lengths, 1.0 / np.maximum(lengths, 1e-9)], axis=1)
-
-
-LENGTHS = _measured()
+_codes = np.arange(CODES) - 1
+_lengths = np.hypot(_codes % _SIDE - _REACH, _codes // _SIDE - _REACH)
+LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # of each code's step, cells; reciprocals
 
 
 @kernel

@@ -4,9 +4,8 @@ Roll-outs over (v, omega) within the base's limits, scored on progress along the
 Clyde. Kernels work on one game's record ``g``.
 """
 
-from __future__ import annotations
-
 import math
+from typing import NamedTuple
 
 from ...engine.jit import kernel
 from .grid import cell_of
@@ -14,7 +13,7 @@ from .grid import cell_of
 _LOOKAHEAD = 0.35  # m along the path to the point that control steers to
 _ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
 HORIZON_S = 0.8  # s of a roll-out
-_SAMPLES = 3  # points looked at along a roll-out
+_SAMPLES = 3  # points tested along a roll-out
 _BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
 
 
@@ -27,13 +26,33 @@ def _turned(c, s, angle):  # type: ignore[no-untyped-def]
     return c * ca - s * sa, s * ca + c * sa
 
 
-@kernel
-def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p):  # type: ignore[no-untyped-def]
-    """Cost in m of driving (v, w) from pose (x, y, heading): how far it leaves comfort; -1: not admissible.
+class Pose(NamedTuple):
+    """As the robot believes it."""
 
-    Looks at ``_SAMPLES`` points of the arc. A point inside the inscribed radius is only admissible if it is no
+    x: float  # m
+    y: float
+    cos: float  # of the heading
+    sin: float
+
+
+class Surroundings(NamedTuple):
+    """Of the robot's pose."""
+
+    free_cm: int  # clearance
+    clyde_near: bool
+    clyde_x: float  # m
+    clyde_y: float
+
+
+@kernel
+def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped-def]
+    """Cost in m of driving (v, w) from a pose: how far it leaves comfort; -1: not admissible.
+
+    Tests ``_SAMPLES`` points of the arc. A point inside the inscribed radius is only admissible if it is no
     worse than where the robot stands: that is how it gets out again. Likewise for Clyde's region.
     """
+    x, y, ch, sh = pose
+    here, clyde_near, cx, cy = around
     cost = 0.0
     rows, columns = clearance.shape
     # The chord from the start to a point of an arc turns by the same small angle from point to point.
@@ -55,13 +74,13 @@ def _clear(x, y, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p): 
             if d2 < p.clyde_keepout * p.clyde_keepout and d2 < now2 - 1e-9:
                 return -1.0
         elif free > p.open_cm - int(100.0 * s):
-            break  # clearance falls by no more than the way driven: the rest is free
+            break  # clearance falls by no more than the distance driven: the rest is free
     return cost
 
 
 @kernel
 def limit(v, w, p):  # type: ignore[no-untyped-def]
-    """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving gives way."""
+    """Clip (v, omega) so that no wheel exceeds its limit: turning keeps its share, driving is slowed."""
     most = min(p.omega_max, p.wheel_max / p.half_base)
     w = min(max(w, -most), most)
     spare = p.wheel_max - abs(w) * p.half_base
@@ -76,24 +95,25 @@ def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[no-untyped-def]
+def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def]
     """The local controller: (ok, v, omega) for the next step."""
+    bx, by, ch, sh = pose
     points = g.nav_points
     at = g.nav_at
-    best = (paths[i, at, 0] - bx) ** 2 + (paths[i, at, 1] - by) ** 2
+    best = (path[at, 0] - bx) ** 2 + (path[at, 1] - by) ** 2
     while at + 1 < points:
-        d2 = (paths[i, at + 1, 0] - bx) ** 2 + (paths[i, at + 1, 1] - by) ** 2
+        d2 = (path[at + 1, 0] - bx) ** 2 + (path[at + 1, 1] - by) ** 2
         if d2 > best:
             break
         best = d2
         at += 1
     ahead = max(at, min(g.nav_ahead, points - 1))
     while ahead + 1 < points:
-        if (paths[i, ahead, 0] - bx) ** 2 + (paths[i, ahead, 1] - by) ** 2 > _LOOKAHEAD * _LOOKAHEAD:
+        if (path[ahead, 0] - bx) ** 2 + (path[ahead, 1] - by) ** 2 > _LOOKAHEAD * _LOOKAHEAD:
             break
         ahead += 1
     g.nav_at, g.nav_ahead = at, ahead
-    tx, ty = paths[i, ahead, 0] - bx, paths[i, ahead, 1] - by
+    tx, ty = path[ahead, 0] - bx, path[ahead, 1] - by
     forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     v_max = g.speed_limit
     if forward < 0.0 or forward * forward < _ROTATE_COS * _ROTATE_COS * (tx * tx + ty * ty):
@@ -106,19 +126,20 @@ def command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
-    # In the open no roll-out needs to be looked at, and one that was clear for 0.8 s is trusted for one more step.
+    around = Surroundings(here, clyde_near, cx, cy)
+    # In the open no roll-out needs to be tested, and one that was clear for 0.8 s is trusted for one more step.
     if not clyde_near and (here > p.open_cm or g.nav_clear_step == g.step - 1):
         return True, v, w
-    if _clear(bx, by, ch, sh, v, w, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0:
+    if _clear(pose, v, w, around, p, affine, clearance) >= 0.0:
         g.nav_clear_step = g.step
         return True, v, w
-    # The direct way is not admissible: sample the window and take the best progress at the highest speed that has any.
+    # The direct arc is not admissible: sample the window for the best progress at the highest speed that has any.
     best_score = 1e9
     ok, best_v, best_w = False, 0.0, 0.0
     for k in range(4, 0, -1):
         for j in range(-4, 5):
             sv, sw = limit(v_max * k * 0.25, w + 0.35 * j, p)
-            cost = _clear(bx, by, ch, sh, sv, sw, cx, cy, clyde_near, here, affine, clearance, p)
+            cost = _clear(pose, sv, sw, around, p, affine, clearance)
             if cost < 0.0:
                 continue
             ca, sa = _turned(ch, sh, 0.5 * sw * HORIZON_S)
@@ -133,16 +154,16 @@ def command(g, i, paths, bx, by, ch, sh, p, affine, clearance):  # type: ignore[
         return ok, best_v, best_w
     # Nothing leads on towards the point ahead, round a corner perhaps: creep along the path itself.
     near = min(at + 2, points - 1)
-    tx, ty = paths[i, near, 0] - bx, paths[i, near, 1] - by
-    if clyde_near:  # a way that hugs his region leads into it when it is cut short: keep farther out
-        ox, oy = paths[i, near, 0] - cx, paths[i, near, 1] - cy
+    tx, ty = path[near, 0] - bx, path[near, 1] - by
+    if clyde_near:  # a path that hugs its region leads into it when it is cut short: keep farther out
+        ox, oy = path[near, 0] - cx, path[near, 1] - cy
         out = max((p.clyde_keepout + 0.05) / math.sqrt(max(ox * ox + oy * oy, 1e-6)), 1.0) - 1.0
         tx, ty = tx + out * ox, ty + out * oy
     forward, aside = tx * ch + ty * sh, ty * ch - tx * sh
     if abs(aside) > 0.1 * forward:
         return True, 0.0, _turn_rate(forward, aside, 1.0, p)
     v = 0.25 * v_max
-    return _clear(bx, by, ch, sh, v, 0.0, cx, cy, clyde_near, here, affine, clearance, p) >= 0.0, v, 0.0
+    return _clear(pose, v, 0.0, around, p, affine, clearance) >= 0.0, v, 0.0
 
 
 @kernel

@@ -1,11 +1,8 @@
 """The map as the robot drives on it: clearance, the inflated costmap, the reachable cells, the walls around them.
 
-Cells are numbered row by row with row 0 at the *bottom*, so that y grows with the row; a margin of solid cells
-surrounds the part of the map that is kept. What is solid is decided by the game's rule (grey above 250 is free): what
-SLAM never saw free is no place for a robot, whatever the costmap's thresholds say.
+Cells are numbered row by row with row 0 at the *bottom*, so that y grows with the row. What is solid is decided by the
+game's rule (grey above 250 is free), whatever the costmap's thresholds are.
 """
-
-from __future__ import annotations
 
 import functools
 import math
@@ -34,17 +31,13 @@ def _apply(affine: NDArray[np.float64], u: Any, v: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class DriveGrid:
-    """The drivable part of a map.
-
-    World coordinates x, y (m, map frame) belong to the cell ``int(cx), int(cy)`` with
-    ``cx = affine[0] x + affine[1] y + affine[2]`` and ``cy = affine[3] x + affine[4] y + affine[5]``.
-    """
+    """The drivable part of a map, with a margin of solid cells; (x, y) in m is in the cell of ``cell_of``."""
 
     resolution: float  # m per cell
     affine: NDArray[np.float64]  # (6,) world to cell
     inverse: NDArray[np.float64]  # (6,) cell to world
     clearance: NDArray[np.float32]  # (H, W) m, cell centre to the nearest solid cell's centre
-    clearance_cm: NDArray[np.uint8]  # the same in whole cm, at most 255: what control looks at
+    clearance_cm: NDArray[np.uint8]  # the same in whole cm, at most 255, for control
     cost: NDArray[np.uint8]  # (H, W) inflated costmap, 0..254
     cell_id: NDArray[np.int32]  # (H, W) number of a drivable cell, -1 elsewhere
     snap: NDArray[np.int32]  # (H, W) number of the nearest drivable cell
@@ -55,7 +48,6 @@ class DriveGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         return self.cell_id.shape[0], self.cell_id.shape[1]
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
@@ -87,8 +79,7 @@ class DriveGrid:
         return self._numbers(pixel[:, 0] - self.offset[0], height - 1 - pixel[:, 1] - self.offset[1])
 
     def _inside(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.bool_]:
-        inside: NDArray[np.bool_] = (column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0])
-        return inside
+        return np.asarray((column >= 0) & (row >= 0) & (column < self.shape[1]) & (row < self.shape[0]))
 
     def _numbers(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.int32]:
         inside = self._inside(column, row)
@@ -106,8 +97,8 @@ class DriveGrid:
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
         """(P,) the cell where the robot collects the pellet at each place (P, 2) in m, and whether it can.
 
-        It is the drivable cell nearest to the place, -1: none within the planner's tolerance. The robot collects the
-        pellet there if the cell's centre is within the pick-up radius: what is no further away counts as reachable.
+        It is the drivable cell nearest to the place, -1: none within the planner's tolerance. A pellet is reachable if
+        the cell's centre is within the pick-up radius.
         """
         cells = np.array([self.nearest_cell(x, y, nav2.unreachable_tolerance_m) for x, y in places], dtype=np.int32)
         offset = np.hypot(*(np.stack(self.to_world(*self.cell[cells].T), axis=1) - places).T)
@@ -116,7 +107,6 @@ class DriveGrid:
         return cells, (cells >= 0) & (offset <= enough)
 
     def path_fields(self) -> PathFields:
-        """A store of path fields over this grid, still empty."""
         return PathFields(self.neighbours, self.cell, navfn_weights(self.cost, self.cell), self.resolution)
 
 
@@ -126,10 +116,9 @@ def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
     rows, columns = cell_id.shape
     found = -1
     least = np.inf
-    for row in range(int(min(max(cy - reach - 1.0, 0.0), rows)), int(min(max(cy + reach + 1.0, 0.0), rows))):
-        for column in range(
-            int(min(max(cx - reach - 1.0, 0.0), columns)), int(min(max(cx + reach + 1.0, 0.0), columns))
-        ):
+    far = reach + 1.0
+    for row in range(int(min(max(cy - far, 0.0), rows)), int(min(max(cy + far, 0.0), rows))):
+        for column in range(int(min(max(cx - far, 0.0), columns)), int(min(max(cx + far, 0.0), columns))):
             dx, dy = column + 0.5 - cx, row + 0.5 - cy
             if cell_id[row, column] >= 0 and max(abs(dx), abs(dy)) <= reach and dx * dx + dy * dy < least:
                 least = dx * dx + dy * dy
@@ -161,17 +150,6 @@ def _decay(clearance, reach, scale, inscribed):  # type: ignore[no-untyped-def]
     return cost
 
 
-@kernel
-def _whole_cm(clearance):  # type: ignore[no-untyped-def]
-    """Clearance (H, W) in whole cm, at most 255."""
-    result = np.empty(clearance.shape, np.uint8)
-    for row in range(len(result)):
-        for column in range(result.shape[1]):
-            cm = np.float32(clearance[row, column]) * np.float32(100) + np.float32(1e-3)
-            result[row, column] = int(min(cm, np.float32(255)))
-    return result
-
-
 def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
     """First and last row, first and last column (the last ones excluded) of what is set and a margin around it."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
@@ -194,7 +172,7 @@ def _home_cell(
 ) -> tuple[int, int]:
     """The wished cell if the robot can stand there, else the roomiest one of the largest part.
 
-    Unless ``any_part``, the wished cell must lie in a part worth playing in: a quarter of the largest or more.
+    Unless ``any_part``, the wished cell must lie in a part large enough for a game: a quarter of the largest or more.
     """
     column, row = wished
     rows, columns = labels.shape
@@ -224,22 +202,14 @@ def build_grid(
     pellets: PelletConfig,
     home: tuple[float, float, float] | None = None,
 ) -> DriveGrid:
-    """Compute the drivable grid around the home pose.
+    """Compute the drivable grid around ``home``, x, y (m), heading (rad); None: (0, 0, 0) if the robot can stand there.
 
-    Args:
-        occupancy: the map.
-        robot: radii of the robot.
-        nav2: inflation parameters.
-        pellets: gives the grey above which a cell is free.
-        home: x, y (m), heading (rad) of the home pose; None: (0, 0, 0) if the robot can stand there.
-
-    Raises:
-        MapError: the map has no place for the robot, or the asked home pose is not drivable.
+    MapError if the map has no place for the robot, or the given home pose is not drivable.
     """
     res = occupancy.resolution
     free = np.zeros((occupancy.height + 2 * _MARGIN, occupancy.width + 2 * _MARGIN), dtype=np.bool_)
     free[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] = occupancy.game_free(pellets.free_grey)[::-1]
-    # What lies further from all free cells is never looked at.
+    # What is farther from all free cells has no effect.
     keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
     r0, r1, c0, c1 = _frame(free, keep)
     free = free[r0:r1, c0:c1]
@@ -276,7 +246,8 @@ def build_grid(
     r0, c0 = r0 + top, c0 + left
     # The robot's disc can be where a centre within the main part reaches: only walls around that are built.
     cell = cv2.findNonZero(main.view(np.uint8)).reshape(-1, 2)
-    cell_id = _numbered(main)
+    cell_id = np.full(main.shape, -1, np.int32)
+    cell_id[main] = np.arange(len(cell))
     snap, away = nearest_numbers(cell_id)
     swept = free & (away * res <= robot.inscribed_radius_m)
     offset = c0 - _MARGIN, r0 - _MARGIN
@@ -288,7 +259,7 @@ def build_grid(
         affine=to_cell,
         inverse=to_world,
         clearance=clearance,
-        clearance_cm=_whole_cm(clearance),
+        clearance_cm=np.minimum(clearance * np.float32(100) + np.float32(1e-3), 255).astype(np.uint8),
         cost=inflate(clearance, res, robot, nav2),
         cell_id=cell_id,
         snap=snap,
@@ -300,21 +271,8 @@ def build_grid(
 
 
 @kernel
-def _numbered(mask):  # type: ignore[no-untyped-def]
-    """Number (H, W) of what is set, row by row; -1 elsewhere."""
-    number = np.full(mask.shape, -1, np.int32)
-    k = 0
-    for row in range(len(mask)):
-        for column in range(mask.shape[1]):
-            if mask[row, column]:
-                number[row, column] = k
-                k += 1
-    return number
-
-
-@kernel
 def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
-    """Column and row of a world position, clipped to the grid."""
+    """Column and row of a world position in m, clipped to the grid."""
     column = int(affine[0] * x + affine[1] * y + affine[2])
     row = int(affine[3] * x + affine[4] * y + affine[5])
     return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)

@@ -3,10 +3,9 @@
 Only what the map holds is seen: no ray ends at anything that moves.
 """
 
-from __future__ import annotations
-
 import math
 from statistics import NormalDist
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,85 +64,76 @@ def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     return t
 
 
+class Maps(NamedTuple):
+    """L drive grids, padded to one size."""
+
+    affine: Any  # (L, 6) world to cell
+    clearance_cm: Any  # (L, H, W) uint8; 0 is not free
+    shape: Any  # (L, 2) int32: rows and columns of each; what lies beyond is not read
+    resolution: float  # m per cell, at least 0.01
+
+
+class Robots(NamedTuple):
+    """N robots, each on one of the maps."""
+
+    level: Any  # (N,) int32, in [0, L)
+    pose: Any  # (N, 3) x, y, heading in m and rad, any finite numbers
+    seed: Any  # (N,) uint64, of the round
+    tick: Any  # (N,) int32
+
+
+class Sensor(NamedTuple):
+    """The lidar's limits, and the standard deviation of its noise as a part of the range."""
+
+    minimum_m: float
+    maximum_m: float
+    noise: float
+
+
 @kernel
-def scan(  # type: ignore[no-untyped-def]
-    affine, clearance_cm, resolution, x, y, heading, seed, tick, noise, minimum, maximum, ranges
-):
-    """Fill ``ranges`` (R,) float32, m, with the scan of a robot at (x, y, heading) in m and rad.
-
-    Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray that finds
-    nothing within ``maximum`` or leaves the grid reads ``maximum``; all do for a robot off the grid. Other ranges are
-    cut to [minimum, maximum], get normal noise (of 1024 steps, at most 3.3 standard deviations) and are cut again.
-    Noise is a function of seed, tick and k alone.
-
-    Args:
-        affine: (6,) world to cell, of a :class:`~pacman_env.world.navigation.grid.DriveGrid`.
-        clearance_cm: (H, W) uint8 of the same grid; 0 is not free.
-        resolution: m per cell, at least 0.01.
-        x: m, any finite number.
-        y: m, likewise.
-        heading: rad, likewise.
-        seed: of the round.
-        tick: number of the decision.
-        noise: standard deviation as a part of the range.
-        minimum: m.
-        maximum: m.
-        ranges: written.
-    """
+def _scan_one(affine, clearance_cm, resolution, pose, noise, sensor, ranges):  # type: ignore[no-untyped-def]
     rows, columns = clearance_cm.shape
     rays = len(ranges)
-    cx = affine[0] * x + affine[1] * y + affine[2]
-    cy = affine[3] * x + affine[4] * y + affine[5]
+    minimum, maximum = sensor.minimum_m, sensor.maximum_m
+    cx = affine[0] * pose[0] + affine[1] * pose[1] + affine[2]
+    cy = affine[3] * pose[0] + affine[4] * pose[1] + affine[5]
     if not (cx >= 0.0 and cy >= 0.0 and cx < columns and cy < rows):
         ranges[:] = maximum
         return
     cells_per_cm = 0.01 / resolution
     limit = maximum / resolution
-    cos, sin = math.cos(heading), math.sin(heading)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turn_cos, turn_sin = math.cos(2.0 * math.pi / rays), math.sin(2.0 * math.pi / rays)
     ux, uy = np.empty(rays), np.empty(rays)
     for k in range(rays):
         ux[k] = (affine[0] * cos + affine[1] * sin) * resolution
         uy[k] = (affine[3] * cos + affine[4] * sin) * resolution
         cos, sin = cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin
-    # All rays jump in turn: one alone would wait for each clearance before it can look up the next.
+    # All rays jump in turn: one alone would wait for each clearance before it can read the next.
     ranges[:] = 0.0
     for _ in range(_JUMPS):
         _jump(clearance_cm, cells_per_cm, cx, cy, ux, uy, ranges)
-    state = stream(stream(seed, LIDAR), tick)
     for k in range(rays):
         cells = _walk(clearance_cm, cx, cy, ux[k], uy[k], float(ranges[k]), limit)
         if cells >= limit:
             ranges[k] = maximum
         else:
             length = max(cells * resolution, minimum)
-            z = _NORMAL[mix(state + _GAMMA * np.uint64(k + 1)) >> _S54]
-            ranges[k] = min(max(length + noise * length * z, minimum), maximum)
+            z = _NORMAL[mix(noise + _GAMMA * np.uint64(k + 1)) >> _S54]
+            ranges[k] = min(max(length + sensor.noise * length * z, minimum), maximum)
 
 
 @kernel
-def scan_all(  # type: ignore[no-untyped-def]
-    affine, clearance_cm, shape, resolution, level, pose, seeds, ticks, noise, minimum, maximum, ranges
-):
-    """Fill ``ranges`` (N, R) float32 with the scans of N robots, robot i on map ``level[i]``; see :func:`scan`.
+def scan(maps, robots, sensor, ranges):  # type: ignore[no-untyped-def]
+    """Fill ``ranges`` (N, R) float32, m.
 
-    Args:
-        affine: (L, 6).
-        clearance_cm: (L, H, W) uint8.
-        shape: (L, 2) int32: rows and columns of each map; what lies beyond is not looked at.
-        resolution: m per cell of all maps.
-        level: (N,) int32, in [0, L).
-        pose: (N, 3) x, y, heading in m and rad.
-        seeds: (N,) uint64.
-        ticks: (N,) int64.
-        noise: see :func:`scan`, as all that follow.
-        minimum: m.
-        maximum: m.
-        ranges: written.
+    Ray k points at heading + 2 pi k / R: 0 is ahead, counter-clockwise, as in sensor_msgs/LaserScan. A ray that finds
+    nothing within the maximum or leaves the grid reads the maximum; all do for a robot off the grid. Other ranges are
+    cut to the limits, get normal noise (of 1024 steps, at most 3.3 standard deviations) and are cut again.
+    Noise is a function of seed, tick and k alone.
     """
-    for i in range(len(pose)):
-        m = level[i]
-        scan(
-            affine[m], clearance_cm[m, : shape[m, 0], : shape[m, 1]], resolution, pose[i, 0], pose[i, 1], pose[i, 2],
-            seeds[i], ticks[i], noise, minimum, maximum, ranges[i],
-        )  # fmt: skip
+    for i in range(len(ranges)):
+        m = robots.level[i]
+        clearance_cm = maps.clearance_cm[m, : maps.shape[m, 0], : maps.shape[m, 1]]
+        noise = stream(stream(robots.seed[i], LIDAR), robots.tick[i])
+        _scan_one(maps.affine[m], clearance_cm, maps.resolution, robots.pose[i], noise, sensor, ranges[i])

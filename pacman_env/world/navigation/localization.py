@@ -1,39 +1,33 @@
-"""AMCL's belief: when a pose is published, how wrong it is, and what TF says in between.
+"""AMCL's belief: when a pose is published, how wrong it is, and what TF gives in between.
 
 At a filter update the error is drawn anew; between updates the robot's odometry carries it along unchanged, so TF is
 the true pose with the error of the last update, while the latched message keeps the pose of that instant.
 """
 
-from __future__ import annotations
-
 import math
+from typing import Any
 
 import numpy as np
 
 from ...engine.jit import kernel
 from ...rng import normal
 
+
+def record_fields(kind: Any, names: str) -> list[tuple[str, Any]]:
+    """Fields of a game's record that have one dtype, for ``numpy.dtype``."""
+    return [(name, kind) for name in names.split()]
+
+
 LOCALIZATION_FIELDS = [
-    ("error_x", np.float64),  # m, of the last update
-    ("error_y", np.float64),
-    ("error_heading", np.float64),  # rad
-    ("error_cos", np.float64),  # its unit vector
-    ("error_sin", np.float64),
-    ("bias_x", np.float64),  # the filter converges so far beside the truth, m
-    ("bias_y", np.float64),
-    ("bias_heading", np.float64),  # rad
-    ("amcl_x", np.float64),  # the latched pose: m, m, rad
-    ("amcl_y", np.float64),
-    ("amcl_heading", np.float64),
-    ("amcl_step", np.int32),  # physics step of the last update
-    ("odom_x", np.float64),  # true pose at the last update
-    ("odom_y", np.float64),
-    ("odom_heading", np.float64),
-    ("sigma_xy", np.float64),  # m
-    ("sigma_heading", np.float64),  # rad
-    ("update_distance", np.float64),  # m: the filter updates when moved farther in x or in y
-    ("update_angle", np.float64),  # rad: or turned farther
-    ("localization_stream", np.uint64),
+    *record_fields(np.float64, "error_x error_y error_heading"),  # of the last update: m, m, rad
+    *record_fields(np.float64, "error_cos error_sin"),  # of error_heading
+    *record_fields(np.float64, "bias_x bias_y bias_heading"),  # the filter converges so far beside the truth
+    *record_fields(np.float64, "amcl_x amcl_y amcl_heading"),  # the latched pose
+    *record_fields(np.int32, "amcl_step"),  # physics step of the last update
+    *record_fields(np.float64, "odom_x odom_y odom_heading"),  # true pose at the last update
+    *record_fields(np.float64, "sigma_xy sigma_heading"),  # m, rad
+    *record_fields(np.float64, "update_distance update_angle"),  # m, rad: update when moved or turned farther
+    *record_fields(np.uint64, "localization_stream"),
 ]
 
 

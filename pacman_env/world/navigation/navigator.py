@@ -1,64 +1,43 @@
-"""The Nav2 stand-in: what ``navigate_to_pose`` does with a goal, seen from the goal selector.
+"""The Nav2 stand-in: what ``navigate_to_pose`` does with a goal, as the goal selector observes it.
 
-Takes goals up, pre-empts, cancels, watches progress and ends them with the results of action_msgs/GoalStatus; the
-way is planned in ``planner`` and driven in ``controller``. Kernels work on one game's record ``g``; the fields that the
-three of them own are ``NAVIGATOR_FIELDS``.
+Accepts goals, pre-empts, cancels, watches progress and ends them with the results of action_msgs/GoalStatus. Kernels
+work on one game's record ``g``; the fields of navigator, ``planner`` and ``controller`` are ``NAVIGATOR_FIELDS``.
 """
-
-from __future__ import annotations
 
 import numpy as np
 
 from ...engine.jit import kernel
 from ...rng import uniform
-from .controller import command, drive_wheels
-from .planner import write_plan
+from .controller import Pose, command, drive_wheels
+from .localization import record_fields
+from .planner import Fields, write_plan
 
 IDLE, ACTIVE = 0, 1
 NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalStatus
 
 NAVIGATOR_FIELDS = [
-    ("x", np.float64),  # true pose and velocity: m, m, rad, m/s, m/s, rad/s
-    ("y", np.float64),
-    ("heading", np.float64),
-    ("heading_cos", np.float64),  # its unit vector
-    ("heading_sin", np.float64),
-    ("vx", np.float64),
-    ("vy", np.float64),
-    ("omega", np.float64),
-    ("left", np.float64),  # wheel speeds, m/s
-    ("right", np.float64),
-    ("speed_limit", np.float64),  # m/s, forward speed asked for
-    ("nav_state", np.int32),
-    ("nav_goal", np.int32),  # goal being driven to, -1: none
-    ("nav_next", np.int32),  # goal accepted, not driven to before the planner's next tick; -1: none
-    ("nav_next_step", np.int32),
-    ("nav_next_aborts", np.int32),  # the accepted goal will be aborted at once
-    ("nav_plan_step", np.int32),  # physics step of the next plan
-    ("nav_end_x", np.float64),  # where the plan ends, m
-    ("nav_end_y", np.float64),
-    ("nav_points", np.int32),  # points of the plan written out, 0: no plan
-    ("nav_at", np.int32),  # the point passed last
-    ("nav_ahead", np.int32),  # the point steered to
-    ("nav_clear_step", np.int32),  # when a roll-out was last looked at and found clear
-    ("nav_static", np.int32),  # the plan follows the static field (no detour)
-    ("nav_tail", np.int32),  # the cell of the plan's last point, -1: the goal
-    ("nav_no_path_step", np.int32),  # since when there is no plan, -1: there is one
-    ("nav_no_control_step", np.int32),  # since when there is no admissible control, -1: there is
-    ("nav_progress_x", np.float64),
-    ("nav_progress_y", np.float64),
-    ("nav_progress_step", np.int32),
-    ("nav_stuck_step", np.int32),  # since when stuck, -1: not
-    ("nav_wait_step", np.int32),  # recovering until this step
-    ("nav_result", np.int32),  # result of the last goal that ended, until it is read
-    ("nav_result_goal", np.int32),
-    ("nav_last", np.int32),  # the last result, kept
-    ("nav_last_step", np.int32),  # and when it came
-    ("nav_accept_steps", np.int32),
-    ("nav_abort_rate", np.float64),
-    ("nav_stream", np.uint64),
-    ("clyde_x", np.float64),  # the nearest obstacle that moves: the ghost that control keeps away from, m
-    ("clyde_y", np.float64),
+    *record_fields(np.float64, "x y heading heading_cos heading_sin"),  # true pose: m, m, rad
+    *record_fields(np.float64, "vx vy omega left right"),  # m/s, m/s, rad/s; of the wheels, m/s
+    *record_fields(np.float64, "speed_limit"),  # m/s, commanded forward speed
+    *record_fields(np.int32, "nav_state nav_goal"),  # the goal driven to, -1: none
+    *record_fields(np.int32, "nav_next nav_next_step"),  # goal accepted, from when on it may be driven to; -1: none
+    *record_fields(np.int32, "nav_next_aborts"),  # the accepted goal will be aborted at once
+    *record_fields(np.int32, "nav_plan_step"),  # physics step of the next plan
+    *record_fields(np.float64, "nav_end_x nav_end_y"),  # where the plan ends, m
+    *record_fields(np.int32, "nav_points"),  # points of the plan written out, 0: no plan
+    *record_fields(np.int32, "nav_at nav_ahead"),  # the point passed last, the point steered to
+    *record_fields(np.int32, "nav_clear_step"),  # when a roll-out was last tested and clear
+    *record_fields(np.int32, "nav_static nav_tail"),  # no detour; the cell of the plan's last point, -1: the goal
+    *record_fields(np.int32, "nav_no_path_step nav_no_control_step"),  # since when there is none, -1: there is
+    *record_fields(np.float64, "nav_progress_x nav_progress_y"),
+    *record_fields(np.int32, "nav_progress_step nav_stuck_step"),  # since when stuck, -1: not
+    *record_fields(np.int32, "nav_wait_step"),  # recovering until this step
+    *record_fields(np.int32, "nav_result nav_result_goal"),  # of the last goal that ended, until it is read
+    *record_fields(np.int32, "nav_last nav_last_step"),  # the last result, kept, and when it came
+    *record_fields(np.int32, "nav_accept_steps"),
+    *record_fields(np.float64, "nav_abort_rate"),
+    *record_fields(np.uint64, "nav_stream"),
+    *record_fields(np.float64, "clyde_x clyde_y"),  # the nearest ghost, which control keeps away from, m
 ]
 
 
@@ -96,7 +75,7 @@ def cancel(g):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_up(g, bx, by, step):  # type: ignore[no-untyped-def]
+def _start_goal(g, bx, by, step):  # type: ignore[no-untyped-def]
     """The accepted goal becomes the one driven to."""
     g.nav_goal = g.nav_next
     g.nav_next = -1
@@ -125,14 +104,16 @@ def plan_due(g, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Take up the accepted goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
+    """Start the accepted goal and plan, where due; the plan of ``g`` is ``paths[i]``, its obstacles are (G, 3)."""
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):
-        _take_up(g, bx, by, step)
+        _start_goal(g, bx, by, step)
         g.nav_plan_step = step
     if g.nav_state == ACTIVE and step >= g.nav_plan_step:
-        write_plan(g, i, paths, bx, by, obstacles, p, goal_xy, nav, search)
+        affine, snap, neighbours, cell_xy, length_cm, next_step = nav
+        fields = Fields(affine, snap, neighbours, cell_xy, length_cm, next_step, goal_xy)
+        write_plan(g, paths[i], bx, by, obstacles, p, fields, search)
         g.nav_plan_step = step + p.plan_steps
         if g.nav_points > 0:
             _watch_progress(g, bx, by, p)
@@ -140,7 +121,7 @@ def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-un
 
 @kernel
 def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """One controller step of ``g`` on the plan ``paths[i]``: which sets the force on its body."""
+    """One controller step of ``g`` on the plan ``paths[i]``, which sets the force on its body."""
     step = g.step
     v, w = 0.0, 0.0
     bx, by = g.x + g.error_x, g.y + g.error_y
@@ -155,7 +136,7 @@ def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
             if step - g.nav_no_path_step >= p.no_path_steps:
                 _end(g, ABORTED)
         elif step >= g.nav_wait_step:
-            ok, v, w = command(g, i, paths, bx, by, ch, sh, p, affine, clearance)
+            ok, v, w = command(g, paths[i], Pose(bx, by, ch, sh), p, affine, clearance)
             if ok:
                 g.nav_no_control_step = -1
             else:

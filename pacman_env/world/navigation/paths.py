@@ -1,11 +1,8 @@
-"""Path lengths and next cells from every drivable cell to a set of goals.
+"""Path lengths and next cells from every drivable cell to a set of goals, one field per static goal.
 
-One field per static goal: Dijkstra over the inflated costmap with NavFn's cell weights, 16 directions (steps to the
-8 neighbours and the 8 knight's moves, so that a length is at most 2.7 % above the straight line). What the robot makes
-of a path is not decided here.
+Dijkstra over the inflated costmap with NavFn's cell weights, 16 directions (steps to the 8 neighbours and the 8
+knight's moves, so that a length is at most 2.7 % above the straight line).
 """
-
-from __future__ import annotations
 
 import math
 
@@ -15,22 +12,22 @@ from numpy.typing import NDArray
 
 from ...engine.jit import kernel, lowest_bit
 
-UNREACHABLE_CM = 65535  # in a length field: no way
+UNREACHABLE_CM = 65535  # in a length field: no path
 AT_GOAL = 0  # in a next-step field: this is the goal's cell
-NO_STEP = -32768  # in a next-step field: no way
+NO_STEP = -32768  # in a next-step field: no path
 
 #: Column and row offset of the 16 directions, ordered by angle: the opposite of d is (d + 8) % 16, even ones are the
 #: 8 neighbours.
 _HALF_TURN = np.array([(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)], dtype=np.int64)
 STEPS16 = np.concatenate([_HALF_TURN, -_HALF_TURN])
 
-_START = 16  # in place of a direction: the way begins at this cell
+_START = 16  # in place of a direction: the path begins at this cell
 _SETTLED = 32  # added to a cell's direction once its cost is final
 _PAD = 2  # no step leads further
-#: By the direction come by, the steps worth trying on open floor, in rising order.
+#: By the direction come by, the steps that can be the best on open floor, in rising order.
 _ONWARDS = np.sort((np.arange(16)[:, None] + (-1, 0, 1)) % 16, axis=1)
 _EXACT_BELOW = 65536.0  # the rounding of costs up to this is small beside what a detour costs
-_BATCH = 32  # cells whose steps are looked at together
+_BATCH = 32  # cells whose steps are tried together
 #: One place of the picture: all that a search reads and writes there lies together.
 _PLACE = np.dtype(
     [
@@ -85,18 +82,13 @@ class PathFields:
 
     Label-setting Dijkstra in buckets one cell wide: no step costs less than a cell, so the labels inside a bucket
     cannot improve one another. Steps that cannot be the best are not tried: on open floor, where a cell and the 24
-    around it have weight 1, a way that leaves by another direction than the one it came by or those next to it is a
-    detour.
+    around it have weight 1, a path that leaves by another direction than the one it came by or those next to it is a
+    detour. ``neighbours`` are (K, 16), ``cell`` (K, 2) column, row, ``weight`` (K,) at least 1.
     """
 
     def __init__(
-        self,
-        neighbours: NDArray[np.int32],
-        cell: NDArray[np.int32],
-        weight: NDArray[np.float32],
-        resolution: float,
+        self, neighbours: NDArray[np.int32], cell: NDArray[np.int32], weight: NDArray[np.float32], resolution: float
     ) -> None:
-        """``neighbours`` (K, 16), ``cell`` (K, 2) column, row, ``weight`` (K,) at least 1."""
         columns, rows = (int(cell[:, k].max()) + 1 + 2 * _PAD for k in (0, 1))
         steps = np.append(STEPS16, [(0, 0)], axis=0)  # the last: _START
         length = step_lengths(steps)
@@ -108,7 +100,7 @@ class PathFields:
         picture["open"] = cv2.erode(light, np.ones((5, 5), np.uint8))
         self._fields: dict[int, tuple[NDArray[np.uint16], NDArray[np.int16]]] = {}
         self._cell, self._columns = cell, columns
-        self._ground = (
+        self._places = (
             picture.ravel(),
             number,
             steps[:, 1] * columns + steps[:, 0],
@@ -122,17 +114,14 @@ class PathFields:
         )
 
     def to(self, goal: int) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
-        """``length_cm`` (K,) and ``next_step`` (K,) of one goal cell; not to be written to.
-
-        The next cell on the way from cell k is ``k + next_step[k]``: cells are numbered row by row, so the
-        difference is small and one array is all that walking a path needs.
-        """
+        """``length_cm`` and ``next_step`` (K,) of one goal cell, read-only; cell k + next_step[k] follows cell k."""
         known = self._fields.get(goal)
         if known is None:
             count = len(self._cell)
             known = np.empty(count, dtype=np.uint16), np.empty(count, dtype=np.int16)
             column, row = self._cell[goal] + _PAD
-            _find(row * self._columns + column, self._ground, self._queue, *known)
+            _search(row * self._columns + column, self._places, self._queue)
+            _read_out(self._places, *known)
             self._fields[goal] = known
         return known
 
@@ -156,23 +145,16 @@ def _lay_out(neighbours, cell, weight, picture, number, light):  # type: ignore[
 
 
 @kernel
-def _find(start, ground, queue, length_cm, next_step):  # type: ignore[no-untyped-def]
-    """Fill ``length_cm`` (K,) uint16 and ``next_step`` (K,) int16 of the goal at the place ``start``."""
-    _search(start, ground, queue)
-    _read_out(ground, length_cm, next_step)
+def _search(start, places, queue):  # type: ignore[no-untyped-def]
+    """Dijkstra's algorithm from the goal's place; the places hold the result until they are read out.
 
-
-@kernel
-def _search(start, ground, queue):  # type: ignore[no-untyped-def]
-    """Dijkstra's algorithm; the places must be clear and hold the result until they are read out.
-
-    Within a bucket the newest entry comes first; older entries of a settled place are passed over. Which of two equally
-    good ways a place takes depends on that order and on the directions being tried in rising order.
+    Within a bucket the newest entry comes first; older entries of a settled place are skipped. Which of two equally
+    good paths a place gets depends on that order and on the directions being tried in rising order.
     """
-    place, _, offset, length, half, metres_of = ground
+    place, _, offset, length, half, metres_of = places
     head, entry = queue
     batch = np.empty(_BATCH, np.uint32)
-    better = np.empty(_BATCH, np.uint16)  # steps that may lead to a cheaper way, a bit each
+    better = np.empty(_BATCH, np.uint16)  # steps that may lead to a cheaper path, a bit each
     mask = len(head) - 1
     head[:] = -1
     place[start].cost = 0.0
@@ -193,7 +175,7 @@ def _search(start, ground, queue):  # type: ignore[no-untyped-def]
         head[bucket & mask] = -1  # nothing enters the bucket that is being emptied
         empty = 0
         while e >= 0:
-            # Three short loops: what one iteration waits for is no other's business. Unsigned numbers spare the test
+            # Three short loops, so that iterations wait for memory at the same time. Unsigned numbers spare the test
             # for an index that counts from the end.
             n = np.uintp(0)
             while e >= 0 and n < _BATCH:
@@ -242,9 +224,9 @@ def _search(start, ground, queue):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _read_out(ground, length_cm, next_step):  # type: ignore[no-untyped-def]
-    """Fill the field from the places and clear them for the next search."""
-    place, number, offset = ground[0], ground[1], ground[2]
+def _read_out(places, length_cm, next_step):  # type: ignore[no-untyped-def]
+    """Fill ``length_cm`` (K,) and ``next_step`` (K,) from the places and clear them for the next search."""
+    place, number, offset = places[0], places[1], places[2]
     for i in range(len(place)):
         k = number[i]
         if k < 0:
@@ -255,7 +237,7 @@ def _read_out(ground, length_cm, next_step):  # type: ignore[no-untyped-def]
             next_step[k] = NO_STEP
         else:
             length_cm[k] = min(int(place[i].metres * 100.0 + 0.5), UNREACHABLE_CM - 1)
-            next_step[k] = number[i - offset[came - _SETTLED]] - k  # AT_GOAL where the way begins
+            next_step[k] = number[i - offset[came - _SETTLED]] - k  # AT_GOAL where the path begins
         place[i].came = 0
         place[i].cost = np.inf
 
@@ -268,13 +250,4 @@ def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
 def navfn_weights(cost: NDArray[np.uint8], cell: NDArray[np.int32]) -> NDArray[np.float32]:
     """NavFn's cell cost 50 + 0.8 c relative to free space, float32 (K,), at least 1."""
     weight = ((50.0 + 0.8 * np.arange(256, dtype=np.float32)) / 50.0).astype(np.float32)
-    return _look_up(weight, cost, cell)
-
-
-@kernel
-def _look_up(table, picture, cell):  # type: ignore[no-untyped-def]
-    """What the table has for the picture's value at each cell."""
-    found = np.empty(len(cell), table.dtype)
-    for k in range(len(cell)):
-        found[k] = table[picture[cell[k, 1], cell[k, 0]]]
-    return found
+    return np.asarray(weight[cost[cell[:, 1], cell[:, 0]]])

@@ -1,14 +1,13 @@
 """Robots among walls: pymunk's world, one space for each robot that is about to touch a wall.
 
-The only module that knows pymunk. A robot touches nothing but walls. Where it cannot reach one in a step, a step of
+The only module that uses pymunk. A robot touches nothing but walls. Where it cannot reach one in a step, a step of
 Chipmunk's is two lines of arithmetic, which :func:`move` does in its place, to the same bits; near a wall the robot is
 in a space of its own with all walls of its map, and stays there until the solver remembers nothing of the contact.
 Bodies are driven by forces, never by setting velocities: Chipmunk integrates positions first, and a velocity written
 over the solver's result would push a body into the wall it touches.
 """
 
-from __future__ import annotations
-
+import math
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -22,29 +21,64 @@ from pymunk._chipmunk_cffi import ffi, lib
 from ...engine.jit import kernel
 from ...engine.native import call_each, call_step, load, replace, store, store_int
 from .grid import cell_of
+from .localization import record_fields
 
-#: State of a robot's body, in m and m/s after the last step and N for the next one.
 BODY_FIELDS = [
-    ("body_x", np.float64),
-    ("body_y", np.float64),
-    ("body_vx", np.float64),
-    ("body_vy", np.float64),
-    ("force_x", np.float64),
-    ("force_y", np.float64),
-    ("touch", np.int32),  # steps that it still has to be in a space
+    *record_fields(np.float64, "body_x body_y body_vx body_vy"),  # after the last step, m and m/s
+    *record_fields(np.float64, "force_x force_y"),  # for the next one, N
+    *record_fields(np.int32, "touch"),  # steps that the robot still has to be in a space
 ]
 _GIVEN, _TAKEN = 6, 4  # numbers of a body: position, velocity and force; position and velocity
 _HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the table of spaces
-_EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions
-_NAMES = (
-    *("space_table", "space_given", "space_taken", "space_calls"),
-    *("space_owners", "space_levels", "space_of"),
-)
+_EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions, as named below
+_CALLED = "cpSpaceEachBody", "cpSpaceStep", "pmSpaceBodySetIteratorFuncBatched", "pmSpaceBodyGetIteratorFuncBatched"
+_NAMES = "table", "given", "taken", "calls", "owners", "levels", "of"
 _REMEMBERS = 5  # steps: more than Chipmunk keeps a contact (collision_persistence, 3)
 _FAR_M = 1e6
 _NONE = _FREE = -1  # in place of a space's number, of a robot's
 _PLACE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
+_SPARE_M = 0.001  # more than rounding
 _COLLISION_SLOP_M = 0.001  # overlap that the solver tolerates; Chipmunk's default of 0.1 is made for pixels
+
+
+def clear_cells(
+    walls: NDArray[np.float64], affine: NDArray[np.float64], shape: tuple[int, int], resolution: float, radius_m: float
+) -> NDArray[np.bool_]:
+    """Cells (H, W) from no point of which a disc of that radius reaches a wall, (S, 4) in m; not the outermost ones."""
+    clear = np.ones(shape, dtype=np.bool_)
+    clear[[0, -1]] = False
+    clear[:, [0, -1]] = False
+    _mark(clear, walls, affine, (radius_m + _SPARE_M) / resolution + math.sqrt(0.5))
+    return clear
+
+
+@kernel
+def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
+    """Clear the cells whose centre is within ``reach`` cells of a wall."""
+    rows, columns = clear.shape
+    for x0, y0, x1, y1 in walls:
+        ax = affine[0] * x0 + affine[1] * y0 + affine[2]
+        ay = affine[3] * x0 + affine[4] * y0 + affine[5]
+        dx = affine[0] * x1 + affine[1] * y1 + affine[2] - ax
+        dy = affine[3] * x1 + affine[4] * y1 + affine[5] - ay
+        length2 = max(dx * dx + dy * dy, 1e-12)
+        first, last = int(max(min(ay, ay + dy) - reach, 0.0)), int(min(max(ay, ay + dy) + reach + 1.0, rows))
+        left, right = int(max(min(ax, ax + dx) - reach, 0.0)), int(min(max(ax, ax + dx) + reach + 1.0, columns))
+        for row in range(first, last):
+            for column in range(left, right):
+                px, py = column + 0.5 - ax, row + 0.5 - ay
+                along = min(max((px * dx + py * dy) / length2, 0.0), 1.0)
+                px, py = px - along * dx, py - along * dy
+                if px * px + py * py <= reach * reach:
+                    clear[row, column] = False
+
+
+def overlap_m(walls: NDArray[np.float64], places: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
+    """(N,) how deep a disc at each place (N, 2) overlaps with the nearest wall, m; negative: so far away from it."""
+    a, along = walls[:, :2], walls[:, 2:] - walls[:, :2]
+    off = places[:, None] - a
+    share = np.clip((off * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    return radius_m - np.hypot(*np.moveaxis(off - share[..., None] * along, 2, 0)).min(axis=1)
 
 
 @kernel
@@ -59,7 +93,7 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
 def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
     """A step of a robot's body under its force; False, and nothing done, if there is no space for it.
 
-    Robot ``i`` takes one that is free when it comes near a wall, and leaves it when the contact is forgotten.
+    Robot ``i`` enters a free one when it comes near a wall, and leaves it when the contact is forgotten.
     ``clear`` (H, W) are the cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
     """
     rows, columns = clear.shape
@@ -95,7 +129,7 @@ def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
-    """Take a free space with the walls of a level; False: there is none."""
+    """Enter a free space with the walls of a level; False: there is none."""
     _, _, _, _, owners, levels, space_of = spaces
     count = len(levels)
     for j in range(count):
@@ -116,7 +150,7 @@ def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _empty(space, body, calls, seconds):  # type: ignore[no-untyped-def]
-    """Take the robot out: far from all walls. Whoever comes next finds what he would find in a new space.
+    """Move the robot far from all walls. The next one finds what it would find in a new space.
 
     Chipmunk meets walls in the order in which it found them when the robot last left its own surroundings.
     """
@@ -136,15 +170,7 @@ def empty(spaces, k, steps, seconds):  # type: ignore[no-untyped-def]
 class Spaces:
     """Spaces for so many robots on levels, made when there are not enough.
 
-    Args:
-        robots: how many there are.
-        levels: how many there are at once; a space of each is kept, beside those that robots are in.
-        radius_m: of a robot.
-        mass_kg: of a robot.
-        step_s: of physics.
-
-    Attributes:
-        arrays: for :func:`move`.
+    A space of each of ``levels`` is kept, beside those that robots are in; ``arrays`` are for :func:`move`.
     """
 
     def __init__(self, robots: int, levels: int = 1, *, radius_m: float, mass_kg: float, step_s: float) -> None:
@@ -157,9 +183,10 @@ class Spaces:
         given, taken = np.zeros((most, 2 * _GIVEN)), np.zeros((most, 3 * _TAKEN))
         self._owners, self._levels = np.full(most, _FREE, dtype=np.int64), np.full(most, _NONE, dtype=np.int64)
         self._space_of = np.full(robots, _NONE, dtype=np.int64)
-        self.arrays = table, given, taken, _functions(), self._owners, self._levels, self._space_of
+        calls = np.array([_address(ffi.addressof(lib, name)) for name in _CALLED], dtype=np.int64)
+        self.arrays = table, given, taken, calls, self._owners, self._levels, self._space_of
         #: The same by the names that they have in tables.
-        self.named = dict(zip(_NAMES, self.arrays, strict=True))
+        self.named = {f"space_{name}": array for name, array in zip(_NAMES, self.arrays, strict=True)}
 
     def __len__(self) -> int:
         """Number of spaces that there are now."""
@@ -172,14 +199,14 @@ class Spaces:
         k = int(free[(self._levels[free] != _NONE).argmin()])  # the first that was none so far, else of another level
         self._levels[k] = _NONE
         self._spaces[k] = None  # its memory first
-        self._spaces[k] = space = _Space(walls, 1, *self._robot)
+        self._spaces[k] = space = _Space(walls, *self._robot)
         table, given, taken = self.arrays[:3]
         table[k] = space.bind(given[k], taken[k])
         empty(self.arrays, k, _REMEMBERS, self.step_s)
         self._levels[k] = level
 
     def leave(self, robots: NDArray[np.int64]) -> None:
-        """These robots go elsewhere; nothing of their contacts is left in the spaces that they were in."""
+        """These robots are moved elsewhere; nothing of their contacts is left in the spaces that they were in."""
         for k in self._space_of[robots].tolist():
             if k != _NONE:
                 empty(self.arrays, k, _REMEMBERS, self.step_s)
@@ -187,7 +214,7 @@ class Spaces:
         self._space_of[robots] = _NONE
 
     def forget(self, level: int) -> None:
-        """There are other walls from now on, among which nobody is."""
+        """There are other walls from now on, without robots."""
         for k in np.flatnonzero(self._levels == level).tolist():
             self._levels[k], self._spaces[k] = _NONE, None
 
@@ -203,47 +230,52 @@ def bare_stepper(
 ) -> Callable[[int], None]:
     """A function that steps all robots, at ``places`` (N, 2), that often and nothing else: the benchmark's yardstick.
 
-    They share a space, move in directions all round and bounce, so that they keep moving.
+    They share a space, start in directions all round and bounce, so that they keep moving.
     """
-    world = _Space(walls, len(places), radius_m, mass_kg)
-    world.bounce()
-    for i, (body, (x, y)) in enumerate(zip(world.bodies, places.tolist(), strict=True)):
+    space = pymunk.Space()
+    space.collision_slop = _COLLISION_SLOP_M
+    for x0, y0, x1, y1 in walls.tolist():
+        space.add(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0))
+    for i, (x, y) in enumerate(places.tolist()):
+        body = _robot(space, radius_m, mass_kg)
         body.position = x, y
         body.velocity = pymunk.Vec2d(speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
+    for shape in space.shapes:
+        shape.elasticity = 1.0
 
     def step(count: int) -> None:
         for _ in range(count):
-            world.space.step(step_s)
+            space.step(step_s)
 
     return step
 
 
-class _Space:
-    """A pymunk space with walls and robots, which do not touch one another."""
+def _robot(space: pymunk.Space, radius_m: float, mass_kg: float) -> pymunk.Body:
+    body = pymunk.Body(mass_kg, float("inf"))
+    circle = pymunk.Circle(body, radius_m)
+    circle.filter = pymunk.ShapeFilter(group=1)  # robots do not touch one another
+    space.add(body, circle)
+    return body
 
-    def __init__(self, walls: NDArray[np.float64], robots: int, radius_m: float, mass_kg: float) -> None:
-        self.walls = walls
+
+class _Space:
+    """A pymunk space with walls and one robot, whose numbers are written to and read from rows of two arrays."""
+
+    def __init__(self, walls: NDArray[np.float64], radius_m: float, mass_kg: float) -> None:
         self.space = space = pymunk.Space()
         space.collision_slop = _COLLISION_SLOP_M
-        # Static segments as pymunk makes them, without an object of Python's for each: they are never asked for.
+        # Static segments as pymunk makes them, without an object of Python's for each.
         static, handle = space.static_body._body, space._space
-        self._shapes = [lib.cpSegmentShapeNew(static, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]
-        for shape in self._shapes:
+        shapes = [lib.cpSegmentShapeNew(static, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]
+        for shape in shapes:
             lib.cpSpaceAddShape(handle, shape)
-        # Not at the end of the interpreter, where a thread that nobody waits for may be in the middle of a step.
-        weakref.finalize(self, _remove_walls, space, self._shapes).atexit = False
-        self._kept: list[Any] = []  # what Chipmunk is told of by address
-        self.bodies = []
-        only_walls = pymunk.ShapeFilter(group=1)
-        for _ in range(robots):
-            body = pymunk.Body(mass_kg, float("inf"))
-            circle = pymunk.Circle(body, radius_m)
-            circle.filter = only_walls
-            space.add(body, circle)
-            self.bodies.append(body)
+        # Not at the end of the interpreter, where a daemon thread may be in the middle of a step.
+        weakref.finalize(self, _remove_walls, space, shapes).atexit = False
+        self._kept: list[Any] = []  # what Chipmunk has addresses of
+        _robot(space, radius_m, mass_kg)
 
     def bind(self, given: NDArray[np.float64], taken: NDArray[np.float64]) -> tuple[int, ...]:
-        """The only robot's row in the table of spaces; its numbers are written to and read from these arrays."""
+        """This space's row in the table of spaces."""
         give, give_count = self._batched(_PLACE | pymunk.batch.BodyFields.FORCE, given)
         take, take_count = self._batched(_PLACE, taken)
         return _address(self.space._space), give, give_count, take, take_count
@@ -259,16 +291,9 @@ class _Space:
         self._kept += [buffer, data, memory]
         return _address(data), _address(ffi.addressof(array, "num"))
 
-    def bounce(self) -> None:
-        """Make robots and walls elastic."""
-        for shape in self.space.shapes:
-            shape.elasticity = 1.0
-        for wall in self._shapes:
-            lib.cpShapeSetElasticity(wall, 1.0)
-
 
 def _remove_walls(space: pymunk.Space, shapes: list[Any]) -> None:
-    """Give the segments' memory back, before their space goes."""
+    """Free the segments' memory, before their space is freed."""
     for shape in shapes:
         lib.cpSpaceRemoveShape(space._space, shape)
         lib.cpShapeFree(shape)
@@ -276,14 +301,3 @@ def _remove_walls(space: pymunk.Space, shapes: list[Any]) -> None:
 
 def _address(pointer: Any) -> int:
     return int(ffi.cast("uintptr_t", pointer))
-
-
-def _functions() -> NDArray[np.int64]:
-    """Addresses of Chipmunk's functions that :func:`move` calls."""
-    names = (
-        "cpSpaceEachBody",
-        "cpSpaceStep",
-        "pmSpaceBodySetIteratorFuncBatched",
-        "pmSpaceBodyGetIteratorFuncBatched",
-    )
-    return np.array([_address(ffi.addressof(lib, name)) for name in names], dtype=np.int64)

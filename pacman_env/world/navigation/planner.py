@@ -1,13 +1,12 @@
-"""The global planner of the Nav2 stand-in: the next stretch of the way to a goal, around obstacles that are in it.
+"""The global planner of the Nav2 stand-in: the next stretch of the path to a goal, around obstacles that are on it.
 
-Follows the static path fields at NavFn's rate; where a moving obstacle (a ghost) stands on the way, searches a detour.
-A plan is written out as points for the controller. Kernels work on one game's record ``g`` and its obstacles (G, 3):
-x, y in m and the distance to keep from it, which the planner fills in; 0: it does not count.
+Follows the static path fields at NavFn's rate; where a moving obstacle (a ghost) is on the path, searches a detour.
+Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 3): x, y in m and the
+distance to keep, which the planner fills in; 0: it does not count.
 """
 
-from __future__ import annotations
-
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +17,43 @@ from .grid import cell_of
 from .paths import AT_GOAL, NO_STEP, UNREACHABLE_CM
 
 PATH_POINTS = 64
-_PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one and the look-ahead
+_PATH_METRES = 1.2  # how far ahead a plan is written out: MAX_BLIND_M until the next one, and control's distance ahead
 _ON_PATH = 0.15  # m off the path within which the rest of a plan still counts
-_DETOUR_AHEAD_CM = 200  # a ghost is gone from places farther along the way when the robot gets there
-_SEARCH_M2 = 20.0  # a detour for which more ground must be searched is no path
+_DETOUR_AHEAD_CM = 200  # a ghost is gone from places farther along the path when the robot gets there
+_SEARCH_M2 = 20.0  # a detour for which more area must be searched is no path
 _SEARCH_CELLS_MAX = 60000
 _PUSHES = 8  # a cell searched queues at most its neighbours
 _GREED = 2  # weight of the estimate in the search for a detour: fewer cells, a detour at most this much longer
 
 
+class Fields(NamedTuple):
+    """What the planner has of a map with K drivable cells and M goals."""
+
+    affine: Any  # (6,) world to cell
+    snap: Any  # (H, W) number of the nearest drivable cell
+    neighbours: Any  # (K, 8), -1: not allowed
+    cell_xy: Any  # (K, 2) m
+    length_cm: Any  # (K, M)
+    next_step: Any  # (M, K)
+    goal_xy: Any  # (M, 2) m
+
+
 @kernel
-def _blocked(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
+def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
+    """Number of the drivable cell nearest to a position."""
+    column, row = cell_of(fields.affine, fields.snap.shape[0], fields.snap.shape[1], x, y)
+    return fields.snap[row, column]
+
+
+@kernel
+def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-def]
     """True if the static path from ``cell`` to the goal passes the obstacle region around (cx, cy)."""
-    affine, snap, _, cell_xy, length_cm, next_step = nav[:6]
+    cell_xy, length_cm, next_step = fields.cell_xy, fields.length_cm, fields.next_step
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     away_cm = math.sqrt(dx * dx + dy * dy) * 100.0
     if away_cm > _DETOUR_AHEAD_CM + 100.0 * keepout:
         return False
-    column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
-    its_cm = int(length_cm[snap[row, column], goal])
+    its_cm = int(length_cm[cell_at(fields, cx, cy), goal])
     here_cm = int(length_cm[cell, goal])
     margin_cm = int(keepout * 160.0) + 20  # lengths near walls exceed straight distances
     if its_cm == UNREACHABLE_CM or its_cm > here_cm + margin_cm:
@@ -56,28 +73,27 @@ def _blocked(cell, goal, cx, cy, keepout, nav):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _follow_field(g, i, paths, count, cell, p, goal_xy, nav):  # type: ignore[no-untyped-def]
+def _follow_field(g, path, count, cell, p, fields):  # type: ignore[no-untyped-def]
     """Write the static path from ``cell`` on, as far as a plan is written out; returns the point count."""
-    cell_xy, next_step = nav[3], nav[5]
-    goal = g.nav_goal
+    cell_xy, next_step, goal = fields.cell_xy, fields.next_step, g.nav_goal
     enough = int(_PATH_METRES / (1.2 * p.resolution))  # steps are 1 to 2.2 cells long
     last = min(PATH_POINTS - 1, g.nav_at + enough)
     while count < last:
         if next_step[goal, cell] == AT_GOAL:
             break
         cell += next_step[goal, cell]
-        paths[i, count, 0], paths[i, count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
+        path[count, 0], path[count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
         count += 1
     g.nav_tail = cell
     if next_step[goal, cell] == AT_GOAL and count < PATH_POINTS:
-        paths[i, count, 0], paths[i, count, 1] = goal_xy[goal, 0], goal_xy[goal, 1]
+        path[count, 0], path[count, 1] = fields.goal_xy[goal, 0], fields.goal_xy[goal, 1]
         count += 1
         g.nav_tail = -1
     return count
 
 
 @kernel
-def _go_on(g, i, paths, bx, by, p, goal_xy, nav):  # type: ignore[no-untyped-def]
+def _go_on(g, path, bx, by, p, fields):  # type: ignore[no-untyped-def]
     """Keep the rest of a static plan that the robot is still on, and extend it; returns the point count, 0: off it.
 
     What NavFn would plan from here anew is what is left of the path, so only its far end is computed.
@@ -85,30 +101,24 @@ def _go_on(g, i, paths, bx, by, p, goal_xy, nav):  # type: ignore[no-untyped-def
     at, points = g.nav_at, g.nav_points
     if not g.nav_static or at >= points:
         return 0
-    dx, dy = paths[i, at, 0] - bx, paths[i, at, 1] - by
+    dx, dy = path[at, 0] - bx, path[at, 1] - by
     if dx * dx + dy * dy > _ON_PATH * _ON_PATH:
         return 0
     if g.nav_tail < 0:
         return points
     if 2 * at > PATH_POINTS:  # make room at the far end
         for k in range(at, points):
-            paths[i, k - at, 0], paths[i, k - at, 1] = paths[i, k, 0], paths[i, k, 1]
+            path[k - at, 0], path[k - at, 1] = path[k, 0], path[k, 1]
         points -= at
         g.nav_ahead = max(g.nav_ahead - at, 0)
         g.nav_at = 0
-    return _follow_field(g, i, paths, np.int64(points), np.int64(g.nav_tail), p, goal_xy, nav)
+    return _follow_field(g, path, np.int64(points), np.int64(g.nav_tail), p, fields)
 
 
 def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArray[np.int32], Queue]:
-    """Scratch memory for the search around obstacles: node table and queue.
-
-    Args:
-        cells: drivable ones.
-        longest_cm: longest way to any goal.
-        resolution: m per cell.
-    """
+    """Scratch memory for a search around obstacles among drivable cells: node table and queue."""
     searched = min(round(_SEARCH_M2 / resolution**2), _SEARCH_CELLS_MAX)
-    keys = (_GREED + 2) * longest_cm + 2000  # a detour longer than twice the longest way is none
+    keys = (_GREED + 2) * longest_cm + 2000  # a detour longer than twice the longest path is none
     return np.zeros((cells, 4), dtype=np.int32), new_queue(keys, _PUSHES * searched)
 
 
@@ -123,16 +133,16 @@ def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
+def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ignore[no-untyped-def]
     """Plan around obstacles by A* with the static path length as the estimate; returns the point count, 0: no path.
 
     The search ends where the rest of the static path is clear (shorter than ``clear_cm``), at the goal, or, when an
     obstacle stands on the goal, at the first cell within the planner's tolerance of it.
     """
-    neighbours, cell_xy, length_cm, next_step = nav[2:6]
+    cell_xy, length_cm = fields.cell_xy, fields.length_cm
     node, queue = search
     goal, tolerance, resolution = g.nav_goal, p.unreachable_tolerance, p.resolution
-    gx, gy = goal_xy[goal, 0], goal_xy[goal, 1]
+    gx, gy = fields.goal_xy[goal, 0], fields.goal_xy[goal, 1]
     goal_blocked = _keepout_violated(gx, gy, obstacles)
     stamp = clear(queue)
     if stamp == 1:  # of a search long ago that had this number
@@ -151,14 +161,14 @@ def _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search):  
         if node[u, 3] == stamp:
             continue
         node[u, 3] = stamp
-        if u != start and (int(length_cm[u, goal]) < clear_cm or next_step[goal, u] == AT_GOAL):
+        if u != start and (int(length_cm[u, goal]) < clear_cm or fields.next_step[goal, u] == AT_GOAL):
             reached = u
             break
         if goal_blocked and abs(cell_xy[u, 0] - gx) <= tolerance and abs(cell_xy[u, 1] - gy) <= tolerance:
             reached = u
             break
         for d in range(8):
-            v = neighbours[u, d]
+            v = fields.neighbours[u, d]
             if v < 0 or _keepout_violated(cell_xy[v, 0], cell_xy[v, 1], obstacles):
                 continue
             new = node[u, 0] + (diagonal if d % 2 else straight)
@@ -179,63 +189,59 @@ def _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search):  
     count = 0
     cell = start
     while cell >= 0 and count < PATH_POINTS:
-        paths[i, count, 0], paths[i, count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
+        path[count, 0], path[count, 1] = cell_xy[cell, 0], cell_xy[cell, 1]
         count += 1
         cell = node[cell, 1]
     if goal_blocked:
         g.nav_end_x, g.nav_end_y = cell_xy[reached, 0], cell_xy[reached, 1]
     elif cell < 0:
-        count = _follow_field(g, i, paths, np.int64(count), np.int64(reached), p, goal_xy, nav)
+        count = _follow_field(g, path, np.int64(count), np.int64(reached), p, fields)
     return count
 
 
 @kernel
-def _look_out(start, goal, obstacles, p, nav):  # type: ignore[no-untyped-def]
+def _keep_distances(start, goal, obstacles, p, fields):  # type: ignore[no-untyped-def]
     """Fill in how far to keep from each obstacle; returns the rest of the static path that none of them blocks, cm.
 
     -1: none blocks it at all. Close to an obstacle already, the robot keeps as far as it is, to get away.
     """
-    affine, snap, _, cell_xy, length_cm, _ = nav[:6]
     clear_cm = -1
     for k in range(len(obstacles)):
         cx, cy = obstacles[k, 0], obstacles[k, 1]
-        dx, dy = cell_xy[start, 0] - cx, cell_xy[start, 1] - cy
+        dx, dy = fields.cell_xy[start, 0] - cx, fields.cell_xy[start, 1] - cy
         keepout = min(p.clyde_keepout, math.sqrt(dx * dx + dy * dy) - 0.05)
         if keepout <= 0.05:
             obstacles[k, 2] = 0.0
             continue
         obstacles[k, 2] = keepout
-        if _blocked(start, goal, cx, cy, keepout, nav):
-            column, row = cell_of(affine, snap.shape[0], snap.shape[1], cx, cy)
-            clear = max(int(length_cm[snap[row, column], goal]) - int(keepout * 160.0) - 20, 0)
+        if _blocked(start, goal, cx, cy, keepout, fields):
+            clear = max(int(fields.length_cm[cell_at(fields, cx, cy), goal]) - int(keepout * 160.0) - 20, 0)
             clear_cm = clear if clear_cm < 0 else min(clear_cm, clear)
     return clear_cm
 
 
 @kernel
-def write_plan(g, i, paths, bx, by, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """NavFn's tick: write the next stretch of the way to the current goal."""
-    affine, snap, _, cell_xy, _, next_step = nav[:6]
+def write_plan(g, path, bx, by, obstacles, p, fields, search):  # type: ignore[no-untyped-def]
+    """NavFn's tick: write the next stretch of the path to the current goal."""
     goal = g.nav_goal
-    column, row = cell_of(affine, snap.shape[0], snap.shape[1], bx, by)
-    start = snap[row, column]
-    g.nav_end_x, g.nav_end_y = goal_xy[goal, 0], goal_xy[goal, 1]
+    start = cell_at(fields, bx, by)
+    g.nav_end_x, g.nav_end_y = fields.goal_xy[goal, 0], fields.goal_xy[goal, 1]
     count = 0
     static = 0
-    if next_step[goal, start] != NO_STEP:
-        clear_cm = _look_out(start, goal, obstacles, p, nav)
+    if fields.next_step[goal, start] != NO_STEP:
+        clear_cm = _keep_distances(start, goal, obstacles, p, fields)
         if clear_cm >= 0:
             g.nav_at = 0
             g.nav_ahead = 0
-            count = _detour(g, i, paths, start, obstacles, clear_cm, p, goal_xy, nav, search)
+            count = _detour(g, path, start, obstacles, clear_cm, p, fields, search)
         else:
             static = 1
-            count = _go_on(g, i, paths, bx, by, p, goal_xy, nav)
+            count = _go_on(g, path, bx, by, p, fields)
             if count == 0:
                 g.nav_at = 0
                 g.nav_ahead = 0
-                paths[i, 0, 0], paths[i, 0, 1] = cell_xy[start, 0], cell_xy[start, 1]
-                count = _follow_field(g, i, paths, np.int64(1), np.int64(start), p, goal_xy, nav)
+                path[0, 0], path[0, 1] = fields.cell_xy[start, 0], fields.cell_xy[start, 1]
+                count = _follow_field(g, path, np.int64(1), np.int64(start), p, fields)
     g.nav_points = count
     g.nav_static = static
     if count > 0:

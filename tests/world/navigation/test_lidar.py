@@ -11,7 +11,7 @@ from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from pacman_env.world.navigation.distances import clearance_m
 from pacman_env.world.navigation.grid import DriveGrid, build_grid
-from pacman_env.world.navigation.lidar import scan, scan_all
+from pacman_env.world.navigation.lidar import Maps, Robots, Sensor, scan
 from tests.drawn import box, drawn
 
 MINIMUM, MAXIMUM = 0.15, 12.0
@@ -52,9 +52,11 @@ def ranges_at(
     minimum: float = MINIMUM,
     maximum: float = MAXIMUM,
 ) -> np.ndarray:
-    ranges = np.full(rays, np.nan, np.float32)
-    scan(affine, clearance_cm, RESOLUTION, *pose, np.uint64(seed), tick, noise, minimum, maximum, ranges)
-    return ranges
+    ranges = np.full((1, rays), np.nan, np.float32)
+    maps = Maps(affine[None], clearance_cm[None], np.array([clearance_cm.shape], np.int32), RESOLUTION)
+    robots = Robots(np.zeros(1, np.int32), np.array([pose]), np.array([seed], np.uint64), np.array([tick], np.int32))
+    scan(maps, robots, Sensor(minimum, maximum, noise), ranges)
+    return ranges[0]
 
 
 def slow_ranges(
@@ -218,11 +220,18 @@ def test_robots_of_a_batch_scan_each_its_own_map() -> None:
         level[: g.shape[0], : g.shape[1]] = g.clearance_cm
     level = np.array([1, 0, 1], np.int32)
     pose = np.array([free_poses(grids[m], 5 + m, 1)[0] for m in level])
-    seeds, ticks = np.array([4, 5, 6], np.uint64), np.array([0, 3, 9], np.int64)
+    seeds, ticks = np.array([4, 5, 6], np.uint64), np.array([0, 3, 9], np.int32)
     ranges = np.empty((3, 90), np.float32)
-    scan_all(affine, clearance_cm, shapes, RESOLUTION, level, pose, seeds, ticks, 0.01, MINIMUM, MAXIMUM, ranges)
+    maps, robots = Maps(affine, clearance_cm, shapes, RESOLUTION), Robots(level, pose, seeds, ticks)
+    scan(maps, robots, Sensor(MINIMUM, MAXIMUM, 0.01), ranges)
     for i, m in enumerate(level):
         alone = ranges_at(
-            grids[m].affine, grids[m].clearance_cm, tuple(pose[i]), rays=90, noise=0.01, seed=seeds[i], tick=ticks[i]
+            grids[m].affine,
+            grids[m].clearance_cm,
+            tuple(pose[i]),
+            rays=90,
+            noise=0.01,
+            seed=int(seeds[i]),
+            tick=int(ticks[i]),
         )
         np.testing.assert_array_equal(ranges[i], alone)

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from pacman_env.config import Config
 from pacman_env.sim.core import records
 from pacman_env.sim.core.parameters import batch_parameters
-from pacman_env.world.navigation.clear_cells import clear_cells, overlap_m
-from pacman_env.world.navigation.physics import Spaces, bare_stepper, move, place
+from pacman_env.world.navigation.physics import Spaces, bare_stepper, clear_cells, move, overlap_m, place
 
 CONFIG = Config()
 ROBOT, STEP_S = CONFIG.robot, CONFIG.physics_step_s
