@@ -1,100 +1,118 @@
-// The websocket: kept open, opened again when it is lost, answers matched to what was asked.
+// The websocket: reopened when it is lost, each answer matched to its request; and requests over HTTP.
 
-const WAITS_MS = [250, 500, 1000, 2000, 4000, 5000];
+import { notice } from "./notices.js";
+
+const RETRY_MS = [250, 500, 1000, 2000, 4000, 5000];
 const SILENT_MS = 5000;
 const FRAME = '{"kind":"frame"'; // its first field
 
-export class Connection {
-  #socket = null;
-  #asked = new Map();
-  #id = 0;
-  #tries = 0;
-  #heard = 0;
-  #timer = 0;
+export const token = new URLSearchParams(location.search).get("token");
 
-  constructor(url, { opened, lost, text, frame }) {
-    this.url = url;
-    this.hooks = { opened, lost, text, frame };
-    this.farewell = "";
-    setInterval(() => this.#watch(), 1000);
-    addEventListener("online", () => this.#soon(0));
-    this.#open();
+const pending = new Map(); // requests without an answer, by id
+let socket = null;
+let hooks = null;
+let lastId = 0;
+let retries = 0;
+let received = 0; // time of the last message
+let retryTimer = 0;
+let farewell = "";
+
+export const isOpen = () => socket?.readyState === WebSocket.OPEN;
+
+export function connect(listeners) {
+  hooks = listeners;
+  setInterval(checkSilence, 1000);
+  addEventListener("online", () => reconnect(0));
+  open();
+}
+
+export function send(message) {
+  if (isOpen()) socket.send(JSON.stringify(message));
+}
+
+// Always resolves, with {ok, words, data}.
+export function ask(message, timeout_ms = 8000) {
+  const id = ++lastId;
+  if (!isOpen()) return Promise.resolve({ ok: false, words: "There is no connection.", data: null });
+  send({ ...message, id });
+  return new Promise((resolve) => {
+    const late = { ok: false, words: "No answer yet.", data: null, late: true };
+    const timer = setTimeout(() => settle(id, late), timeout_ms);
+    pending.set(id, { resolve, timer });
+  });
+}
+
+// The answer, or null after a notice of the reason.
+export async function request(message, timeout_ms) {
+  const answer = await ask(message, timeout_ms);
+  if (answer.ok) return answer;
+  notice(answer.words || "The request was refused.", { bad: !answer.late });
+  return null;
+}
+
+export function fetchWithToken(path, options = {}) {
+  return fetch(path, token ? { ...options, headers: { ...options.headers, Authorization: `Bearer ${token}` } } : options);
+}
+
+function settle(id, answer) {
+  if (!pending.has(id)) return;
+  const { resolve, timer } = pending.get(id);
+  clearTimeout(timer);
+  pending.delete(id);
+  resolve(answer);
+}
+
+function open() {
+  clearTimeout(retryTimer);
+  if (socket && socket.readyState <= WebSocket.OPEN) return;
+  const query = new URLSearchParams();
+  if (token) query.set("token", token);
+  if (sessionStorage.again) query.set("again", sessionStorage.again); // restores name and role after a break
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const opened = new WebSocket(scheme + `://${location.host}/ws${query.size ? `?${query}` : ""}`);
+  socket = opened;
+  received = performance.now();
+  opened.onopen = () => {
+    received = performance.now();
+    farewell = "";
+    hooks.opened();
+  };
+  opened.onmessage = ({ data }) => socket === opened && receive(data);
+  opened.onclose = ({ reason }) => socket === opened && closed(reason);
+}
+
+function receive(data) {
+  received = performance.now();
+  retries = 0;
+  if (data.startsWith(FRAME)) {
+    hooks.frame(data);
+    return;
   }
+  const message = JSON.parse(data);
+  if (message.kind === "answer") settle(message.id, message);
+  else if (message.kind === "bye") farewell = message.words;
+  else hooks.message(message);
+}
 
-  get open() {
-    return this.#socket?.readyState === WebSocket.OPEN;
-  }
+function closed(reason) {
+  for (const id of [...pending.keys()]) settle(id, { ok: false, words: "The connection was lost.", data: null });
+  hooks.lost(farewell || reason);
+  reconnect(RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
+}
 
-  say(message) {
-    if (!this.open) return false;
-    this.#socket.send(JSON.stringify(message));
-    return true;
-  }
+function reconnect(wait_ms) {
+  clearTimeout(retryTimer);
+  retryTimer = setTimeout(open, wait_ms);
+}
 
-  // Settles always: {ok, words, data}.
-  ask(message, patience_ms = 8000) {
-    const id = ++this.#id;
-    if (!this.say({ ...message, id })) return Promise.resolve({ ok: false, words: "There is no connection.", data: null });
-    return new Promise((resolve) => {
-      const timer = setTimeout(() => this.#settle(id, { ok: false, words: "No answer yet.", data: null, late: true }), patience_ms);
-      this.#asked.set(id, { resolve, timer });
-    });
-  }
-
-  #settle(id, answer) {
-    const asked = this.#asked.get(id);
-    if (!asked) return;
-    clearTimeout(asked.timer);
-    this.#asked.delete(id);
-    asked.resolve(answer);
-  }
-
-  #open() {
-    clearTimeout(this.#timer);
-    if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
-    const socket = new WebSocket(this.url());
-    this.#socket = socket;
-    this.#heard = performance.now();
-    socket.onopen = () => {
-      this.#heard = performance.now();
-      this.farewell = "";
-      this.hooks.opened();
-    };
-    socket.onmessage = ({ data }) => {
-      this.#heard = performance.now();
-      this.#tries = 0;
-      if (data.startsWith(FRAME)) {
-        this.hooks.frame(data);
-        return;
-      }
-      const message = JSON.parse(data);
-      if (message.kind === "answer") this.#settle(message.id, message);
-      else if (message.kind === "bye") this.farewell = message.words;
-      else this.hooks.text(message);
-    };
-    socket.onclose = ({ reason }) => {
-      if (this.#socket !== socket) return;
-      for (const id of [...this.#asked.keys()]) this.#settle(id, { ok: false, words: "The connection was lost.", data: null });
-      this.hooks.lost(this.farewell || reason);
-      this.#soon(WAITS_MS[Math.min(this.#tries++, WAITS_MS.length - 1)]);
-    };
-  }
-
-  #soon(wait_ms) {
-    clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.#open(), wait_ms);
-  }
-
-  // A connection that says nothing is tried with a ping, then given up.
-  #watch() {
-    const silent = performance.now() - this.#heard;
-    if (this.open && silent > SILENT_MS / 2) this.say({ do: "ping", id: ++this.#id });
-    if (silent > SILENT_MS && this.#socket && this.#socket.readyState <= WebSocket.OPEN && !document.hidden) {
-      const socket = this.#socket;
-      socket.close();
-      socket.onclose({ reason: "" });
-      socket.onmessage = null;
-      socket.onclose = null;
-    }
+// A silent connection is tried with a ping, then closed.
+function checkSilence() {
+  const silent_ms = performance.now() - received;
+  if (silent_ms > SILENT_MS / 2) send({ do: "ping", id: ++lastId });
+  if (silent_ms > SILENT_MS && socket && socket.readyState <= WebSocket.OPEN && !document.hidden) {
+    const silent = socket;
+    socket = null;
+    silent.close();
+    closed("");
   }
 }

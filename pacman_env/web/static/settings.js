@@ -1,109 +1,100 @@
 // The settings of the configuration: by name, with unit and range, and a search.
 
-import { $, make, write } from "./dom.js";
-import { refresh } from "./gates.js";
+import { $, button, make, option, write } from "./dom.js";
+import { updateControls } from "./state.js";
 
-export class Settings {
-  #rows = new Map(); // by name: {facts, row, input, undo}
-  #changed = new Map();
+let settings = []; // as the server describes them
+const rows = new Map(); // by name: {setting, row, input, undo}; made when the list is opened
+let changed = new Map(); // values other than the default, by name
 
-  constructor() {
-    $("settings-search").addEventListener("input", ({ target }) => this.#search(target.value));
-    $("settings").addEventListener("toggle", () => {
-      if ($("settings").open) this.#build();
-    });
-  }
+export function showSettings(described) {
+  settings = described;
+  rows.clear();
+  $("settings-list").replaceChildren();
+  $("settings").hidden = !settings.length;
+  buildRows();
+  showCount();
+}
 
-  show(facts) {
-    this.facts = facts;
-    this.#rows.clear();
-    $("settings-list").replaceChildren();
-    $("settings").hidden = !facts.length;
-    if ($("settings").open) this.#build();
-    this.#count();
-  }
+export function setChanged(values) {
+  changed = new Map(Object.entries(values ?? {}));
+  for (const name of rows.keys()) fillRow(name);
+  showCount();
+}
 
-  // What was set, as the server says.
-  set values(values) {
-    this.#changed = new Map(Object.entries(values ?? {}));
-    for (const name of this.#rows.keys()) this.#fill(name);
-    this.#count();
-  }
+export const hasSettings = () => settings.length > 0;
+export const changedSettings = () => Object.fromEntries(changed);
+export const settingsAreValid = () => [...rows.values()].every(({ input }) => input.checkValidity());
 
-  get values() {
-    return Object.fromEntries(this.#changed);
-  }
+export function readSetting(name, text) {
+  const type = settings.find((setting) => setting.name === name)?.type;
+  if (type === "number" || type === "integer") return Number(text);
+  return type === "bool" ? text.toLowerCase() === "true" : text;
+}
 
-  get valid() {
-    return [...this.#rows.values()].every(({ input }) => input.checkValidity());
-  }
+function makeInput({ type, low, high, options }, shared) {
+  if (type === "bool") return make("input", { type: "checkbox", ...shared });
+  if (type === "choice") return make("select", shared, ...options.map((value) => option(value)));
+  if (type === "text") return make("input", { type: "text", maxLength: 200, ...shared });
+  return make("input", { type: "number", step: type === "integer" ? "1" : "any", min: low, max: high, ...shared });
+}
 
-  read(name, words) {
-    const type = this.facts?.find((one) => one.name === name)?.type;
-    if (type === "number" || type === "integer") return Number(words);
-    if (type === "bool") return words.toLowerCase() === "true";
-    return words;
-  }
+function makeRow(setting, k) {
+  const { name, unit, low, high, words } = setting;
+  const id = `setting-${k}`;
+  const change = () => {
+    readInput(setting, input);
+    fillRow(name);
+    showCount();
+  };
+  const input = makeInput(setting, { id, data: { needs: "control" }, "aria-describedby": `${id}-words`, onchange: change });
+  const undo = button("Undo", { "aria-label": `Undo ${name}`, onclick: () => {
+    changed.delete(name);
+    fillRow(name);
+    showCount();
+  } });
+  const limits = low === null ? (high === null ? "" : `up to ${high}`) : high === null ? `from ${low}` : `${low} to ${high}`;
+  const text = [words, limits, `default ${setting.value}`].filter(Boolean).join(" · ");
+  const row = make("div", { class: "setting" }, make("label", { htmlFor: id, text: unit ? `${name}, ${unit}` : name }),
+    make("span", { class: "control" }, input, undo), make("p", { id: `${id}-words`, text }));
+  rows.set(name, { setting, row, input, undo });
+  fillRow(name);
+  return row;
+}
 
-  #build() {
-    if (this.#rows.size || !this.facts) return;
-    const rows = this.facts.map((facts, k) => this.#row(facts, `setting-${k}`));
-    $("settings-list").replaceChildren(...rows);
-    this.#search($("settings-search").value);
-    refresh();
-  }
+function readInput({ name, type, value }, input) {
+  if (!input.reportValidity() || (input.type === "number" && input.value === "")) return;
+  const now = type === "bool" ? input.checked : input.type === "number" ? Number(input.value) : input.value;
+  if (now === value) changed.delete(name);
+  else changed.set(name, now);
+}
 
-  #row(facts, id) {
-    const { name, type, unit, low, high, options, words } = facts;
-    const changed = () => this.#take(facts, input);
-    const shared = { id, data: { needs: "control" }, "aria-describedby": `${id}-words`, onchange: changed };
-    let input;
-    if (type === "bool") input = make("input", { type: "checkbox", ...shared });
-    else if (type === "choice") input = make("select", shared, ...options.map((value) => make("option", { value, text: String(value) })));
-    else if (type === "number" || type === "integer") {
-      input = make("input", { type: "number", step: type === "integer" ? "1" : "any", min: low ?? undefined, max: high ?? undefined, ...shared });
-    } else input = make("input", { type: "text", maxLength: 200, ...shared });
-    const undo = make("button", { type: "button", class: "small", text: "Undo", "aria-label": `Undo ${name}`, hidden: true, onclick: () => {
-      this.#changed.delete(name);
-      this.#fill(name);
-      this.#count();
-    } });
-    const range = low !== null && high !== null ? `${low} to ${high}` : low !== null ? `from ${low}` : high !== null ? `up to ${high}` : "";
-    const row = make("div", { class: "setting" }, make("label", { htmlFor: id, text: unit ? `${name}, ${unit}` : name }),
-      make("span", { class: "control" }, input, undo), make("p", { id: `${id}-words`, text: [words, range, `default ${facts.value}`].filter(Boolean).join(" · ") }));
-    this.#rows.set(name, { facts, row, input, undo });
-    this.#fill(name);
-    return row;
-  }
+function fillRow(name) {
+  const { setting, row, input, undo } = rows.get(name);
+  const value = changed.get(name) ?? setting.value;
+  if (setting.type === "bool") input.checked = Boolean(value);
+  else input.value = String(value ?? "");
+  row.classList.toggle("changed", changed.has(name));
+  undo.hidden = !changed.has(name);
+}
 
-  #take({ name, type, value }, input) {
-    if (!input.checkValidity() || (input.type === "number" && input.value === "")) {
-      input.reportValidity();
-      return;
-    }
-    const now = type === "bool" ? input.checked : input.type === "number" ? Number(input.value) : input.value;
-    if (now === value) this.#changed.delete(name);
-    else this.#changed.set(name, now);
-    this.#fill(name);
-    this.#count();
-  }
+function showCount() {
+  write($("settings-count"), changed.size ? `${changed.size} changed` : String(settings.length));
+}
 
-  #fill(name) {
-    const { facts, row, input, undo } = this.#rows.get(name);
-    const value = this.#changed.get(name) ?? facts.value;
-    if (facts.type === "bool") input.checked = Boolean(value);
-    else input.value = String(value ?? "");
-    row.classList.toggle("changed", this.#changed.has(name));
-    undo.hidden = !this.#changed.has(name);
-  }
+function buildRows() {
+  if (rows.size || !$("settings").open) return;
+  $("settings-list").replaceChildren(...settings.map(makeRow));
+  search();
+  updateControls();
+}
 
-  #search(words) {
-    const parts = words.toLowerCase().split(/\s+/).filter(Boolean);
-    for (const [name, { row, facts }] of this.#rows) row.hidden = !parts.every((part) => `${name} ${facts.words}`.toLowerCase().includes(part));
-  }
-
-  #count() {
-    const count = this.#changed.size;
-    write($("settings-count"), count ? `${count} changed` : `${this.facts?.length ?? 0}`);
+function search() {
+  const terms = $("settings-search").value.toLowerCase().split(/\s+/);
+  for (const [name, { row, setting }] of rows) {
+    row.hidden = !terms.every((term) => `${name} ${setting.words}`.toLowerCase().includes(term));
   }
 }
+
+$("settings-search").oninput = search;
+$("settings").ontoggle = buildRows;
