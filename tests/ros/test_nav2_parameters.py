@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tools import nav2_parameters
+from tests.ros import nav2_parameters
 
 LAYER = """
 // declareParameter("in_a_comment", 1);
