@@ -6,8 +6,8 @@ import re
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Callable, Iterable
-from concurrent.futures import Executor
+from collections.abc import Iterable
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import numpy as np
@@ -29,15 +29,11 @@ ALWAYS_USED = {"builtin_interfaces", "service_msgs", "action_msgs", "unique_iden
 
 
 class BuildError(ValueError):
-    """The complaint of a compiler or a generator."""
+    """Something that the build needs is missing, or failed."""
 
 
 def command(arguments: Iterable[object]) -> None:
-    """Run a command.
-
-    Raises:
-        BuildError: it failed; with the end of its output.
-    """
+    """Run a command; if it fails, the end of its output is raised as a BuildError."""
     line = [str(argument) for argument in arguments]
     done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     if done.returncode:
@@ -61,27 +57,22 @@ def used_packages(definitions: Iterable[Path]) -> list[str]:
     return sorted(found)
 
 
-def compile_package(name: str, out: Path, executor: Executor) -> Callable[[], None]:
-    """Start compiling what ``generate`` wrote to ``out``; the function returned waits for it."""
+def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
+    """Start compiling what ``generate`` wrote to ``out``."""
     folders = [out / generator for generator in GENERATORS]
     headers = [p for p in sorted((PREFIX / "include").iterdir()) if p.is_dir() and not p.name.startswith("python")]
     include = [*folders, PREFIX / "include", *headers, sysconfig.get_paths()["include"], np.get_include()]
     flags = ["-O1", "-fPIC", "-DNDEBUG", "-w", *(f"-I{folder}" for folder in include)]
     compiler = {".c": ["gcc", "-std=gnu11"], ".cpp": ["g++", "-std=c++17"]}
-    jobs = []
-    for generator in GENERATORS:
-        for source in sorted((out / generator).rglob("*.c*")):
-            # of the extension modules only the one for the type support that chooses among the others
-            if "_s.ep." in source.name and not source.name.endswith(".rosidl_typesupport_c.c"):
-                continue
-            line = [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
-            jobs.append(executor.submit(command, line))
-
-    def wait() -> None:
-        for job in jobs:
-            job.result()
-
-    return wait
+    sources = [source for folder in folders for source in sorted(folder.rglob("*.c*"))]
+    return [
+        executor.submit(
+            command, [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
+        )
+        for source in sources
+        # of the extension modules only the one for the type support that chooses among the others
+        if "_s.ep." not in source.name or source.name.endswith(".rosidl_typesupport_c.c")
+    ]
 
 
 def link_package(name: str, definitions: Iterable[Path], out: Path) -> None:
