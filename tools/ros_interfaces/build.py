@@ -94,7 +94,7 @@ def build_wheel(packages: list[Package], folder: Path) -> Path:
         for job in jobs:
             job.result()
         for package, out in places.items():
-            link_package(package.name, package.files, out)
+            link_package(package.name, out)
             _try(package, out)
         return write_wheel(folder, _version(packages), [(package.name, out) for package, out in places.items()])
 
