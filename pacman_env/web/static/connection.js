@@ -8,7 +8,7 @@ const FRAME = '{"kind":"frame"'; // its first field
 
 export const token = new URLSearchParams(location.search).get("token");
 
-const pending = new Map(); // requests without an answer, by id
+const pending = new Map(); // of requests without an answer: what settles them, by id
 let socket = null;
 let hooks = null;
 let lastId = 0;
@@ -30,16 +30,15 @@ export function send(message) {
   if (isOpen()) socket.send(JSON.stringify(message));
 }
 
+const failed = (words, late = false) => ({ ok: false, words, data: null, late });
+
 // Always resolves, with {ok, words, data}.
 export function ask(message, timeout_ms = 8000) {
   const id = ++lastId;
-  if (!isOpen()) return Promise.resolve({ ok: false, words: "There is no connection.", data: null });
+  if (!isOpen()) return Promise.resolve(failed("There is no connection."));
   send({ ...message, id });
-  return new Promise((resolve) => {
-    const late = { ok: false, words: "No answer yet.", data: null, late: true };
-    const timer = setTimeout(() => settle(id, late), timeout_ms);
-    pending.set(id, { resolve, timer });
-  });
+  setTimeout(() => settle(id, failed("No answer yet.", true)), timeout_ms);
+  return new Promise((resolve) => pending.set(id, resolve));
 }
 
 // The answer, or null after a notice of the reason.
@@ -51,15 +50,13 @@ export async function request(message, timeout_ms) {
 }
 
 export function fetchWithToken(path, options = {}) {
-  return fetch(path, token ? { ...options, headers: { ...options.headers, Authorization: `Bearer ${token}` } } : options);
+  const headers = token ? { ...options.headers, Authorization: `Bearer ${token}` } : options.headers;
+  return fetch(path, { ...options, headers });
 }
 
 function settle(id, answer) {
-  if (!pending.has(id)) return;
-  const { resolve, timer } = pending.get(id);
-  clearTimeout(timer);
+  pending.get(id)?.(answer);
   pending.delete(id);
-  resolve(answer);
 }
 
 function open() {
@@ -68,8 +65,7 @@ function open() {
   const query = new URLSearchParams();
   if (token) query.set("token", token);
   if (sessionStorage.again) query.set("again", sessionStorage.again); // restores name and role after a break
-  const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const opened = new WebSocket(scheme + `://${location.host}/ws${query.size ? `?${query}` : ""}`);
+  const opened = new WebSocket(`/ws${query.size ? `?${query}` : ""}`);
   socket = opened;
   received = performance.now();
   opened.onopen = () => {
@@ -95,7 +91,7 @@ function receive(data) {
 }
 
 function closed(reason) {
-  for (const id of [...pending.keys()]) settle(id, { ok: false, words: "The connection was lost.", data: null });
+  for (const id of pending.keys()) settle(id, failed("The connection was lost."));
   hooks.lost(farewell || reason);
   reconnect(RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
 }

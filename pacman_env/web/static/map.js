@@ -116,37 +116,34 @@ export async function showScene(scene) {
   redraw();
 }
 
-// A frame of the game, which is moved to, or one of a finished round, which is shown at once.
-export function showFrame(frame, jump = false) {
+// Moves to a frame of the game, or shows it at once; a finished round has its own trail.
+export function showFrame(frame, { jump = false, path = null } = {}) {
   if (jump || !motion.to || frame.time_s < motion.to.time_s) trail = [];
   motion.update(frame, performance.now(), jump);
-  if (!jump) extendTrail(robotPose(frame));
+  const pose = robotPose(frame);
+  if (path) trail = path;
+  else if (pose && !jump) extendTrail(pose);
   redraw(false);
 }
 
-export function setTrail(points) {
-  trail = points;
-}
+const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
 function extendTrail(pose) {
-  if (!pose) return;
-  const last = trail.at(-1);
-  const step = last ? Math.hypot(pose[0] - last[0], pose[1] - last[1]) : Infinity;
+  const step = trail.length ? distance(pose, trail.at(-1)) : Infinity;
   if (step < TRAIL_M) return;
   if (step < 5) driven += step;
-  trail.push([pose[0], pose[1]]);
+  trail.push(pose);
   if (trail.length > MOST_TRAIL) trail.splice(0, MOST_TRAIL / 10);
 }
 
 // The number of the candidate near a point of the page, or -1.
-function candidateAt([px, py]) {
+function candidateAt(at) {
   const [scene, frame] = [shownScene(), shownFrame()];
   let [best, least] = [-1, NEAR_PX];
   (scene?.candidates ?? []).forEach((place, k) => {
     if (!place || (k < (scene.first_refuge ?? Infinity) && frame && !frame.alive[k])) return;
-    const [x, y] = view.toScreen(...place);
-    const distance = Math.hypot(x - px, y - py);
-    if (distance < least) [best, least] = [k, distance];
+    const away = distance(view.toScreen(...place), at);
+    if (away < least) [best, least] = [k, away];
   });
   return best;
 }
@@ -160,18 +157,14 @@ function draw() {
   request = 0;
   const now = performance.now();
   const poses = motion.at(now);
-  if (view.following && poses.robot) {
-    const [x, y] = poses.robot;
-    if (Math.hypot(x - view.x, y - view.y) * view.scale > 0.3) {
-      [view.x, view.y] = [x, y];
-      baseChanged = true;
-    }
+  if (view.following && poses.robot && distance(poses.robot, [view.x, view.y]) * view.scale > 0.3) {
+    [view.x, view.y] = poses.robot;
+    baseChanged = true;
   }
   const [scene, frame, colours] = [shownScene(), motion.to, palette()];
   if (baseChanged) drawBase(base, { picture, scene, colours });
   baseChanged = false;
-  const last = trail.at(-1);
-  const ahead = poses.robot && last ? Math.min(1, Math.hypot(poses.robot[0] - last[0], poses.robot[1] - last[1])) : 0;
+  const ahead = poses.robot && trail.length ? Math.min(1, distance(poses.robot, trail.at(-1))) : 0;
   drawTop(top, {
     scene, frame, poses, trail, layers, colours, candidate: state.candidate,
     mine: state.story ? "none" : state.role,

@@ -1,33 +1,28 @@
 // The settings of the configuration: by name, with unit and range, and a search.
 
 import { $, button, make, option, write } from "./dom.js";
-import { updateControls } from "./state.js";
 
-let settings = []; // as the server describes them
-const rows = new Map(); // by name: {setting, row, input, undo}; made when the list is opened
-let changed = new Map(); // values other than the default, by name
+let rows = []; // {setting, row, input, undo}
 
-export function showSettings(described) {
-  settings = described;
-  rows.clear();
-  $("settings-list").replaceChildren();
-  $("settings").hidden = !settings.length;
-  buildRows();
-  showCount();
+export function showSettings(settings) {
+  rows = settings.map(makeRow);
+  $("settings-list").replaceChildren(...rows.map(({ row }) => row));
+  $("settings").hidden = !rows.length;
+  setChanged({});
 }
 
 export function setChanged(values) {
-  changed = new Map(Object.entries(values ?? {}));
-  for (const name of rows.keys()) fillRow(name);
-  showCount();
+  for (const { setting, input } of rows) writeInput(input, values?.[setting.name] ?? setting.value);
+  showChanged();
 }
 
-export const hasSettings = () => settings.length > 0;
-export const changedSettings = () => Object.fromEntries(changed);
-export const settingsAreValid = () => [...rows.values()].every(({ input }) => input.checkValidity());
+export const hasSettings = () => rows.length > 0;
+const isChanged = ({ setting, input }) => readInput(input) !== setting.value;
+export const changedSettings = () =>
+  Object.fromEntries(rows.filter(isChanged).map(({ setting, input }) => [setting.name, readInput(input)]));
 
-export function readSetting(name, text) {
-  const type = settings.find((setting) => setting.name === name)?.type;
+export function parseSetting(name, text) {
+  const type = rows.find(({ setting }) => setting.name === name)?.setting.type;
   if (type === "number" || type === "integer") return Number(text);
   return type === "bool" ? text.toLowerCase() === "true" : text;
 }
@@ -36,65 +31,47 @@ function makeInput({ type, low, high, options }, shared) {
   if (type === "bool") return make("input", { type: "checkbox", ...shared });
   if (type === "choice") return make("select", shared, ...options.map((value) => option(value)));
   if (type === "text") return make("input", { type: "text", maxLength: 200, ...shared });
-  return make("input", { type: "number", step: type === "integer" ? "1" : "any", min: low, max: high, ...shared });
+  const step = type === "integer" ? "1" : "any";
+  return make("input", { type: "number", required: true, step, min: low, max: high, ...shared });
+}
+
+const readInput = ({ type, checked, value }) => (type === "checkbox" ? checked : type === "number" ? Number(value) : value);
+
+function writeInput(input, value) {
+  if (input.type === "checkbox") input.checked = Boolean(value);
+  else input.value = String(value ?? "");
 }
 
 function makeRow(setting, k) {
   const { name, unit, low, high, words } = setting;
-  const id = `setting-${k}`;
-  const change = () => {
-    readInput(setting, input);
-    fillRow(name);
-    showCount();
-  };
-  const input = makeInput(setting, { id, data: { needs: "control" }, "aria-describedby": `${id}-words`, onchange: change });
+  const [id, help] = [`setting-${k}`, `setting-${k}-help`];
+  const input = makeInput(setting, { id, data: { needs: "control" }, "aria-describedby": help, onchange: () => {
+    input.reportValidity();
+    showChanged();
+  } });
   const undo = button("Undo", { "aria-label": `Undo ${name}`, onclick: () => {
-    changed.delete(name);
-    fillRow(name);
-    showCount();
+    writeInput(input, setting.value);
+    showChanged();
   } });
   const limits = low === null ? (high === null ? "" : `up to ${high}`) : high === null ? `from ${low}` : `${low} to ${high}`;
   const text = [words, limits, `default ${setting.value}`].filter(Boolean).join(" · ");
   const row = make("div", { class: "setting" }, make("label", { htmlFor: id, text: unit ? `${name}, ${unit}` : name }),
-    make("span", { class: "control" }, input, undo), make("p", { id: `${id}-words`, text }));
-  rows.set(name, { setting, row, input, undo });
-  fillRow(name);
-  return row;
+    make("span", { class: "control" }, input, undo), make("p", { id: help, text }));
+  return { setting, row, input, undo };
 }
 
-function readInput({ name, type, value }, input) {
-  if (!input.reportValidity() || (input.type === "number" && input.value === "")) return;
-  const now = type === "bool" ? input.checked : input.type === "number" ? Number(input.value) : input.value;
-  if (now === value) changed.delete(name);
-  else changed.set(name, now);
-}
-
-function fillRow(name) {
-  const { setting, row, input, undo } = rows.get(name);
-  const value = changed.get(name) ?? setting.value;
-  if (setting.type === "bool") input.checked = Boolean(value);
-  else input.value = String(value ?? "");
-  row.classList.toggle("changed", changed.has(name));
-  undo.hidden = !changed.has(name);
-}
-
-function showCount() {
-  write($("settings-count"), changed.size ? `${changed.size} changed` : String(settings.length));
-}
-
-function buildRows() {
-  if (rows.size || !$("settings").open) return;
-  $("settings-list").replaceChildren(...settings.map(makeRow));
-  search();
-  updateControls();
-}
-
-function search() {
-  const terms = $("settings-search").value.toLowerCase().split(/\s+/);
-  for (const [name, { row, setting }] of rows) {
-    row.hidden = !terms.every((term) => `${name} ${setting.words}`.toLowerCase().includes(term));
+function showChanged() {
+  for (const one of rows) {
+    one.row.classList.toggle("changed", isChanged(one));
+    one.undo.hidden = !isChanged(one);
   }
+  const changed = rows.filter(isChanged).length;
+  write($("settings-count"), changed ? `${changed} changed` : String(rows.length));
 }
 
-$("settings-search").oninput = search;
-$("settings").ontoggle = buildRows;
+$("settings-search").oninput = ({ target }) => {
+  const terms = target.value.toLowerCase().split(/\s+/);
+  for (const { row, setting } of rows) {
+    row.hidden = !terms.every((term) => `${setting.name} ${setting.words}`.toLowerCase().includes(term));
+  }
+};

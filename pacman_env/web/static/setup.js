@@ -3,7 +3,7 @@
 import { fetchWithToken, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write } from "./dom.js";
 import { notice } from "./notices.js";
-import { changedSettings, hasSettings, setChanged, settingsAreValid, showSettings } from "./settings.js";
+import { changedSettings, hasSettings, setChanged, showSettings } from "./settings.js";
 import { emit, on, state, updateControls } from "./state.js";
 
 const SELECTS = ["map", "preset", "policy", "second"];
@@ -90,7 +90,7 @@ function showGhosts(choices) {
 
 // What the form asks for, as a message; null if a field is invalid.
 function setupMessage() {
-  if (!$("setup").reportValidity() || !settingsAreValid()) return null;
+  if (!$("setup").reportValidity()) return null;
   const message = { do: "setup" };
   for (const name of SELECTS) if (field(name).value && !field(name).parentElement.hidden) message[name] = field(name).value;
   if (message.map === "generated" && field("level").value !== "") message.level = Number(field("level").value);

@@ -1,12 +1,12 @@
 // Finished rounds: the list, the time line with its markers, and links that reproduce a round.
 
 import { ask, fetchWithToken, request, token } from "./connection.js";
-import { compareWithPolicy } from "./roles.js";
 import { showResult } from "./controls.js";
 import { $, button, clock, isShortcut, make, setIcon, write } from "./dom.js";
 import * as map from "./map.js";
 import { notice, question } from "./notices.js";
-import { readSetting } from "./settings.js";
+import { compareWithPolicy } from "./roles.js";
+import { parseSetting } from "./settings.js";
 import { emit, on, robotPose, state } from "./state.js";
 
 const SPEED = 4; // times real time
@@ -44,16 +44,14 @@ on("news", async (items) => {
 function showList() {
   write($("stories-words"), entries.length ? "Newest first." : "No round has ended yet.");
   $("stories").replaceChildren(...entries.map((entry) => {
-    const { story, result, collected, spawned, seed, second, policies, parts } = entry;
-    const other = second ? `, ${policies?.[0] ?? "policy"} ${second.collected} (${second.result})` : "";
-    const disagree = `policies disagree ${parts.length} ${parts.length === 1 ? "time" : "times"}`;
-    const player = entry.player === "person" ? "played by a person" : policies?.[0];
+    const { story, second, parts, policies: [policy] = ["policy"] } = entry;
+    const disagree = parts.length ? `policies disagree ${parts.length} ${parts.length === 1 ? "time" : "times"}` : "";
+    const player = entry.player === "person" ? "played by a person" : policy;
     return make("li", { class: state.story?.entry.story === story ? "open" : "", data: { story } },
-      make("span", {}, make("strong", { text: `${resultName(result)}: ${collected} of ${spawned}` }),
-        ` in ${clock(entry.time_s)}${other}`),
+      make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }),
+        ` in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
       button("Open", { "aria-label": `Open round ${story}`, onclick: () => open(story) }),
-      make("span", { class: "quiet",
-        text: [entry.map, `seed ${seed}`, player, parts.length ? disagree : ""].filter(Boolean).join(" · ") }));
+      make("span", { class: "quiet", text: [entry.map, `seed ${entry.seed}`, player, disagree].filter(Boolean).join(" · ") }));
   }));
 }
 
@@ -106,7 +104,7 @@ async function close() {
   emit("why", (state.why = null));
   emit("story", null);
   await map.showScene(state.scene);
-  if (state.frame) map.showFrame(state.frame, true);
+  if (state.frame) map.showFrame(state.frame, { jump: true });
 }
 
 function showBar(show) {
@@ -120,8 +118,7 @@ function seek(index, smooth = false) {
   if (!story) return;
   story.index = Math.max(0, Math.min(story.frames.length - 1, index));
   const frame = story.frames[story.index];
-  map.showFrame(frame, !smooth);
-  map.setTrail(story.trail.slice(0, story.index + 1).filter(Boolean));
+  map.showFrame(frame, { jump: !smooth, path: story.trail.slice(0, story.index + 1).filter(Boolean) });
   $("story-range").value = String(story.index);
   const text = `${clock(frame.time_s)} of ${clock(story.entry.time_s)}, ${frame.collected} pellets`;
   write($("story-at"), text);
@@ -246,7 +243,7 @@ function readLink() {
   if (fields.has("clyde")) message.clyde_mps = Number(fields.get("clyde"));
   for (const [field, value] of fields) {
     const name = field.slice("set.".length);
-    if (field.startsWith("set.")) message.settings[name] = readSetting(name, value);
+    if (field.startsWith("set.")) message.settings[name] = parseSetting(name, value);
   }
   return message;
 }
