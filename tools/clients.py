@@ -7,7 +7,6 @@ printed can be written into ``docs/use_with/README.md``.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import re
@@ -19,7 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from pacman_env.cli.command import Parser
+from tools.common import ROOT, add_names
+from tools.common import table as markdown_table
+
 SCRIPTS = ROOT / "docs" / "examples" / "clients"
 PAGE = ROOT / "docs" / "use_with" / "README.md"
 CACHE = ROOT / ".clients"
@@ -31,44 +33,27 @@ _BLOCK = re.compile(r"(<!-- clients -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Venv:
-    """What a virtual environment has beside this project.
+    """What a virtual environment has beside this project."""
 
-    Attributes:
-        requirements: as for pip, pinned.
-        unpinned: packages of ``constraints.txt`` that they want in another version.
-        extra: of this project.
-    """
-
-    requirements: tuple[str, ...]
-    unpinned: tuple[str, ...] = ()
-    extra: str = ""
+    requirements: tuple[str, ...]  # as for pip, pinned
+    unpinned: tuple[str, ...] = ()  # packages of constraints.txt that they want in another version
+    extra: str = ""  # of this project
 
     def constraints(self) -> str:
-        """Those of the project, without what is not pinned here."""
         lines = (ROOT / "constraints.txt").read_text().splitlines()
         return "\n".join(line for line in lines if line.partition("==")[0].lower() not in self.unpinned) + "\n"
 
 
 @dataclass(frozen=True)
 class Client:
-    """A library and its script.
+    """A library and its script."""
 
-    Attributes:
-        name: of the script, without ``.py``.
-        library: as it is installed.
-        venv: one of ``VENVS``, or ``HERE``.
-        page: of ``docs/use_with``, without ``.md``; the examples on it are run after the script, except ``HERE``, where
-            tests run them.
-        line: what the environment is made with, or what is added to the library's own example.
-        arguments: of the script.
-    """
-
-    name: str
-    library: str
-    venv: str
-    page: str
-    line: str
-    arguments: tuple[str, ...] = ()
+    name: str  # of the script, without .py
+    library: str  # as it is installed
+    venv: str  # one of VENVS, or HERE
+    page: str  # of docs/use_with, without .md; its examples run after the script, except with HERE: tests run those
+    line: str  # what the environment is made with, or what is added to the library's own example
+    arguments: tuple[str, ...] = ()  # of the script
 
 
 VENVS = {
@@ -96,20 +81,14 @@ CLIENTS = (
 
 @dataclass(frozen=True)
 class Result:
-    """How a script went: its library's version, its status (0: well) and how long it took."""
-
     client: Client
-    version: str
-    status: int
+    version: str  # of the library
+    status: int  # 0: success
     seconds: float
 
 
 def python_of(name: str) -> Path:
-    """The interpreter of one of ``VENVS``, which is made if it is not there or is not as described.
-
-    Raises:
-        subprocess.CalledProcessError: it cannot be installed.
-    """
+    """The interpreter of one of ``VENVS``, which is made if it is absent or other than described."""
     venv, folder = VENVS[name], CACHE / name
     python, stamp = folder / "bin" / "python", folder / "installed"
     wanted = repr(venv) + (ROOT / "pyproject.toml").read_text() + venv.constraints()
@@ -121,17 +100,8 @@ def python_of(name: str) -> Path:
     constraints = folder / "constraints.txt"
     constraints.write_text(venv.constraints())
     project = f"{ROOT}[{venv.extra}]" if venv.extra else str(ROOT)
-    pip = [
-        str(python),
-        "-m",
-        "pip",
-        "--disable-pip-version-check",
-        "--quiet",
-        "install",
-        "--constraint",
-        str(constraints),
-    ]
-    subprocess.run([*pip, *venv.requirements, "--editable", project], check=True)
+    pip = [python, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--constraint"]
+    subprocess.run([*map(str, pip), constraints, *venv.requirements, "--editable", project], check=True)
     stamp.write_text(hashed)
     return python
 
@@ -142,18 +112,13 @@ def examples(page: Path) -> list[str]:
 
 
 def run(client: Client) -> Result:
-    """Run its script and its page's examples; their output is in ``.clients/NAME.log``, its end is printed on failure.
-
-    Raises:
-        subprocess.CalledProcessError: its library cannot be installed.
-    """
+    """Run its script and its page's examples; output goes to ``.clients/NAME.log``, its end to stderr on failure."""
     python = python_of(client.venv) if client.venv != HERE else Path(sys.executable)
     code = f"from importlib.metadata import version; print(version({client.library!r}))"
     version = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
     CACHE.mkdir(exist_ok=True)
     log = CACHE / f"{client.name}.log"
-    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     commands = [[str(python), str(SCRIPTS / f"{client.name}.py"), *client.arguments]]
     if client.venv != HERE:
         commands += [[str(python), "-c", example] for example in examples(PAGE.with_name(f"{client.page}.md"))]
@@ -163,7 +128,9 @@ def run(client: Client) -> Result:
     with log.open("w") as out:
         for command in commands:
             try:
-                status = subprocess.run(command, env=environment, stdout=out, stderr=out, timeout=LIMIT_S).returncode
+                status = subprocess.run(
+                    command, env={**os.environ, "PYTHONPATH": paths}, stdout=out, stderr=out, timeout=LIMIT_S
+                ).returncode
             except subprocess.TimeoutExpired:
                 status = TIMED_OUT
             if status:
@@ -174,27 +141,28 @@ def run(client: Client) -> Result:
 
 
 def table(results: Sequence[Result]) -> str:
-    rows = ["| Library | Version | Works | Script | Seconds |", "| --- | --- | --- | --- | --- |"]
-    for result in results:
-        client = result.client
-        works = client.line if result.status == 0 else f"**fails** (status {result.status})"
-        script = f"[{client.name}.py](../examples/clients/{client.name}.py)"
-        rows.append(
-            f"| [{client.library}]({client.page}.md) | {result.version} | {works} | {script} | {result.seconds:.0f} |"
-        )
-    return "\n".join(rows) + "\n"
+    return markdown_table(
+        ("Library", "Version", "Works", "Script", "Seconds"),
+        [
+            (
+                f"[{client.library}]({client.page}.md)",
+                result.version,
+                client.line if result.status == 0 else f"**fails** (status {result.status})",
+                f"[{client.name}.py](../examples/clients/{client.name}.py)",
+                f"{result.seconds:.0f}",
+            )
+            for result in results
+            for client in [result.client]
+        ],
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the scripts that are named, or all; 1 if one of them failed."""
-    names = [client.name for client in CLIENTS]
-    parser = argparse.ArgumentParser(prog="scripts/clients", description=__doc__.split("\n")[0] if __doc__ else None)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or several of {', '.join(names)}; all of them")
+    parser = Parser(prog="scripts/clients", description=__doc__.split("\n")[0] if __doc__ else None)
+    add_names(parser, "script", [client.name for client in CLIENTS])
     parser.add_argument("--write", action="store_true", help=f"write the table into {PAGE.relative_to(ROOT)}")
     given = parser.parse_args(arguments)
-    unknown = [name for name in given.names if name not in names]
-    if unknown:
-        parser.error(f"no script {unknown[0]!r}: choose from {', '.join(names)}")
     if given.write and given.names:
         parser.error("--write is for the table of all scripts")
     results = [run(client) for client in CLIENTS if not given.names or client.name in given.names]

@@ -26,8 +26,8 @@ from pacman_env.render.symbols import Image, paste, text
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.maps.generated import TEST_LEVEL, prepare_level
 from pacman_env.world.maps.occupancy import shipped_maps
+from tools.common import add_check, add_images, add_names
 
-IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
 #: Mean difference in grey levels that is no other picture: letters of another OpenCV, a robot a little farther on.
 TOLERANCE = 1.2
 
@@ -52,23 +52,19 @@ def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments:
 def sheet(pictures: Sequence[Image], columns: int, captions: Sequence[str] = ()) -> Image:
     """Pictures in rows, each in the middle of its place, with a caption below."""
     below = 26 if captions else 0
+    widths = [max(picture.shape[1] for picture in pictures[c::columns]) for c in range(columns)]
     rows = [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
-    widths = [max(row[c].shape[1] for row in rows if c < len(row)) for c in range(columns)]
-    heights = [max(picture.shape[0] for picture in row) + below for row in rows]
-    page = np.empty((sum(heights) + _GAP * (len(rows) + 1), sum(widths) + _GAP * (columns + 1), 3), dtype=np.uint8)
-    page[:] = PAGE
-    top = _GAP
-    for r, row in enumerate(rows):
-        left = _GAP
-        for c, picture in enumerate(row):
-            y = top + (heights[r] - below - picture.shape[0]) // 2
-            x = left + (widths[c] - picture.shape[1]) // 2
-            page[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
-            if captions:
-                caption = text(captions[r * columns + c], 9.5, False, INK, PAGE)
-                paste(page, left + (widths[c] - caption.shape[1]) / 2, top + heights[r] - below / 2, caption)
-            left += widths[c] + _GAP
-        top += heights[r] + _GAP
+    heights = [max(picture.shape[0] for picture in row) for row in rows]
+    tops = _GAP + np.cumsum([0, *(height + below + _GAP for height in heights)])
+    lefts = _GAP + np.cumsum([0, *(width + _GAP for width in widths)])
+    page = np.full((tops[-1], lefts[-1], 3), PAGE, dtype=np.uint8)
+    for k, picture in enumerate(pictures):
+        r, c = divmod(k, columns)
+        y, x = tops[r] + (heights[r] - picture.shape[0]) // 2, lefts[c] + (widths[c] - picture.shape[1]) // 2
+        page[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
+        if captions:
+            caption = text(captions[k], 9.5, False, INK, PAGE)
+            paste(page, lefts[c] + (widths[c] - caption.shape[1]) / 2, tops[r] + heights[r] + below / 2, caption)
     return page
 
 
@@ -170,8 +166,7 @@ def _scan_picture(env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> 
 
 def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
     """The channels as colours, the later ones on top."""
-    image = np.empty((*grid.shape[:2], 3), dtype=np.uint8)
-    image[:] = _FLOOR
+    image = np.full((*grid.shape[:2], 3), _FLOOR, dtype=np.uint8)
     for channel, colour in enumerate((_WALLS, _PELLETS, _GHOSTS, _ROBOT)):
         image[grid[:, :, channel] > 0] = colour
     return np.repeat(np.repeat(image, times, axis=0), times, axis=1)
@@ -179,13 +174,8 @@ def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
 
 #: What is drawn, by the name of the file in docs/images.
 PICTURES: dict[str, Callable[[], Image]] = {
-    "round": draw_round,
-    "story": draw_story,
-    "ghosts": draw_ghosts,
-    "observations": draw_observations,
-    "maps": draw_maps,
-    "reading": draw_reading,
-    "houses": draw_houses,
+    draw.__name__.removeprefix("draw_"): draw
+    for draw in (draw_round, draw_story, draw_ghosts, draw_observations, draw_maps, draw_reading, draw_houses)
 }
 
 
@@ -200,16 +190,13 @@ def difference(path: Path, picture: Image) -> float:
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw the pictures; returns the exit status: 1 where ``--check`` finds another picture."""
     parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which: {', '.join(PICTURES)} (all)")
-    parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")
-    parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
+    add_names(parser, "picture", PICTURES)
+    add_images(parser)
+    add_check(parser)
     return run_command(parser, argv, _draw)
 
 
 def _draw(arguments: argparse.Namespace) -> int:
-    unknown = [name for name in arguments.names if name not in PICTURES]
-    if unknown:
-        raise ValueError(f"no picture {unknown[0]!r}: choose of {', '.join(PICTURES)}")
     status = 0
     for name in arguments.names or PICTURES:
         path, picture = arguments.out / f"{name}.png", PICTURES[name]()

@@ -11,10 +11,11 @@ import contextlib
 import dataclasses
 import inspect
 import io
+import operator
 import re
 import sys
 import typing
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +30,12 @@ from pacman_env.config.described import fields_of
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
-from pacman_env.files import replaced
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import KINDS, MASK, Bearings, Features, ObservationPart, mask_part
 from pacman_env.world.maps.occupancy import shipped_maps
+from tools.common import ROOT, add_check, table, update
 
-ROOT = Path(__file__).resolve().parents[1]
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
 OWN_KINDS = ("features", "planner", "scan", "bearings", "grid")  # of observation
@@ -47,11 +47,6 @@ EVENTS = {
     "tick": "each decision",
     "timeout": "the time limit is reached",
 }
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
 def _code(value: object) -> str:
@@ -70,7 +65,7 @@ def _values(unit: str, kind: Any) -> str:
     return f"{unit} (low, high)".strip() if origin is tuple else unit or _KINDS.get(kind, "")
 
 
-def _named(field: str) -> str:
+def _plugged(field: str) -> str:
     """The names that a field takes, of things that packages can add."""
     names = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": OWN_KINDS}.get(field, ())
     return "each " + ", ".join(map(_code, names)) + ", or a plug-in's" if names else ""
@@ -80,28 +75,21 @@ def configuration() -> str:
     sources = {**fields_of(inspect.getsource(sections)), **fields_of(inspect.getsource(composition))}
     default = Config()
 
-    def rows(owner: Any, prefix: str) -> list[list[str]]:
-        return [
-            [
-                f"`{prefix}{f.name}`",
-                _code(value),
-                _named(f"{prefix}{f.name}") or _values(f.unit, kind),
-                f.comment or EVENTS.get(f.name, ""),
-            ]
-            for f in sources[type(owner).__name__]
-            for value, kind in [(getattr(owner, f.name), kinds(type(owner))[f.name])]
-            if not dataclasses.is_dataclass(value)
-        ]
+    def rows(owner: Any, prefix: str) -> Iterator[list[str]]:
+        types = kinds(type(owner))
+        for f in sources[type(owner).__name__]:
+            value, name = getattr(owner, f.name), f"{prefix}{f.name}"
+            if not dataclasses.is_dataclass(value):
+                values = _plugged(name) or _values(f.unit, types[f.name])
+                yield [f"`{name}`", _code(value), values, f.comment or EVENTS.get(f.name, "")]
 
     head = ("Field", "Default", "Unit or values", "Meaning, source")
     text = "## The game as a whole\n\n" + table(head, rows(default, ""))
     for field in sources["Config"]:
         section = getattr(default, field.name)
         if dataclasses.is_dataclass(section):
-            intro = " ".join(filter(None, (field.comment, inspect.getdoc(type(section)))))
-            text += f"\n## `{field.name}`\n\n{' '.join(intro.split())}\n\n" + table(
-                head, rows(section, f"{field.name}.")
-            )
+            intro = " ".join(f"{field.comment} {inspect.getdoc(type(section)) or ''}".split())
+            text += f"\n## `{field.name}`\n\n{intro}\n\n" + table(head, rows(section, f"{field.name}."))
     return text
 
 
@@ -111,15 +99,9 @@ def presets() -> str:
     for kind, known in (("preset", config.PRESETS), ("execution", config.EXECUTIONS)):
         names = sorted({name for changes in known.values() for name in changes})
         made = [make_config(**{kind: one}) for one in known]
-        rows = [[f"`{name}`", *(_code(_value(c, name)) for c in made)] for name in names]
+        rows = [[f"`{name}`", *(_code(operator.attrgetter(name)(one)) for one in made)] for name in names]
         result += ("\n" if result else "") + table(("Field", *(f'`{kind}="{one}"`' for one in known)), rows)
     return result
-
-
-def _value(owner: Any, dotted: str) -> Any:
-    for name in dotted.split("."):
-        owner = getattr(owner, name)
-    return owner
 
 
 def _parts(kind: str) -> dict[str, ObservationPart]:
@@ -207,23 +189,13 @@ def _number(value: Any) -> str:
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    "configuration": configuration,
-    "presets": presets,
-    "keys": keys,
-    "columns": columns,
-    "actions": actions,
-    "state": state,
-    "maps": maps,
-    "map-check": map_check,
+    draw.__name__.replace("_", "-"): draw
+    for draw in (configuration, presets, keys, columns, actions, state, maps, map_check)
 }
 
 
 def fill(page: str) -> str:
-    """A page with its tables as they are now.
-
-    Raises:
-        ValueError: it asks for a table that there is not.
-    """
+    """A page with its tables as they are now."""
 
     def write(match: re.Match[str]) -> str:
         if match[2] not in TABLES:
@@ -237,32 +209,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write the tables into the pages; returns the exit status: 1 where ``--check`` finds another table."""
     parser = Parser(prog="python -m tools.reference", description="Write the tables of the documentation.")
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="which Markdown files (all below docs)")
-    parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
+    add_check(parser)
     return run_command(parser, argv, _fill_pages)
 
 
 def _fill_pages(arguments: argparse.Namespace) -> int:
     status = 0
     for path in arguments.pages or sorted((ROOT / "docs").rglob("*.md")):
-        page = path.read_text(encoding="utf-8")
         try:
-            filled = fill(page)
+            filled = fill(path.read_text(encoding="utf-8"))
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
-        status |= update(path, page, filled, arguments.check, "has other tables than the code: run scripts/reference")
+        status |= update(path, filled, arguments.check, "has other tables than the code: run scripts/reference")
     return status
-
-
-def update(path: Path, before: str, after: str, check: bool, complaint: str) -> int:
-    """Write a page that has changed, or complain where it is only to be checked; the exit status."""
-    if after == before:
-        return 0
-    if check:
-        print(f"{path} {complaint}")
-        return 1
-    with replaced(path) as temporary:
-        temporary.write_text(after, encoding="utf-8")
-    return 0
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """``docs/robot_reference.md``, written from the running code: ``python -m tools.robot_reference``.
 
-Every node is made once and asked what it declares, publishes and hears. Needs ROS (extra ``ros``, docs/robot.md);
-no other tool does.
+Every node is made once, and its parameters, topics, services and actions are listed. Needs ROS (extra ``ros``).
 """
 
 from __future__ import annotations
@@ -11,11 +10,12 @@ import importlib
 import inspect
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import rclpy
 from rclpy.logging import get_logger_effective_level, set_logger_level
@@ -28,9 +28,9 @@ from pacman_env.ros.node import BaseNode
 from pacman_env.ros.supervisor.checks import CHECKS
 from pacman_env.ros.supervisor.game_nodes import NODES, module_of
 from pacman_env.ros.topics import HEARD_LATCHED, LATCHED, RosAction
-from tools.reference import table, update
+from tools.common import ROOT, add_check, table, update
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "robot_reference.md"
+PAGE = ROOT / "docs" / "robot_reference.md"
 INTRO = """# Robot reference: nodes, topics, parameters
 
 Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) says how they are used. All names
@@ -42,6 +42,7 @@ _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "r
 _ENDS_OF_ACTIONS = {"server": "serves", "client": "calls", "goal_client": "calls"}  # methods of ``RosAction``
 _PART_OF_ACTION = "/_action/"
 _TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array", 9: "string array"}
+_End = tuple[str, str, str, str]  # name, type, role, and QoS, "service" or "action"
 
 
 @dataclass
@@ -49,65 +50,55 @@ class Described:
     """One node as text."""
 
     purpose: str
-    parameters: list[list[str]] = field(default_factory=list)
-    ends: list[tuple[str, str, str, str]] = field(default_factory=list)  # name, type, kind of end, QoS
+    parameters: list[list[str]]
+    ends: list[_End]
 
 
 def describe(name: str) -> Described:
-    """Make a node and ask it; rclpy must be initialised, with ``map_yaml`` among its arguments."""
+    """Make a node and list what it has; rclpy must be initialised, with ``map_yaml`` among its arguments."""
     module = importlib.import_module(module_of(name))
-    made = next(
-        one
-        for one in vars(module).values()
-        if inspect.isclass(one) and one.__module__ == module.__name__ and _is_node(one)
-    )
+    own = (one for one in vars(module).values() if inspect.isclass(one) and one.__module__ == module.__name__)
+    node_class: Any = next(one for one in own if issubclass(one, BaseNode))
     with _noted_actions() as actions:
-        node: Any = made()
+        node = node_class()
     try:
-        found = Described((inspect.getdoc(module) or "").split("\n\n")[0].replace("\n", " ").replace("``", "`"))
-        found.parameters = [_parameter(node, one) for one in _declared(node)]
-        for ends, kind in ((node.publishers, "publishes"), (node.subscriptions, "hears")):
-            for end in ends:
-                found.ends.append((_bare(end.topic_name, node), _type(end.msg_type), kind, _qos(end.qos_profile)))
-        for ends, kind in ((node.services, "serves"), (node.clients, "calls")):
-            for end in ends:
-                found.ends.append((_bare(end.srv_name, node), _type(end.srv_type), kind, "service"))
-        ends = {end for end in found.ends if not end[1].startswith(_OWN) and _PART_OF_ACTION not in end[0]}
-        found.ends = sorted({*ends, *actions})
+        declared = list(node._parameters)  # rclpy has no public list of them within a process
+        return Described(
+            purpose=(inspect.getdoc(module) or "").split("\n\n")[0].replace("\n", " ").replace("``", "`"),
+            parameters=[_parameter(node, one) for one in declared if not one.startswith(_EVERY_NODE_HAS)],
+            ends=sorted({*_topics_and_services(node), *actions}),
+        )
     finally:
         node.destroy_node()
-    return found
+
+
+def _topics_and_services(node: Any) -> Iterator[_End]:
+    ends = [(end.topic_name, end.msg_type, "publishes", _qos(end.qos_profile)) for end in node.publishers]
+    ends += [(end.topic_name, end.msg_type, "subscribes", _qos(end.qos_profile)) for end in node.subscriptions]
+    ends += [(end.srv_name, end.srv_type, "serves", "service") for end in node.services]
+    ends += [(end.srv_name, end.srv_type, "calls", "service") for end in node.clients]
+    for name, kind, role, qos in ends:
+        type_name = f"{kind.__module__.partition('.')[0]}/{kind.__name__}"
+        if not type_name.startswith(_OWN) and _PART_OF_ACTION not in name:
+            yield name.removeprefix(node.get_namespace().rstrip("/") + "/"), type_name, role, qos
 
 
 @contextmanager
-def _noted_actions() -> Iterator[list[tuple[str, str, str, str]]]:
+def _noted_actions() -> Iterator[list[_End]]:
     """The ends of actions that are made meanwhile: rclpy does not know an action's name afterwards."""
-    noted: list[tuple[str, str, str, str]] = []
-    before = {name: getattr(RosAction, name) for name in _ENDS_OF_ACTIONS}
+    noted: list[_End] = []
 
-    def noting(name: str, kind: str) -> Any:
+    def noting(method: Any, role: str) -> Any:
         def make(action: RosAction, *arguments: Any, **options: Any) -> Any:
-            noted.append((action.name, action.type_name, kind, "action"))
-            return before[name](action, *arguments, **options)
+            noted.append((action.name, action.type_name, role, "action"))
+            return method(action, *arguments, **options)
 
         return make
 
-    try:
-        for name, kind in _ENDS_OF_ACTIONS.items():
-            setattr(RosAction, name, noting(name, kind))
+    with ExitStack() as patches:
+        for name, role in _ENDS_OF_ACTIONS.items():
+            patches.enter_context(patch.object(RosAction, name, noting(getattr(RosAction, name), role)))
         yield noted
-    finally:
-        for name, method in before.items():
-            setattr(RosAction, name, method)
-
-
-def _is_node(one: type) -> bool:
-    return issubclass(one, BaseNode)
-
-
-def _declared(node: Any) -> list[str]:
-    names = list(node._parameters)  # rclpy has no public list of them within a process
-    return [name for name in names if not name.startswith(_EVERY_NODE_HAS)]
 
 
 def _parameter(node: Any, name: str) -> list[str]:
@@ -118,14 +109,6 @@ def _parameter(node: Any, name: str) -> list[str]:
     shown = "" if value is None else f"`{value}`" if value != "" else '`""`'
     shown = {"map_yaml": "to be given", "settings": ""}.get(name, shown)
     return [f"`{name}`", _TYPES.get(descriptor.type, ""), shown, limits, descriptor.description]
-
-
-def _bare(name: str, node: Any) -> str:
-    return name.removeprefix(node.get_namespace().rstrip("/") + "/")
-
-
-def _type(kind: Any) -> str:
-    return f"{kind.__module__.partition('.')[0]}/{kind.__name__}"
 
 
 def _qos(profile: Any) -> str:
@@ -146,35 +129,33 @@ def page() -> str:
     finally:
         rclpy.shutdown()
         set_logger_level("", level)  # the level is the process's: it outlives the context that set it
-    return INTRO + _topics(nodes) + "".join(_node(name, node) for name, node in nodes.items()) + _checks()
+    return INTRO + _ends(nodes) + "".join(_node(name, node) for name, node in nodes.items()) + _checks()
 
 
-def _topics(nodes: dict[str, Described]) -> str:
-    recorded = {topic.name for topic in RECORDED}
-    rows: dict[tuple[str, str, str], dict[str, list[str]]] = {}
-    for node, described in nodes.items():
-        for name, kind, role, qos in described.ends:
-            if qos not in ("service", "action"):
-                by_role = rows.setdefault((name, kind, qos), {"publishes": [], "hears": []})
-                by_role[role].append(node)
-    head = ("Topic", "Type", "QoS", "From", "To", "Recorded")
-    lines = [
-        [f"`{name}`", f"`{kind}`", qos, *(", ".join(roles[r]) or "-" for r in roles), "yes" if name in recorded else ""]
-        for (name, kind, qos), roles in sorted(rows.items())
-    ]
+def _ends(nodes: dict[str, Described]) -> str:
+    recorded = {f"`{topic.name}`" for topic in RECORDED}
+    topics = _rows(nodes, ("publishes", "subscribes"))
     text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
     text += "Of a latched topic of depth 1 a listener keeps the last 10.\n\n"
-    text += table(head, lines) + "\n## Services and actions\n\n"
-    calls: dict[tuple[str, str, str], dict[str, list[str]]] = {}
+    text += table(
+        ("Topic", "Type", "QoS", "From", "To", "Recorded"),
+        ([*row, "yes" if row[0] in recorded else ""] for row in topics),
+    )
+    text += "\n## Services and actions\n\n"
+    return text + table(("Name", "Type", "Kind", "Served by", "Called by"), _rows(nodes, ("serves", "calls")))
+
+
+def _rows(nodes: dict[str, Described], roles: Iterable[str]) -> list[list[str]]:
+    """Name, type, QoS or kind, and the nodes that have each role."""
+    users: dict[tuple[str, str, str], dict[str, list[str]]] = {}
     for node, described in nodes.items():
         for name, kind, role, qos in described.ends:
-            if qos in ("service", "action"):
-                calls.setdefault((name, kind, qos), {"serves": [], "calls": []})[role].append(node)
-    lines = [
-        [f"`{name}`", f"`{kind}`", what, *(", ".join(roles[r]) or "-" for r in roles)]
-        for (name, kind, what), roles in sorted(calls.items())
+            if role in roles:
+                users.setdefault((name, kind, qos), {role: [] for role in roles})[role].append(node)
+    return [
+        [f"`{name}`", f"`{kind}`", qos, *(", ".join(by_role[role]) or "-" for role in roles)]
+        for (name, kind, qos), by_role in sorted(users.items())
     ]
-    return text + table(("Name", "Type", "Kind", "Served by", "Called by"), lines)
 
 
 def _node(name: str, node: Described) -> str:
@@ -194,14 +175,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write the page; returns the exit status: 1 where ``--check`` finds another one."""
     parser = Parser(prog="python -m tools.robot_reference", description="Write docs/robot_reference.md.")
     parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="the file (%(default)s)")
-    parser.add_argument("--check", action="store_true", help="write nothing, compare with what is there")
+    add_check(parser)
     return run_command(parser, argv, _write, "ros")
 
 
 def _write(arguments: argparse.Namespace) -> int:
-    before = arguments.page.read_text(encoding="utf-8") if arguments.page.is_file() else ""
-    complaint = "is not what the nodes declare: run scripts/robot_reference"
-    return update(arguments.page, before, page(), arguments.check, complaint)
+    return update(arguments.page, page(), arguments.check, "is not what the nodes declare: run scripts/robot_reference")
 
 
 if __name__ == "__main__":

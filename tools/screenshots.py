@@ -10,37 +10,27 @@ import argparse
 import io
 import shutil
 import sys
-import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from contextlib import closing
+from functools import partial
 from typing import Any
 
 from PIL import Image
 
+from pacman_env.cli.command import Parser, run_command
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
+from tools.common import add_images, add_names
 
-IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
 PATIENCE_S = 120.0
 _SEED = 11
 _COLOURS = 255  # of a picture's palette
-_FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-sync",
-    "--force-color-profile=srgb",
-)
+_FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync", "--force-color-profile=srgb"]
 
 
 def _wait(page: Any, expression: str) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not page.evaluate(f"(() => {{ const {{state}} = window.pacman ?? {{}}; return {expression} }})()"):
-        if time.monotonic() > end:
-            raise RuntimeError(f"the page never had {expression}")
-        page.wait_for_timeout(30)
+    page.wait_for_function(f"(({{state}}) => {expression})(window.pacman ?? {{}})", timeout=1000 * PATIENCE_S)
 
 
 def _speed(page: Any, times: int) -> None:
@@ -54,10 +44,6 @@ def _round(page: Any, pellets: int, speed: int = 10) -> None:
     _wait(page, f"state.frame.state === 'running' && state.frame.collected >= {pellets}")
     _speed(page, 2)
     page.wait_for_timeout(700)
-
-
-def _running(page: Any) -> None:
-    _round(page, 5)
 
 
 def _playing(page: Any) -> None:
@@ -104,11 +90,11 @@ def _four_ghosts(page: Any) -> None:
 
 #: By name: width, height, pixels a pixel of the page, colours, what is on it.
 SHOTS: dict[str, tuple[int, int, float, str, Callable[[Any], None]]] = {
-    "web-390-dark": (390, 844, 1.5, "dark", _running),
+    "web-390-dark": (390, 844, 1.5, "dark", partial(_round, pellets=5)),
     "web-390-light": (390, 844, 1.5, "light", _playing),
     "web-1024-dark": (1024, 768, 1.0, "dark", _playing),
     "web-1024-light": (1024, 768, 1.0, "light", _explained),
-    "web-1440": (1440, 900, 1.0, "dark", _running),
+    "web-1440": (1440, 900, 1.0, "dark", partial(_round, pellets=5)),
     "web-1920-dark": (1920, 1080, 1.0, "dark", _recorded),
     "web-1920-light": (1920, 1080, 1.0, "light", _four_ghosts),
 }
@@ -118,61 +104,48 @@ def compact(png: bytes) -> bytes:
     """The same picture with a palette."""
     out = io.BytesIO()
     image = Image.open(io.BytesIO(png)).convert("RGB")
-    image.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE).save(
-        out, "PNG", optimize=True
-    )
+    reduced = image.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
+    reduced.save(out, "PNG", optimize=True)
     return out.getvalue()
 
 
 def shoot(browser: Any, name: str) -> bytes:
     width, height, ratio, scheme, prepare = SHOTS[name]
-    game = SimulatedGame(Rules(), seed=_SEED)
-    try:
-        with WebServer(game, say=lambda _: None) as server:
-            context = browser.new_context(
-                viewport={"width": width, "height": height},
-                device_scale_factor=ratio,
-                color_scheme=scheme,
-                has_touch=width < 800,
-                is_mobile=width < 800,
-            )
-            page = context.new_page()
-            page.goto(f"http://127.0.0.1:{server.port}/")
-            _wait(page, "state?.frame && state.scene.map")
-            prepare(page)
-            _wait(page, "!document.querySelector('.notice')")
-            picture = page.screenshot()
-            context.close()
-            return compact(picture)
-    finally:
-        game.close()
+    phone = width < 800
+    options = {"device_scale_factor": ratio, "color_scheme": scheme, "has_touch": phone, "is_mobile": phone}
+    with (
+        closing(SimulatedGame(Rules(), seed=_SEED)) as game,
+        WebServer(game, say=lambda _: None) as server,
+        browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True, **options) as context,
+    ):
+        page = context.new_page()
+        page.goto(f"http://127.0.0.1:{server.port}/")
+        _wait(page, "state?.frame && state.scene.map")
+        prepare(page)
+        _wait(page, "!document.querySelector('.notice')")
+        return compact(page.screenshot())
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tools.screenshots", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SHOTS)}; all if none is given")
-    parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")
-    given = parser.parse_args(arguments)
-    unknown = [name for name in given.names if name not in SHOTS]
-    if unknown:
-        parser.error(f"no picture {unknown[0]!r}")
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(prog="python -m tools.screenshots", description="Take the screenshots of the operator's page.")
+    add_names(parser, "picture", SHOTS)
+    add_images(parser)
+    return run_command(parser, argv, _shoot_all, "dev")
+
+
+def _shoot_all(arguments: argparse.Namespace) -> None:
+    from playwright.sync_api import sync_playwright
+
     program = shutil.which("chromium") or shutil.which("google-chrome")
-    try:
-        from playwright.sync_api import sync_playwright
-    except ModuleNotFoundError:
-        program = None
     if program is None:
-        print("needs Chromium and Playwright for Python", file=sys.stderr)
-        return 2
-    given.out.mkdir(parents=True, exist_ok=True)
+        raise ValueError("needs Chromium")
+    arguments.out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))
-        for name in given.names or SHOTS:
+        browser = playwright.chromium.launch(executable_path=program, args=_FLAGS)
+        for name in arguments.names or SHOTS:
             picture = shoot(browser, name)
-            (given.out / f"{name}.png").write_bytes(picture)
-            print(f"{given.out / name}.png: {len(picture) / 1000:.0f} kB")
-        browser.close()
-    return 0
+            (arguments.out / f"{name}.png").write_bytes(picture)
+            print(f"{arguments.out / name}.png: {len(picture) / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -2,38 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sim.core.batch import GameBatch
-
 RENDER_FPS = 2  # one frame per decision, in real time
 
 
-class Shown(Protocol):
-    """An environment that can be shown."""
-
-    render_mode: str | None
-    _window: Any
-
-    @property
-    def batch(self) -> GameBatch:
-        """The games."""
-
-    @property
-    def started(self) -> bool:
-        """Whether a first round has begun."""
-
-
 class Display:
-    """``render``, ``close`` and copies of an environment that can be shown."""
+    """``render``, ``close`` and copies of an environment with ``render_mode``, ``started`` and ``batch``."""
 
     _window: Any = None
 
-    def render(self: Shown) -> NDArray[np.uint8] | None:
+    def render(self: Any) -> NDArray[np.uint8] | None:
         """A picture (720, W, 3) uint8 in mode ``rgb_array``; in mode ``human`` it goes to a window.
 
         Raises:
@@ -63,5 +46,4 @@ class Display:
             self._window = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the window: a copy opens its own."""
-        return {**self.__dict__, "_window": None}
+        return {**self.__dict__, "_window": None}  # a copy opens its own window

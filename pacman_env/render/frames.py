@@ -1,14 +1,12 @@
 """Pictures of a game: the map, what is on it, and the score, as RGB arrays drawn with OpenCV.
 
-What does not move is drawn once per map, configuration and size, and kept. The symbols are in
-:mod:`pacman_env.render.symbols`; windows and video files are made elsewhere.
+What does not move is drawn once per map, configuration and size, and kept.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -50,8 +48,12 @@ class _Item(NamedTuple):
     gap: float  # to the next item, px
 
     @property
+    def text_left(self) -> float:
+        return 2 * self.half + 0.35 * self.gap
+
+    @property
     def width(self) -> float:
-        return 2 * self.half + 0.35 * self.gap + self.text.shape[1] + self.gap
+        return self.text_left + self.text.shape[1] + self.gap
 
 
 def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
@@ -65,46 +67,33 @@ def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
 
 
 class MapView:
-    """The common part of all frames of one map, configuration and height.
+    """The common part of all frames of one map, configuration and height; ``wide``: 16:9 whatever the map.
 
-    Attributes:
-        width: of a frame, px; ``height`` likewise.
-        scale: px per m.
-        enlarged: how many times larger than life the robot and Clyde are drawn so that they can be seen.
-        background: (height, width, 3) RGB, everything that never changes.
+    Widths and heights are in px, ``scale`` in px per m; ``enlarged`` is how many times larger than life the robot and
+    the ghosts are drawn so that they can be seen.
     """
 
     def __init__(self, assets: MapAssets, config: Config, height: int, wide: bool = False) -> None:
-        """Lay out and draw everything that stands still; ``wide``: 16:9 whatever the map, so that many are alike.
-
-        Raises:
-            ValueError: ``height`` is not an even number of at least 120.
-        """
         if height < 120 or height % 2:
             raise ValueError(f"height = {height!r}: must be an even number of at least 120")
         self.assets, self.config, self.height, self._wide = assets, config, height, wide
         self.unit = height / 720
-        self.line = max(1.5 * self.unit, 0.9)  # width, px
-        self._crop = _crop(assets)
+        self.line = max(1.5 * self.unit, 0.9)  # width
+        self._corner, self._cells = _crop(assets)
         self._arrange()
         self.goals = self.pixels(assets.goal_xy)
         self.background = self._background()
-        self._layers: OrderedDict[bytes, Image] = OrderedDict()
+        self._drawn = functools.lru_cache(maxsize=_KEPT_LAYERS)(self._draw_layer)
 
     def pixels(self, xy: NDArray[np.floating]) -> NDArray[np.float64]:
         """Positions (..., 2) in m as pixels (..., 2), whole at pixel centres."""
-        column, row = self.assets.occupancy.world_to_cell(xy[..., 0], xy[..., 1])
-        c0, r0, c1, r1 = self._crop
-        x = (column + 0.5 - c0) * self._map[0] / (c1 - c0) + self._left - 0.5
-        y = (row + 0.5 - r0) * self._map[1] / (r1 - r0) + self._top - 0.5
-        return np.stack([x, y], axis=-1)
+        cell = np.stack(self.assets.occupancy.world_to_cell(xy[..., 0], xy[..., 1]), axis=-1)
+        return (cell + 0.5 - self._corner) * (self._map / self._cells) + self._left_top - 0.5
 
     def metres(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
         """Pixels (..., 2) as positions (..., 2) in m: the inverse of :meth:`pixels`."""
-        c0, r0, c1, r1 = self._crop
-        column = (pixels[..., 0] + 0.5 - self._left) * (c1 - c0) / self._map[0] + c0 - 0.5
-        row = (pixels[..., 1] + 0.5 - self._top) * (r1 - r0) / self._map[1] + r0 - 0.5
-        return np.stack(self.assets.occupancy.cell_to_world(column, row), axis=-1)
+        cell = (pixels + 0.5 - self._left_top) / (self._map / self._cells) + self._corner - 0.5
+        return np.stack(self.assets.occupancy.cell_to_world(cell[..., 0], cell[..., 1]), axis=-1)
 
     def angle(self, heading: float) -> float:
         """A heading of the map frame as an angle in the picture, where y points down."""
@@ -112,22 +101,18 @@ class MapView:
 
     def layer(self, alive: NDArray[np.bool_]) -> Image:
         """The background with the pellets (P,) as they are now; kept, not to be written to."""
-        key = alive.tobytes()
-        picture = self._layers.get(key)
-        if picture is None:
-            picture = self.background.copy()
-            for centre, there in zip(self.goals, alive.tolist(), strict=False):
-                symbols.pellet(picture, centre, self.pellet_px, there)
-            self._layers[key] = picture
-            while len(self._layers) > _KEPT_LAYERS:
-                self._layers.popitem(last=False)
+        return self._drawn(alive.tobytes())
+
+    def _draw_layer(self, alive: bytes) -> Image:
+        picture = self.background.copy()
+        for centre, there in zip(self.goals, alive, strict=False):
+            symbols.pellet(picture, centre, self.pellet_px, bool(there))
         return picture
 
     def _arrange(self) -> None:
         """The largest map beside a header and a legend of as many lines as it needs; no legend if too many."""
         height, unit = self.height, self.unit
-        c0, r0, c1, r1 = self._crop
-        columns, rows = c1 - c0, r1 - r0
+        columns, rows = self._cells.tolist()
         margin = math.ceil(10 * unit)
         widest = int(height * 16 / 9) // 2 * 2
         narrowest = widest if self._wide else min(max(round(0.85 * height), 300), widest)
@@ -136,8 +121,8 @@ class MapView:
             legend = count * row + (margin if count else 0)
             room = height - self.header - legend - 2 * margin
             factor = min(room / rows, (widest - 2 * margin) / columns)
-            self._map = max(round(factor * columns), 1), max(round(factor * rows), 1)
-            self.width = min(max(self._map[0] + 2 * margin, narrowest) + 1, widest) // 2 * 2
+            self._map = np.maximum(np.rint(factor * self._cells).astype(int), 1)
+            self.width = min(max(int(self._map[0]) + 2 * margin, narrowest) + 1, widest) // 2 * 2
             self._set_scale(self._map[1] / rows / self.assets.occupancy.resolution)
             items, across = self._legend_items(), self.width - 2 * margin
             if len(_wrap(items, across)) <= count and legend <= 0.16 * height:
@@ -147,8 +132,8 @@ class MapView:
         self._legend = _wrap(items, across) if count else []
         self._legend_top = height - legend
         self._legend_rows = [self._legend_top + margin / 2 + (k + 0.5) * row for k in range(count)]
-        self._left = (self.width - self._map[0]) // 2
-        self._top = self.header + (height - self.header - legend - self._map[1]) // 2
+        free = np.array([self.width, height - self.header - legend]) - self._map
+        self._left_top = free // 2 + (0, self.header)
 
     def _set_scale(self, scale: float) -> None:
         unit, radius = self.unit, self.config.robot.radius_m
@@ -172,12 +157,16 @@ class MapView:
         entries: list[tuple[str, float, _Draw]] = [
             (f"{bar_m} m", bar, lambda i, at: symbols.scale_bar(i, at, bar, 0.5 * r, INK)),
             (f"robot{times}", r, lambda i, at: symbols.pac_man(i, at, r, 0.0)),
-            (
-                "believed pose",
-                1.2 * r,
-                lambda i, at: symbols.believed_pose(i, at - 0.25 * r * aside, 0.85 * r, 0.0, line),
-            ),
-            *(self._ghost_entry(number, times, r) for number in range(len(self.config.clyde.ghosts))),
+        ]
+        if not self.config.localization.perfect:
+            shift, radius = 0.25 * r * aside, 0.85 * r
+            outline: _Draw = lambda i, at: symbols.believed_pose(i, at - shift, radius, 0.0, line)  # noqa: E731
+            entries.append(("believed pose", 1.2 * r, outline))
+        for name, behaviour, colour in zip(GHOST_NAMES, self.config.clyde.ghosts, symbols.GHOSTS, strict=False):
+            does = "" if behaviour == "wander" else f" ({behaviour})"
+            draw = functools.partial(symbols.ghost, radius=r, eyes=aside, colour=colour)
+            entries.append((f"{name.capitalize()}{does}{times}", r, draw))
+        entries += [
             ("catch radius", r, lambda i, at: symbols.catch_circle(i, at, r, line)),
             ("pellet", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, True)),
             ("collected", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, False)),
@@ -185,28 +174,15 @@ class MapView:
             ("home", r, lambda i, at: symbols.home(i, at, 0.95 * r)),
             ("refuge", 0.8 * r, lambda i, at: symbols.refuge(i, at, 0.9 * r)),
         ]
-        if self.config.localization.perfect:
-            del entries[2]
         gap = max(21 * self.unit, 11)
         return [_Item(half, draw, symbols.text(name, cap, False, INK, PAGE), gap) for name, half, draw in entries]
 
-    def _ghost_entry(self, number: int, times: str, radius: float) -> tuple[str, float, _Draw]:
-        """A ghost in the legend, with what he does unless he wanders."""
-        behaviour = self.config.clyde.ghosts[number]
-        does = "" if behaviour == "wander" else f" ({behaviour})"
-        colour, aside = symbols.GHOSTS[number], np.array([1.0, 0.0])
-        name = f"{GHOST_NAMES[number].capitalize()}{does}{times}"
-        return name, radius, lambda image, at: symbols.ghost(image, at, radius, aside, colour)
-
     def _background(self) -> Image:
-        image = np.empty((self.height, self.width, 3), dtype=np.uint8)
-        image[:] = UNKNOWN
+        image = np.full((self.height, self.width, 3), UNKNOWN, dtype=np.uint8)
         image[: self.header] = HEADER
         image[self._legend_top :] = PAGE
-        width, height = self._map
-        image[self._top : self._top + height, self._left : self._left + width] = _draw_map(
-            self.assets, self.config, self._crop, (width, height)
-        )
+        (left, top), (width, height) = self._left_top, self._map
+        image[top : top + height, left : left + width] = self._draw_map()
         home, places = self.goals[self.assets.pellets], self.goals[self.assets.pellets + 1 :]
         for centre in places:
             symbols.refuge(image, centre, self.mark_px)
@@ -215,59 +191,55 @@ class MapView:
             x = (self.width - sum(item.width for item in line) + line[-1].gap) / 2
             for item in line:
                 item.draw(image, np.array([x + item.half, y]))
-                symbols.paste(image, x + 2 * item.half + 0.35 * item.gap, y, item.text)
+                symbols.paste(image, x + item.text_left, y, item.text)
                 x += item.width
         return image
 
+    def _draw_map(self) -> Image:
+        """The part of the map that is shown: what is free, within the robot's reach, wall and unknown."""
+        occupancy, grid, config = self.assets.occupancy, self.assets.grid, self.config
+        free = occupancy.game_free(config.pellets.free_grey)
+        wall = (occupancy.occupancy >= 65) & ~free
+        reach = 2 * math.ceil(config.robot.inscribed_radius_m / occupancy.resolution) + 1
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+        played = cv2.dilate(np.flipud(grid.cell_id >= 0).astype(np.uint8), around)
+        # The crop and the grid can both reach beyond the image.
+        columns, rows = (first + np.arange(count) for first, count in zip(self._corner, self._cells, strict=True))
+        rows = rows[:, None]
+        inside = (columns >= 0) & (columns < occupancy.width) & (rows >= 0) & (rows < occupancy.height)
+        at = rows.clip(0, occupancy.height - 1), columns.clip(0, occupancy.width - 1)
+        free, wall = free[at] & inside, wall[at] & inside
+        reachable = np.zeros(free.shape, dtype=np.bool_)
+        left, top = np.array([grid.offset[0], occupancy.height - grid.offset[1] - grid.shape[0]]) - self._corner
+        reachable[top : top + grid.shape[0], left : left + grid.shape[1]] = played > 0
+        factor = (self._map / self._cells).max()
+        if factor < 1:  # thin walls would fade
+            wall = cv2.dilate(wall.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
+        colours = np.full((*free.shape, 3), UNKNOWN, dtype=np.uint8)
+        colours[free] = OUT_OF_REACH
+        colours[free & reachable] = FLOOR
+        colours[wall] = WALL
+        if factor > 1:  # whole blocks first: edges of cells stay sharp, whatever the scale
+            k = math.ceil(factor)
+            colours = np.repeat(np.repeat(colours, k, axis=0), k, axis=1)
+        return cv2.resize(colours, self._map.tolist(), interpolation=cv2.INTER_AREA)
 
-def _crop(assets: MapAssets) -> tuple[int, int, int, int]:
-    """First and last (exclusive) column and row, from the top, of the cells that a game can be seen on."""
+
+def _crop(assets: MapAssets) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First column and row, from the top, of the cells that a game can be seen on, and their numbers, (2,) each."""
     occupancy, grid = assets.occupancy, assets.grid
     rows, columns = grid.shape
     seen = np.concatenate([assets.goal_xy, assets.clyde.position[assets.spawn_cells]])
-    column, row = occupancy.world_to_cell(seen[:, 0], seen[:, 1])
+    cells = np.stack(occupancy.world_to_cell(seen[:, 0], seen[:, 1]), axis=-1)
     reach = math.ceil(0.5 / occupancy.resolution)
-    top = occupancy.height - grid.offset[1] - rows
-    return (
-        min(grid.offset[0], math.floor(column.min()) - reach),
-        min(top, math.floor(row.min()) - reach),
-        max(grid.offset[0] + columns, math.ceil(column.max()) + reach),
-        max(top + rows, math.ceil(row.max()) + reach),
-    )
-
-
-def _draw_map(assets: MapAssets, config: Config, crop: tuple[int, int, int, int], size: tuple[int, int]) -> Image:
-    occupancy, grid = assets.occupancy, assets.grid
-    free = occupancy.game_free(config.pellets.free_grey)
-    wall = (occupancy.occupancy >= 65) & ~free
-    reach = 2 * math.ceil(config.robot.inscribed_radius_m / occupancy.resolution) + 1
-    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
-    played = cv2.dilate(np.flipud(grid.cell_id >= 0).astype(np.uint8), around)
-    c0, r0, c1, r1 = crop
-    # The crop and the grid can both reach beyond the image.
-    columns, rows = np.arange(c0, c1), np.arange(r0, r1)[:, None]
-    inside = (columns >= 0) & (columns < occupancy.width) & (rows >= 0) & (rows < occupancy.height)
-    at = rows.clip(0, occupancy.height - 1), columns.clip(0, occupancy.width - 1)
-    free, wall = free[at] & inside, wall[at] & inside
-    reachable = np.zeros(free.shape, dtype=np.bool_)
-    top, left = occupancy.height - grid.offset[1] - grid.shape[0] - r0, grid.offset[0] - c0
-    reachable[top : top + grid.shape[0], left : left + grid.shape[1]] = played > 0
-    factor = max(size[0] / (c1 - c0), size[1] / (r1 - r0))
-    if factor < 1:  # thin walls would fade
-        wall = cv2.dilate(wall.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
-    colours = np.full((*free.shape, 3), UNKNOWN, dtype=np.uint8)
-    colours[free] = OUT_OF_REACH
-    colours[free & reachable] = FLOOR
-    colours[wall] = WALL
-    if factor > 1:  # whole blocks first: edges of cells stay sharp, whatever the scale
-        k = math.ceil(factor)
-        colours = np.repeat(np.repeat(colours, k, axis=0), k, axis=1)
-    return cv2.resize(colours, size, interpolation=cv2.INTER_AREA)
+    first = np.array([grid.offset[0], occupancy.height - grid.offset[1] - rows])
+    corner = np.minimum(first, np.floor(cells.min(axis=0)).astype(int) - reach)
+    end = np.maximum(first + np.array([columns, rows]), np.ceil(cells.max(axis=0)).astype(int) + reach)
+    return corner, end - corner
 
 
 @functools.lru_cache(maxsize=_KEPT_VIEWS)
 def map_view(assets: MapAssets, config: Config, height: int, wide: bool = False) -> MapView:
-    """The view of a map, kept for the next frame."""
     return MapView(assets, config, height, wide)
 
 
@@ -299,10 +271,8 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
     if not 0 <= game < batch.n:
         raise IndexError(f"game = {game}: the batch has games 0..{batch.n - 1}")
     view = game_view(batch, game, height)
-    assets = view.assets
-    g = batch.games[game]
-    image = view.layer(batch.alive[game, : assets.pellets]).copy()
-    ghosts = batch.ghosts[game]
+    g, ghosts = batch.games[game], batch.ghosts[game]
+    image = view.layer(batch.alive[game, : view.assets.pellets]).copy()
     places = view.pixels(np.stack([ghosts["x"], ghosts["y"]], axis=1))
     danger = batch.config.execution.death_radius_m * view.scale * view.enlarged
     for place in places:
@@ -314,9 +284,10 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
         x, y, heading = _believed(g, batch.config)
         believed = view.pixels(np.array([x, y]))
         symbols.believed_pose(image, believed, view.body_px, view.angle(heading), view.line)
-    for number, (ghost, place) in enumerate(zip(ghosts, places, strict=True)):
-        look = _look(view, float(ghost["vx"]), float(ghost["vy"]))
-        symbols.ghost(image, place, view.body_px, look, symbols.GHOSTS[number])
+    for place, vx, vy, colour in zip(places, ghosts["vx"], ghosts["vy"], symbols.GHOSTS, strict=False):
+        angle = view.angle(math.atan2(vy, vx))
+        eyes = np.array([math.cos(angle), math.sin(angle)]) if vx or vy else np.zeros(2)
+        symbols.ghost(image, place, view.body_px, eyes, colour)
     _draw_header(image, view, batch, game, title)
     return image
 
@@ -329,14 +300,6 @@ def _believed(g: Any, config: Config) -> tuple[float, float, float]:
     return x, y, heading
 
 
-def _look(view: MapView, vx: float, vy: float) -> NDArray[np.float64]:
-    """Direction in the picture of a velocity, (2,); ahead of the viewer where there is none."""
-    if vx == 0 and vy == 0:
-        return np.zeros(2)
-    angle = view.angle(math.atan2(vy, vx))
-    return np.array([math.cos(angle), math.sin(angle)])
-
-
 def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None:
     """The plan being driven, from the robot on, and the candidate pursued."""
     g, assets = batch.games[game], batch.assets_of(game)
@@ -344,8 +307,8 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
     if goal >= 0 and points > 0:
         written = batch.paths[game, at:points].astype(np.float64)
         rest = _rest_of_plan(assets, int(g["nav_tail"]), goal, written[-1])
-        robot, *way = view.pixels(np.concatenate([[(g["x"], g["y"])], written[1:], rest]))
-        symbols.plan(image, _outside(np.array(way).reshape(-1, 2), robot, view.body_px), 1.6 * view.line)
+        robot, *path = view.pixels(np.concatenate([[(g["x"], g["y"])], written[1:], rest]))
+        symbols.plan(image, _outside(np.array(path).reshape(-1, 2), robot, view.body_px), 1.6 * view.line)
     pursued = int(g["pursued"])
     if pursued >= 0:
         if pursued < batch.pellet_slots:
@@ -356,14 +319,14 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
         symbols.goal_ring(image, centre, max(1.9 * view.pellet_px, 1.4 * view.mark_px), 1.3 * view.line)
 
 
-def _outside(way: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64]:
-    """The way (P, 2) from the edge of a disc on: within it, it would fill Pac-Man's mouth."""
-    away = np.hypot(way[:, 0] - centre[0], way[:, 1] - centre[1])
-    if not (away > radius).any():
-        return way[:0]
-    first = int((away > radius).argmax())
-    edge = centre + (way[first] - centre) * (radius / away[first])
-    return np.concatenate([[edge], way[first:]])
+def _outside(path: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64]:
+    """The path (P, 2) from the edge of a disc on: within it, it would fill Pac-Man's mouth."""
+    outside = np.hypot(*(path - centre).T) > radius
+    if not outside.any():
+        return path[:0]
+    first = int(outside.argmax())
+    edge = centre + (path[first] - centre) * (radius / math.dist(path[first], centre))
+    return np.concatenate([[edge], path[first:]])
 
 
 def _rest_of_plan(assets: MapAssets, cell: int, goal: int, end: NDArray) -> NDArray[np.float64]:
@@ -388,24 +351,26 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
     x = right - chip.shape[1] - 2 * pad
     cv2.rectangle(image, (round(x), round(upper - high)), (round(right), round(upper + high)), back, -1)
     symbols.paste(image, x + pad, upper, chip)
+
+    def write(words: list[tuple[str, Colour, float]], row: float, cap: float, end: float) -> None:
+        """Words with their colours and the gaps behind them, px, up to a column."""
+        at = left
+        for word, colour, gap in words:
+            picture = symbols.text(word, cap, colour == TEXT, colour, HEADER)
+            symbols.paste(image[:, : round(end)], at, row, picture)
+            at += picture.shape[1] + gap
+
     name = batch.assets_of(game).occupancy.name
-    pieces = [(title, TEXT), (name, MUTED)] if title else [(name, TEXT)]
-    at = left
-    for text, colour in pieces:
-        picture = symbols.text(text, max(15 * unit, 7), colour == TEXT, colour, HEADER)
-        symbols.paste(image[:, : round(x - pad)], at, upper, picture)
-        at += picture.shape[1] + max(12 * unit, 5)
+    gap = max(12 * unit, 5)
+    write([(title, TEXT, gap), (name, MUTED, gap)] if title else [(name, TEXT, gap)], upper, max(15 * unit, 7), x - pad)
     seconds = int(g["step"] * batch.config.physics_step_s)
-    lost = f" ({g['lost']} lost)" if g["lost"] else ""
-    endless = [("round", str(g["round"])), ("score", str(g["score"]))] if batch.config.endless else []
-    at = left
-    for label, value in (
-        ("time", f"{seconds // 60:02d}:{seconds % 60:02d}"),
-        ("pellets", f"{g['collected']}/{g['spawned']}{lost}"),
-        ("Clyde" if batch.ghosts.shape[1] == 1 else "ghosts", f"{g['clyde_speed']:.2f} m/s"),
-        *endless,
-    ):
-        for text, colour, gap in ((label, MUTED, 6), (value, TEXT, 26)):
-            picture = symbols.text(text, max(12.5 * unit, 6), colour == TEXT, colour, HEADER)
-            symbols.paste(image, at, lower, picture)
-            at += picture.shape[1] + max(gap * unit, gap / 3)
+    values = {
+        "time": f"{seconds // 60:02d}:{seconds % 60:02d}",
+        "pellets": f"{g['collected']}/{g['spawned']}" + (f" ({g['lost']} lost)" if g["lost"] else ""),
+        "Clyde" if batch.ghosts.shape[1] == 1 else "ghosts": f"{g['clyde_speed']:.2f} m/s",
+    }
+    if batch.config.endless:
+        values |= {"round": str(g["round"]), "score": str(g["score"])}
+    gaps = [max(gap * unit, gap / 3) for gap in (6, 26)]
+    pairs = [((label, MUTED, gaps[0]), (value, TEXT, gaps[1])) for label, value in values.items()]
+    write([word for pair in pairs for word in pair], lower, max(12.5 * unit, 6), view.width)

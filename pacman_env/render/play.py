@@ -1,7 +1,6 @@
 """A human plays: clicks and keys become actions, and the rounds run in a window.
 
-:class:`Player` knows no window: it takes inputs, gives pictures and a caption, and can be used without a screen.
-pygame is in :mod:`pacman_env.render.window` alone.
+:class:`Player` uses no window: it handles inputs and gives pictures and a caption, and works without a screen.
 """
 
 from __future__ import annotations
@@ -22,26 +21,21 @@ SPEEDS = (1 / 8, 16.0)  # times real time, least and most
 CLICK_M, CLICK_PX = 0.4, 16.0  # a click means a goal within the larger of the two
 GOAL_KEYS = "click: goal, 1-9: n-th nearest pellet, space: hold, s: one decision"
 DRIVE_KEYS = "arrows or WASD: drive"
+_PICTURED = ("games", "ghosts", "alive", "paths")  # of a batch
 KEYS = "r: new round, p: pause, + and -: speed, q: quit"
-#: Column of the action (v, omega), and which way each key turns it.
-DRIVE = {"up": (0, 1), "w": (0, 1), "down": (0, -1), "s": (0, -1)} | {
-    "left": (1, 1), "a": (1, 1), "right": (1, -1), "d": (1, -1)
-}  # fmt: skip
+#: Column of the action (v, omega), and the sign that each key gives it.
+DRIVE = dict(zip(("up", "down", "left", "right"), ((0, 1), (0, -1), (1, 1), (1, -1)), strict=True))
+DRIVE |= {"w": DRIVE["up"], "s": DRIVE["down"], "a": DRIVE["left"], "d": DRIVE["right"]}
 
 
 class Controls:
     """Inputs as actions of an environment.
 
-    In a ``Discrete`` action space the goal named last is pursued until it may not be chosen any more, then the robot
+    In a ``Discrete`` action space the last goal chosen is pursued until it may not be chosen any more, then the robot
     holds. In a ``Box`` of (v, omega) the keys held drive, each at the bound of the space.
     """
 
     def __init__(self, action_space: spaces.Space[Any]) -> None:
-        """Hold.
-
-        Raises:
-            ValueError: the space is neither.
-        """
         self.space = action_space
         self.drives = isinstance(action_space, spaces.Box) and action_space.shape == (2,)
         if not self.drives and not isinstance(action_space, spaces.Discrete):
@@ -74,15 +68,13 @@ class Controls:
         return False
 
     def release(self, key: str) -> None:
-        """A key comes up."""
         self._held.discard(key)
 
     def action(self, situation: Situation) -> Any:
-        """For the next decision."""
         if isinstance(self.space, spaces.Box):
             action = np.zeros(2)
-            for column, way in {DRIVE[key] for key in self._held & DRIVE.keys()}:  # two keys of one way are one
-                action[column] += (self.space.high if way > 0 else self.space.low)[column]
+            for column, sign in {DRIVE[key] for key in self._held & DRIVE.keys()}:  # two keys of one sign are one
+                action[column] += (self.space.high if sign > 0 else self.space.low)[column]
             return np.clip(action, self.space.low, self.space.high).astype(self.space.dtype)
         if self.goal is not None and not situation.mask[0, self.goal]:
             self.goal = None
@@ -90,31 +82,14 @@ class Controls:
 
 
 class Player:
-    """Rounds of one environment, as inputs steer them.
-
-    Attributes:
-        quit, paused: as the player wants.
-        speed: times real time.
-        score: sum of the rewards of this round.
-        outcome: how the round stands, as ``info["outcome"]``; ``over`` once it has ended.
-    """
+    """Rounds of one environment of this package, wrapped or not, with ``render_mode="rgb_array"``, played by inputs."""
 
     def __init__(self, env: gym.Env[Any, Any], *, seed: int | None = None, speed: float = 1.0) -> None:
-        """Start the first round.
-
-        Args:
-            env: of this package, wrapped or not, with ``render_mode="rgb_array"``.
-            seed: of the first round.
-            speed: times real time.
-
-        Raises:
-            ValueError: the environment cannot be played or shown, or the speed is out of range.
-        """
         if not SPEEDS[0] <= speed <= SPEEDS[1]:
             raise ValueError(f"speed = {speed}: must be {SPEEDS[0]} to {SPEEDS[1]} times real time")
         if env.render_mode != "rgb_array":
             raise ValueError(f"render_mode = {env.render_mode!r}: must be 'rgb_array'")
-        self.env, self.speed = env, speed
+        self.env, self.speed = env, speed  # times real time
         self.batch: Any = env.unwrapped.batch  # type: ignore[attr-defined]
         self.tick_s: float = self.batch.config.execution.tick_s
         self.controls = Controls(env.action_space)
@@ -123,19 +98,19 @@ class Player:
 
     @property
     def situation(self) -> Situation:
-        """The robot's choices, and all that a policy sees."""
         return self.env.unwrapped.situation  # type: ignore[attr-defined]
 
     def new_round(self, seed: int | None = None) -> None:
         """Start over; without a seed the environment's generator goes on."""
         _, info = self.env.reset(seed=seed)
         self.controls.goal = None
-        self.score, self.over, self.outcome = 0.0, False, info["outcome"]
+        self.score = 0.0  # sum of the rewards of this round
+        self.over, self.outcome = False, info["outcome"]
         self._before = self._state()
         self._one = False
 
     def handle(self, event: Input) -> None:
-        """Take one input; what means nothing is ignored."""
+        """Inputs without a meaning are ignored."""
         if event.kind == "click" and not self.controls.drives:
             view = game_view(self.batch, 0, len(self.picture()))
             xy = view.metres(np.array(event.at, dtype=float))
@@ -146,23 +121,24 @@ class Player:
             self._command(event.key)
 
     def _command(self, key: str) -> None:
-        if key in ("q", "escape"):
-            self.quit = True
-        elif key == "r":
-            self.new_round()
-        elif key == "p":
-            self.paused = not self.paused
-        elif key == "s":
-            self.paused = self._one = True
-        elif key in ("+", "="):
-            self.speed = min(2 * self.speed, SPEEDS[1])
-        elif key == "-":
-            self.speed = max(self.speed / 2, SPEEDS[0])
-        elif key in ("?", "f1"):
-            self.help = not self.help
+        match key:
+            case "q" | "escape":
+                self.quit = True
+            case "r":
+                self.new_round()
+            case "p":
+                self.paused = not self.paused
+            case "s":
+                self.paused = self._one = True
+            case "+" | "=":
+                self.speed = min(2 * self.speed, SPEEDS[1])
+            case "-":
+                self.speed = max(self.speed / 2, SPEEDS[0])
+            case "?" | "f1":
+                self.help = not self.help
 
     def advance(self) -> bool:
-        """Take one decision unless the round is over or paused; returns whether it was taken."""
+        """Step one decision unless the round is over or paused; returns whether it was stepped."""
         if self.over or (self.paused and not self._one):
             return False
         self._one = False
@@ -173,10 +149,10 @@ class Player:
         return True
 
     def picture(self, share: float = 1.0) -> NDArray[np.uint8]:
-        """The game (H, W, 3) as it was on its way from the decision before to now: 1 is now."""
+        """The game (H, W, 3), interpolated between the decision before and now: 1 is now."""
         now = self._state()
         if share < 1.0:
-            self._show(self._before)
+            self._restore(self._before)
             old, new = self._before[0], now[0]
             for k, moving in enumerate((self.batch.games, self.batch.ghosts)):
                 for name in ("x", "y"):
@@ -186,39 +162,32 @@ class Player:
         try:
             frame: Any = self.env.render()
         finally:
-            self._show(now)
+            self._restore(now)
         return frame
 
     @property
     def caption(self) -> str:
-        """Score, and what to do; the keys when asked for."""
         if self.help:
             return f"{DRIVE_KEYS if self.controls.drives else GOAL_KEYS}, {KEYS}"
         if self.over:
             state = f"{self.outcome}, r: new round"
         else:
-            state = "paused, p: go on" if self.paused else f"{self.speed:g}x"
+            state = "paused, p: resume" if self.paused else f"{self.speed:g}x"
         return f"PacManBot   score {self.score:.1f}   {state}   F1: keys"
 
     def _state(self) -> tuple[NDArray[Any], ...]:
-        """All that a picture shows."""
-        return tuple(array.copy() for array in self._shown())
+        """Copies of all that a picture shows."""
+        return tuple(getattr(self.batch, name).copy() for name in _PICTURED)
 
-    def _show(self, state: tuple[NDArray[Any], ...]) -> None:
-        for array, values in zip(self._shown(), state, strict=True):
-            array[...] = values
-
-    def _shown(self) -> tuple[NDArray[Any], ...]:
-        return self.batch.games, self.batch.ghosts, self.batch.alive, self.batch.paths
+    def _restore(self, state: tuple[NDArray[Any], ...]) -> None:
+        for name, values in zip(_PICTURED, state, strict=True):
+            getattr(self.batch, name)[...] = values
 
 
 def play(player: Player, window: HumanWindow, *, fps: float = 20.0) -> None:
     """Play until the player quits or closes the window.
 
-    The pictures between two decisions show the way from one to the next, so that what is seen is a decision late.
-
-    Raises:
-        ValueError: ``fps`` is not 1 to 100.
+    The pictures between two decisions are interpolated, so that what is seen is a decision late.
     """
     if not 1 <= fps <= 100:
         raise ValueError(f"fps = {fps}: must be 1 to 100")

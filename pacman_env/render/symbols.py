@@ -1,8 +1,7 @@
 """The symbols and texts that a picture of a game is made of.
 
 Positions are pixels (x, y), whole at pixel centres, as floats; angles grow clockwise because y points down. Symbols
-are drawn finer than the picture and averaged, so that they move smoothly and stay clear when small. Where they go
-is decided elsewhere.
+are drawn finer than the picture and averaged, so that they move smoothly and stay clear when small.
 """
 
 from __future__ import annotations
@@ -51,7 +50,6 @@ class _Pen:
         cv2.circle(self.patch, (x, y), fine_radius, colour, thickness, cv2.LINE_AA, _SHIFT)
 
     def lines(self, lines: list[Any], colour: Colour, width: float, closed: bool = False) -> None:
-        """Lines (P, 2) of one width."""
         thickness = max(1, round(width * _OVERSAMPLE))
         fixed = [self._fixed(line) for line in lines]
         cv2.polylines(self.patch, fixed, closed, colour, thickness, cv2.LINE_AA, _SHIFT)
@@ -69,8 +67,7 @@ def _pen(image: Image, centre: NDArray, reach: float) -> Iterator[_Pen]:
     x1, y1 = np.maximum(np.ceil(centre + reach) + 1, 0).astype(int).tolist()
     patch = image[y0:y1, x0:x1]
     if patch.size == 0:
-        yield _Pen(np.zeros((1, 1, 3), dtype=np.uint8), (x0, y0))
-        return
+        patch = np.zeros((1, 1, 3), dtype=np.uint8)
     size = (patch.shape[1], patch.shape[0])
     fine = cv2.resize(patch, (size[0] * _OVERSAMPLE, size[1] * _OVERSAMPLE), interpolation=cv2.INTER_NEAREST)
     yield _Pen(fine, (x0, y0))
@@ -104,15 +101,15 @@ def pac_man(image: Image, centre: NDArray, radius: float, angle: float) -> None:
         pen.polygon(centre + shape, PAC, OUTLINE, width)
 
 
-def ghost(image: Image, centre: NDArray, radius: float, look: NDArray, colour: Colour = GHOSTS[0]) -> None:
-    """A ghost, his eyes towards ``look`` (2,), of length 1 or 0."""
+def ghost(image: Image, centre: NDArray, radius: float, eyes: NDArray, colour: Colour) -> None:
+    """A ghost, its eyes towards ``eyes`` (2,), of length 1 or 0."""
     width = _outline(radius)
     with _pen(image, centre, 1.2 * radius + 2) as pen:
         pen.polygon(centre + radius * _GHOST_SHAPE, colour, OUTLINE, width)
         for side in (-0.36, 0.36):
-            eye = centre + radius * (np.array([side, -0.2]) + 0.1 * look)
+            eye = centre + radius * (np.array([side, -0.2]) + 0.1 * eyes)
             pen.disc(eye, 0.29 * radius, EYE)
-            pen.disc(eye + 0.12 * radius * look, 0.16 * radius, PUPIL)
+            pen.disc(eye + 0.12 * radius * eyes, 0.16 * radius, PUPIL)
 
 
 def catch_circle(image: Image, centre: NDArray, radius: float, width: float) -> None:
@@ -128,7 +125,6 @@ def catch_circle(image: Image, centre: NDArray, radius: float, width: float) -> 
 
 
 def believed_pose(image: Image, centre: NDArray, radius: float, angle: float, width: float) -> None:
-    """A circle with a tick towards ``angle``."""
     direction = np.array([math.cos(angle), math.sin(angle)])
     with _pen(image, centre, 1.5 * radius + 2) as pen:
         pen.disc(centre, radius, BELIEF, width)
@@ -146,13 +142,11 @@ def pellet(image: Image, centre: NDArray, radius: float, there: bool) -> None:
 
 
 def goal_ring(image: Image, centre: NDArray, radius: float, width: float) -> None:
-    """Marks the goal pursued now."""
     with _pen(image, centre, radius + width + 1) as pen:
         pen.disc(centre, radius, PLAN, width)
 
 
 def plan(image: Image, points: NDArray, width: float) -> None:
-    """The way (P, 2) to the goal."""
     fixed = np.rint(points * (1 << _SHIFT)).astype(np.int32)
     cv2.polylines(image, [fixed], False, PLAN, max(1, round(width)), cv2.LINE_AA, _SHIFT)
 
@@ -172,7 +166,6 @@ def refuge(image: Image, centre: NDArray, radius: float) -> None:
 
 
 def scale_bar(image: Image, centre: NDArray, half: float, radius: float, colour: Colour) -> None:
-    """A bar of length 2 ``half`` with end marks."""
     across, down = np.array([half, 0.0]), np.array([0.0, radius])
     ends = [centre - across, centre + across]
     marks = [[end - down, end + down] for end in ends]

@@ -377,6 +377,7 @@ def test_a_window_tells_clicks_and_keys_once_in_order(pygame: Any) -> None:
     ]
     assert window.inputs() == []
     window.caption = "other"
+    window.show(frame, 0)
     assert pygame.display.get_caption()[0] == "other"
     window.close()
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tools import gallery
-from tools.gallery import IMAGES, PICTURES, difference, main, sheet
+from tools.common import IMAGES
+from tools.gallery import PICTURES, difference, main, sheet
 
 
 @pytest.mark.parametrize("name", PICTURES)
@@ -33,7 +34,8 @@ def test_check_finds_another_picture_and_none(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_bad_arguments_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["nothing"]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["nothing"])
     assert "no picture 'nothing'" in capsys.readouterr().err
     (tmp_path / "file").touch()
     assert main(["round", "--out", str(tmp_path / "file")]) == 2

@@ -13,7 +13,8 @@ from pacman_env.config import Config
 from pacman_env.sim.observation.bearings import GHOST_BEARING_COLUMNS, PELLET_BEARING_COLUMNS
 from pacman_env.sim.observation.robot_features import COLUMNS
 from tests.envs.helpers import make
-from tools.reference import ROOT, TABLES, configuration, fields_of, fill, main
+from tools.common import ROOT
+from tools.reference import TABLES, configuration, fields_of, fill, main
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 

@@ -28,7 +28,7 @@ from tools.ros_interfaces.wheel import NAME, write_wheel
 
 HERE = Path(__file__).resolve().parent
 PREFIX = Path(sys.prefix)
-#: Loads every library, and the type support of every type: nothing is left to go wrong at a publisher.
+#: Loads every library, and the type support of every type, as a publisher would later.
 TRY = """
 import ctypes, importlib, sys
 for name in sys.argv[1:]:
@@ -41,7 +41,6 @@ for name in sys.argv[1:]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Build; returns the exit status: 2 after saying on stderr what is wrong or missing."""
     parser = Parser(prog="tools.ros_interfaces.build", description=__doc__)
     parser.add_argument("--definitions", type=Path, default=HERE, help="folder of packages (those of this project)")
     parser.add_argument("--wheel", type=Path, metavar="FOLDER", help="build all and write the wheel; install nothing")
@@ -62,12 +61,7 @@ def _build(arguments: argparse.Namespace) -> int:
 
 
 def install(packages: list[Package]) -> None:
-    """Build and install what is absent, or was built here from other definitions.
-
-    Raises:
-        BadDefinition: a definition that cannot be built.
-        BuildError: something that is needed is missing, or failed; nothing was installed.
-    """
+    """Build and install what is absent, or was built here from other definitions; nothing if something fails."""
     ours = _installed()
     missing = [package for package in packages if package.name in ours or not _importable(package)]
     if not missing:
@@ -88,25 +82,19 @@ def install(packages: list[Package]) -> None:
 
 
 def build_wheel(packages: list[Package], folder: Path) -> Path:
-    """Build packages and write them as one wheel into ``folder``; returns its path.
-
-    Raises:
-        BadDefinition: a definition that cannot be built.
-        BuildError: something that is needed is missing, or failed.
-    """
+    """Build packages and write them as one wheel into ``folder``; returns its path."""
     _check_generators()
     _check_compiler()
     check_packages(packages, PREFIX / "share")
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
-        for _ in pool.map(_generate, places, places.values()):
-            pass
-        waits = [compile_package(package.name, out, pool) for package, out in places.items()]
-        for wait in waits:
-            wait()
+        list(pool.map(_generate, places, places.values()))
+        jobs = [job for out in places.values() for job in compile_package(out, pool)]
+        for job in jobs:
+            job.result()
         for package, out in places.items():
-            link_package(package.name, package.files, out)
+            link_package(package.name, out)
             _try(package, out)
         return write_wheel(folder, _version(packages), [(package.name, out) for package, out in places.items()])
 
@@ -136,19 +124,22 @@ def _installed() -> set[str]:
 
 
 def _importable(package: Package) -> bool:
-    """Whether all of a package's types are there; it is not ours if only some are."""
-    found = {(kind, name): _imports(package.name, kind, name) for kind, name in package.types}
-    if any(found.values()) and not all(found.values()):
-        lacking = ", ".join(f"{package.name}/{kind}/{name}" for (kind, name), there in found.items() if not there)
-        raise BuildError(f"{package.name} is installed, but without {lacking}: update it")
-    return all(found.values())
+    """Whether all of a package's types are there.
 
+    Raises:
+        BuildError: only some are, so that the package is not one that was built here.
+    """
 
-def _imports(package: str, kind: str, name: str) -> bool:
-    try:
-        return hasattr(importlib.import_module(f"{package}.{kind}"), name)
-    except ImportError:
-        return False
+    def there(kind: str, name: str) -> bool:
+        try:
+            return hasattr(importlib.import_module(f"{package.name}.{kind}"), name)
+        except ImportError:
+            return False
+
+    absent = [f"{package.name}/{kind}/{name}" for kind, name in package.types if not there(kind, name)]
+    if absent and len(absent) < len(package.types):
+        raise BuildError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
+    return not absent
 
 
 def _version(packages: list[Package]) -> str:

@@ -13,7 +13,7 @@ SEPARATOR = "---"
 
 
 class BadDefinition(ValueError):
-    """A definition that cannot be built."""
+    """A definition that cannot be built; the message is ``file:line: what``."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,7 @@ class Package:
 
 
 def find_packages(folder: Path) -> list[Package]:
-    """All packages ``folder/PACKAGE/{msg,srv,action}/*``, in order of name; other things in it are ignored.
-
-    Raises:
-        BadDefinition: there is none.
-    """
+    """All packages ``folder/PACKAGE/{msg,srv,action}/*``, at least one, in order of name; other things are ignored."""
     packages = []
     for path in sorted(folder.resolve().iterdir()) if folder.is_dir() else ():
         files = tuple(sorted(file for kind in KINDS for file in path.glob(f"{kind}/*")))
@@ -50,11 +46,7 @@ def find_packages(folder: Path) -> list[Package]:
 
 
 def check_packages(packages: list[Package], share: Path) -> None:
-    """Read all definitions; what they use must be among the installed packages' in ``share``.
-
-    Raises:
-        BadDefinition: the first thing that is wrong, as ``file:line: what``.
-    """
+    """Read all definitions; what they use must be in the package, or installed in ``share``."""
     for package in packages:
         _check_package(package, {p.name for p in packages}, share)
 
@@ -83,16 +75,14 @@ def _used_types(package: str, path: Path) -> Iterator[tuple[int, str, str]]:
     """(line, package, type) of each field whose type is a message; checks every line on the way."""
     from rosidl_adapter.parser import parse_message_string
 
-    sections = 1
-    seen: set[str] = set()
+    sections, seen = 1, set[str]()
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise BadDefinition(f"{path}: not UTF-8: {error}") from None
     for number, line in enumerate(lines, start=1):
         if line == SEPARATOR:
-            sections += 1
-            seen = set()
+            sections, seen = sections + 1, set()
             continue
         try:
             with contextlib.redirect_stderr(io.StringIO()):  # the parser also prints what it raises

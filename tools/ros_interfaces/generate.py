@@ -41,7 +41,6 @@ def generate(folder: Path, out: Path) -> None:
         interfaces.append(relative.with_suffix(".idl"))
 
     def arguments(generator: str, **more: Any) -> str:
-        """The file of arguments that a generator takes."""
         path = out / f"{generator}.json"
         settings = {
             "package_name": package,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Callable, Iterable
-from concurrent.futures import Executor
+from collections.abc import Iterable
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import numpy as np
@@ -17,94 +16,63 @@ FAST = "rosidl_typesupport_fastrtps_c"
 INTROSPECTION = "rosidl_typesupport_introspection_c"
 RUNTIME = ("rosidl_runtime_c", "rcutils")
 #: Each is a library lib<package>__<generator>.so, and needs those before it; with what else it is linked.
-GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # those of used packages, others
+GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # of installed packages, others
     "rosidl_generator_c": (("rosidl_generator_c",), ()),
     "rosidl_typesupport_c": (("rosidl_typesupport_c",), ("rosidl_typesupport_c",)),
     FAST: ((FAST, "rosidl_generator_c"), (FAST, "rosidl_typesupport_fastrtps_cpp", "fastcdr", "rmw")),
     INTROSPECTION: ((INTROSPECTION, "rosidl_generator_c"), (INTROSPECTION,)),
     "rosidl_generator_py": (("rosidl_generator_py", "rosidl_generator_c"), ()),
 }
-#: Implied by every service and action; the generators' sources include their headers.
-ALWAYS_USED = {"builtin_interfaces", "service_msgs", "action_msgs", "unique_identifier_msgs"}
 
 
 class BuildError(ValueError):
-    """The complaint of a compiler or a generator."""
+    """Something that the build needs is missing, or failed."""
 
 
 def command(arguments: Iterable[object]) -> None:
-    """Run a command.
-
-    Raises:
-        BuildError: it failed; with the end of its output.
-    """
+    """Run a command; if it fails, the end of its output is raised as a BuildError."""
     line = [str(argument) for argument in arguments]
     done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     if done.returncode:
         raise BuildError(f"{' '.join(line[:3])} ... failed with {done.returncode}:\n{done.stdout[-4000:]}")
 
 
-def used_packages(definitions: Iterable[Path]) -> list[str]:
-    """Installed packages whose messages the definitions use, directly or not."""
-    todo = set(ALWAYS_USED)
-    for path in definitions:
-        todo |= set(re.findall(r"^\s*([a-z][a-z0-9_]*)/", path.read_text(encoding="utf-8"), re.MULTILINE))
-    found: set[str] = set()
-    while todo:
-        name = todo.pop()
-        manifest = PREFIX / "share" / name / "package.xml"
-        if name in found or not manifest.is_file():
-            continue
-        found.add(name)
-        depends = re.findall(r"<(?:build_|exec_)?depend>([a-z0-9_]+)</", manifest.read_text(encoding="utf-8"))
-        todo |= {depend for depend in depends if (PREFIX / "share" / depend / "msg").is_dir()}
-    return sorted(found)
-
-
-def compile_package(name: str, out: Path, executor: Executor) -> Callable[[], None]:
-    """Start compiling what ``generate`` wrote to ``out``; the function returned waits for it."""
+def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
+    """Start compiling what ``generate`` wrote to ``out``."""
     folders = [out / generator for generator in GENERATORS]
     headers = [p for p in sorted((PREFIX / "include").iterdir()) if p.is_dir() and not p.name.startswith("python")]
     include = [*folders, PREFIX / "include", *headers, sysconfig.get_paths()["include"], np.get_include()]
     flags = ["-O1", "-fPIC", "-DNDEBUG", "-w", *(f"-I{folder}" for folder in include)]
     compiler = {".c": ["gcc", "-std=gnu11"], ".cpp": ["g++", "-std=c++17"]}
-    jobs = []
-    for generator in GENERATORS:
-        for source in sorted((out / generator).rglob("*.c*")):
-            # of the extension modules only the one for the type support that chooses among the others
-            if "_s.ep." in source.name and not source.name.endswith(".rosidl_typesupport_c.c"):
-                continue
-            line = [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
-            jobs.append(executor.submit(command, line))
-
-    def wait() -> None:
-        for job in jobs:
-            job.result()
-
-    return wait
+    sources = [source for folder in folders for source in sorted(folder.rglob("*.c*"))]
+    return [
+        executor.submit(
+            command, [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
+        )
+        for source in sources
+        # of the extension modules only the one for the type support that chooses among the others
+        if "_s.ep." not in source.name or source.name.endswith(".rosidl_typesupport_c.c")
+    ]
 
 
-def link_package(name: str, definitions: Iterable[Path], out: Path) -> None:
+def link_package(name: str, out: Path) -> None:
     """Link ``out/lib/lib<package>__<generator>.so`` and the extension module beside the package's Python files."""
     installed, own = PREFIX / "lib", out / "lib"
     own.mkdir()
-    used = used_packages(definitions)
+    paths = [f"-L{own}", f"-L{installed}", f"-Wl,-rpath-link,{installed}:{own}"]
 
-    def of_used(generators: Iterable[str]) -> list[str]:
-        names = [f"{package}__{generator}" for generator in generators for package in used]
-        return [library for library in names if (installed / f"lib{library}.so").exists()]
-
-    def link(target: Path, objects: list[Path], libraries: Iterable[str]) -> None:
-        paths = [f"-L{own}", f"-L{installed}", f"-Wl,-rpath-link,{installed}:{own}"]
-        wanted = [f"-l{library}" for library in (*libraries, *RUNTIME)]
-        options = ["-Wl,--no-as-needed", f"-Wl,-soname,{target.name}"]
-        command(["g++", "-shared", "-s", "-o", target, *objects, *paths, *options, *wanted])
+    def link(target: Path, objects: list[Path], libraries: Iterable[str], of_others: Iterable[str] = ()) -> None:
+        found = (path for generator in of_others for path in sorted(installed.glob(f"lib*__{generator}.so")))
+        others = [path for path in found if not path.name.startswith(f"lib{name}__")]
+        needed = ["-Wl,--no-as-needed", *(f"-l{library}" for library in (*libraries, *RUNTIME))]
+        options = [*paths, f"-Wl,-soname,{target.name}", "-Wl,--as-needed", *others, *needed]
+        command(["g++", "-shared", "-s", "-o", target, *objects, *options])
 
     before: list[str] = []
     for generator, (of_others, more) in GENERATORS.items():
         objects = sorted(path for path in (out / generator).rglob("*.o") if "_s.ep." not in path.name)
         library = f"{name}__{generator}"
-        link(own / f"lib{library}.so", objects, (*before, *of_used(of_others), *more))
+        link(own / f"lib{library}.so", objects, (*before, *more), of_others)
         before.append(library)
     (module,) = (out / "rosidl_generator_py" / name).glob("*_s.ep.*.o")
     link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*before, "rosidl_typesupport_c", "rmw"))

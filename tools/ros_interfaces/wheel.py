@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import base64
-import csv
 import hashlib
-import io
 import platform
 import sys
 import zipfile
@@ -16,15 +14,9 @@ NAME = "pacman-ros-interfaces"
 
 
 def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]) -> Path:
-    """Write the wheel of built packages for this interpreter and return its path.
-
-    Args:
-        folder: Where it goes.
-        version: Of the wheel.
-        packages: Name, and the folder that ``link_package`` linked in.
-    """
+    """Write the wheel of packages, each a name and the folder that it was linked in; returns its path."""
     stem = f"{NAME.replace('-', '_')}-{version}"
-    python = f"cp{sys.version_info[0]}{sys.version_info[1]}"
+    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
     tag = f"{python}-{python}-linux_{platform.machine()}"
     files: dict[str, bytes] = {}
     for name, out in packages:
@@ -36,9 +28,8 @@ def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]
                 files[path.relative_to(python_files).as_posix()] = path.read_bytes()
     info = f"{stem}.dist-info"
     summary = "ROS 2 message types built from their definitions by pacman_env"
-    files[f"{info}/METADATA"] = (
-        f"Metadata-Version: 2.1\nName: {NAME}\nVersion: {version}\nSummary: {summary}\n".encode()
-    )
+    metadata = f"Metadata-Version: 2.1\nName: {NAME}\nVersion: {version}\nSummary: {summary}\n"
+    files[f"{info}/METADATA"] = metadata.encode()
     files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: pacman_env\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
     files[f"{info}/RECORD"] = _record(files, f"{info}/RECORD")
     path = folder / f"{stem}-{tag}.whl"
@@ -49,11 +40,9 @@ def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]
 
 
 def _record(files: dict[str, bytes], own_name: str) -> bytes:
-    """Hash and size of every file, as pip checks them."""
-    table = io.StringIO()
-    rows = csv.writer(table, lineterminator="\n")
+    """Hash and size of every file, as the format demands; names contain no commas."""
+    lines = [f"{own_name},,\n"]
     for name, content in files.items():
         digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
-        rows.writerow((name, f"sha256={digest}", len(content)))
-    rows.writerow((own_name, "", ""))
-    return table.getvalue().encode()
+        lines.append(f"{name},sha256={digest},{len(content)}\n")
+    return "".join(lines).encode()

@@ -2,33 +2,35 @@
 
 const DARK = {
   page: "#0d1018", floor: [27, 34, 51], wall: [98, 122, 220], pellet: "#ffd54a", eaten: "#3b465f", refuge: "#4fd1b5",
-  home: "#9fb0d0", robot: "#ffcc1f", rim: "#10141f", believed: "#d59bff", plan: "#7fa9ff", trail: "#ffcc1f", score: "#4fd1b5",
-  lidar: "#ff7a9c", ink: "#eef1f8", halo: "#0d1018", baseline: "#c9d3e8", goal: "#ffffff", ghost: "#e6ebf7",
+  home: "#9fb0d0", robot: "#ffcc1f", rim: "#10141f", believed: "#d59bff", plan: "#7fa9ff", trail: "#ffcc1f",
+  score: "#4fd1b5", lidar: "#ff7a9c", ink: "#eef1f8", halo: "#0d1018", baseline: "#c9d3e8", goal: "#ffffff",
+  ghost: "#e6ebf7",
 };
 const LIGHT = {
   page: "#dfe3ec", floor: [255, 255, 253], wall: [45, 52, 73], pellet: "#f0b400", eaten: "#d3d8e2", refuge: "#0b8a72",
-  home: "#5b6782", robot: "#ffc400", rim: "#2a2100", believed: "#8a2fc9", plan: "#1f5fe0", trail: "#c98f00", score: "#0b8a72",
-  lidar: "#d81e5b", ink: "#171c2b", halo: "#ffffff", baseline: "#7c879e", goal: "#171c2b", ghost: "#2a2100",
+  home: "#5b6782", robot: "#ffc400", rim: "#2a2100", believed: "#8a2fc9", plan: "#1f5fe0", trail: "#c98f00",
+  score: "#0b8a72", lidar: "#d81e5b", ink: "#171c2b", halo: "#ffffff", baseline: "#7c879e", goal: "#171c2b",
+  ghost: "#2a2100",
 };
-const light = matchMedia("(prefers-color-scheme: light)");
-const KEPT = "pacman_env.theme";
+const systemIsLight = matchMedia("(prefers-color-scheme: light)");
+const KEY = "pacman_env.theme";
+const page = document.documentElement.dataset;
 
-export const isLight = () => (document.documentElement.dataset.theme ?? (light.matches ? "light" : "dark")) === "light";
+const isLight = () => (page.theme ?? (systemIsLight.matches ? "light" : "dark")) === "light";
 export const palette = () => (isLight() ? LIGHT : DARK);
 
+// localStorage throws where the browser stores nothing: the theme then lasts until the page is closed.
 export function setUpTheme(button, changed) {
-  let kept = null;
   try {
-    kept = localStorage.getItem(KEPT);
-  } catch { /* the browser keeps nothing */ }
-  if (kept === "light" || kept === "dark") document.documentElement.dataset.theme = kept;
-  button.addEventListener("click", () => {
-    const theme = isLight() ? "dark" : "light";
-    document.documentElement.dataset.theme = theme;
+    const stored = localStorage.getItem(KEY);
+    if (stored === "light" || stored === "dark") page.theme = stored;
+  } catch { /* the system's theme */ }
+  button.onclick = () => {
+    page.theme = isLight() ? "dark" : "light";
     try {
-      localStorage.setItem(KEPT, theme);
-    } catch { /* then until the page is closed */ }
+      localStorage.setItem(KEY, page.theme);
+    } catch { /* not stored */ }
     changed();
-  });
-  light.addEventListener("change", changed);
+  };
+  systemIsLight.onchange = changed;
 }

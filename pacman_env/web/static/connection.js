@@ -1,100 +1,114 @@
-// The websocket: kept open, opened again when it is lost, answers matched to what was asked.
+// The websocket: reopened when it is lost, each answer matched to its request; and requests over HTTP.
 
-const WAITS_MS = [250, 500, 1000, 2000, 4000, 5000];
+import { notice } from "./notices.js";
+
+const RETRY_MS = [250, 500, 1000, 2000, 4000, 5000];
 const SILENT_MS = 5000;
 const FRAME = '{"kind":"frame"'; // its first field
 
-export class Connection {
-  #socket = null;
-  #asked = new Map();
-  #id = 0;
-  #tries = 0;
-  #heard = 0;
-  #timer = 0;
+export const token = new URLSearchParams(location.search).get("token");
 
-  constructor(url, { opened, lost, text, frame }) {
-    this.url = url;
-    this.hooks = { opened, lost, text, frame };
-    this.farewell = "";
-    setInterval(() => this.#watch(), 1000);
-    addEventListener("online", () => this.#soon(0));
-    this.#open();
+const pending = new Map(); // of requests without an answer: what settles them, by id
+let socket = null;
+let hooks = null;
+let lastId = 0;
+let retries = 0;
+let received = 0; // time of the last message
+let retryTimer = 0;
+let farewell = "";
+
+export const isOpen = () => socket?.readyState === WebSocket.OPEN;
+
+export function connect(listeners) {
+  hooks = listeners;
+  setInterval(checkSilence, 1000);
+  addEventListener("online", () => reconnect(0));
+  open();
+}
+
+export function send(message) {
+  if (isOpen()) socket.send(JSON.stringify(message));
+}
+
+const failed = (words, late = false) => ({ ok: false, words, data: null, late });
+
+// Always resolves, with {ok, words, data}.
+export function ask(message, timeout_ms = 8000) {
+  const id = ++lastId;
+  if (!isOpen()) return Promise.resolve(failed("There is no connection."));
+  send({ ...message, id });
+  setTimeout(() => settle(id, failed("No answer yet.", true)), timeout_ms);
+  return new Promise((resolve) => pending.set(id, resolve));
+}
+
+// The answer, or null after a notice of the reason.
+export async function request(message, timeout_ms) {
+  const answer = await ask(message, timeout_ms);
+  if (answer.ok) return answer;
+  notice(answer.words || "The request was refused.", { bad: !answer.late });
+  return null;
+}
+
+export function fetchWithToken(path, options = {}) {
+  const headers = token ? { ...options.headers, Authorization: `Bearer ${token}` } : options.headers;
+  return fetch(path, { ...options, headers });
+}
+
+function settle(id, answer) {
+  pending.get(id)?.(answer);
+  pending.delete(id);
+}
+
+function open() {
+  clearTimeout(retryTimer);
+  if (socket && socket.readyState <= WebSocket.OPEN) return;
+  const query = new URLSearchParams();
+  if (token) query.set("token", token);
+  if (sessionStorage.again) query.set("again", sessionStorage.again); // restores name and role after a break
+  const opened = new WebSocket(`/ws${query.size ? `?${query}` : ""}`);
+  socket = opened;
+  received = performance.now();
+  opened.onopen = () => {
+    received = performance.now();
+    farewell = "";
+    hooks.opened();
+  };
+  opened.onmessage = ({ data }) => socket === opened && receive(data);
+  opened.onclose = ({ reason }) => socket === opened && closed(reason);
+}
+
+function receive(data) {
+  received = performance.now();
+  retries = 0;
+  if (data.startsWith(FRAME)) {
+    hooks.frame(data);
+    return;
   }
+  const message = JSON.parse(data);
+  if (message.kind === "answer") settle(message.id, message);
+  else if (message.kind === "bye") farewell = message.words;
+  else hooks.message(message);
+}
 
-  get open() {
-    return this.#socket?.readyState === WebSocket.OPEN;
-  }
+function closed(reason) {
+  for (const id of pending.keys()) settle(id, failed("The connection was lost."));
+  hooks.lost(farewell || reason);
+  reconnect(RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
+}
 
-  say(message) {
-    if (!this.open) return false;
-    this.#socket.send(JSON.stringify(message));
-    return true;
-  }
+function reconnect(wait_ms) {
+  clearTimeout(retryTimer);
+  retryTimer = setTimeout(open, wait_ms);
+}
 
-  // Settles always: {ok, words, data}.
-  ask(message, patience_ms = 8000) {
-    const id = ++this.#id;
-    if (!this.say({ ...message, id })) return Promise.resolve({ ok: false, words: "There is no connection.", data: null });
-    return new Promise((resolve) => {
-      const timer = setTimeout(() => this.#settle(id, { ok: false, words: "No answer yet.", data: null, late: true }), patience_ms);
-      this.#asked.set(id, { resolve, timer });
-    });
-  }
-
-  #settle(id, answer) {
-    const asked = this.#asked.get(id);
-    if (!asked) return;
-    clearTimeout(asked.timer);
-    this.#asked.delete(id);
-    asked.resolve(answer);
-  }
-
-  #open() {
-    clearTimeout(this.#timer);
-    if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
-    const socket = new WebSocket(this.url());
-    this.#socket = socket;
-    this.#heard = performance.now();
-    socket.onopen = () => {
-      this.#heard = performance.now();
-      this.farewell = "";
-      this.hooks.opened();
-    };
-    socket.onmessage = ({ data }) => {
-      this.#heard = performance.now();
-      this.#tries = 0;
-      if (data.startsWith(FRAME)) {
-        this.hooks.frame(data);
-        return;
-      }
-      const message = JSON.parse(data);
-      if (message.kind === "answer") this.#settle(message.id, message);
-      else if (message.kind === "bye") this.farewell = message.words;
-      else this.hooks.text(message);
-    };
-    socket.onclose = ({ reason }) => {
-      if (this.#socket !== socket) return;
-      for (const id of [...this.#asked.keys()]) this.#settle(id, { ok: false, words: "The connection was lost.", data: null });
-      this.hooks.lost(this.farewell || reason);
-      this.#soon(WAITS_MS[Math.min(this.#tries++, WAITS_MS.length - 1)]);
-    };
-  }
-
-  #soon(wait_ms) {
-    clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.#open(), wait_ms);
-  }
-
-  // A connection that says nothing is tried with a ping, then given up.
-  #watch() {
-    const silent = performance.now() - this.#heard;
-    if (this.open && silent > SILENT_MS / 2) this.say({ do: "ping", id: ++this.#id });
-    if (silent > SILENT_MS && this.#socket && this.#socket.readyState <= WebSocket.OPEN && !document.hidden) {
-      const socket = this.#socket;
-      socket.close();
-      socket.onclose({ reason: "" });
-      socket.onmessage = null;
-      socket.onclose = null;
-    }
+// A silent connection is tried with a ping, then closed.
+function checkSilence() {
+  const silent_ms = performance.now() - received;
+  if (silent_ms > SILENT_MS / 2) send({ do: "ping", id: ++lastId });
+  if (silent_ms > SILENT_MS && socket && socket.readyState <= WebSocket.OPEN && !document.hidden) {
+    const silent = socket;
+    socket = null;
+    silent.close();
+    closed("");
   }
 }

@@ -2,39 +2,47 @@
 
 export const $ = (id) => document.getElementById(id);
 
+export const css = ([red, green, blue]) => `rgb(${red}, ${green}, ${blue})`;
+
+// An element; an option is a property where the element has it (`onclick`), else an attribute.
 export function make(tag, options = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(options)) {
     if (value === undefined || value === null || value === false) continue;
-    if (name === "class") element.className = value;
-    else if (name === "text") element.textContent = value;
-    else if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    if (name === "text") element.textContent = value;
+    else if (name === "colour") element.style.background = css(value);
     else if (name === "data") Object.assign(element.dataset, value);
-    else if (name in element && name !== "list") element[name] = value;
+    else if (name in element) element[name] = value;
     else element.setAttribute(name, value);
   }
   element.append(...children.filter((child) => child !== null && child !== undefined));
   return element;
 }
 
-export function setIcon(svg, name) {
-  const use = document.createElementNS("http://www.w3.org/2000/svg", "use");
-  use.setAttribute("href", `#i-${name}`);
-  svg.replaceChildren(use);
+export const button = (text, options) => make("button", { type: "button", class: "small", text, ...options });
+
+export const option = (value, text = String(value)) => make("option", { value, text });
+
+// The rows of a list of names and values; empty values are left out.
+export const facts = (rows) => rows.filter(([, value]) => value !== null && value !== undefined && value !== "")
+  .flatMap(([name, value]) => [make("dt", { text: name }), make("dd", { text: String(value) })]);
+
+export function setIcon(element, name) {
+  element.querySelector(".icon")?.remove();
+  element.insertAdjacentHTML("afterbegin", `<svg class="icon" aria-hidden="true"><use href="#i-${name}"/></svg>`);
+}
+for (const element of document.querySelectorAll("[data-icon]")) setIcon(element, element.dataset.icon);
+
+// Writes only changed text: screen readers announce a live region once, and the layout stays.
+export function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
-// Writes only what has changed: a live region speaks once, and nothing is laid out anew.
-export function write(element, words) {
-  if (element.textContent !== words) element.textContent = words;
+// Writes an element that is shown only while it has a text.
+export function writeOrHide(element, text) {
+  write(element, text);
+  element.hidden = !text;
 }
-
-export function fill(select, values, chosen, names = {}) {
-  const same = select.options.length === values.length && values.every((value, k) => select.options[k].value === value);
-  if (!same) select.replaceChildren(...values.map((value) => make("option", { value, text: names[value] ?? value })));
-  if (chosen !== undefined && values.includes(chosen)) select.value = chosen;
-}
-
-export const css = ([red, green, blue]) => `rgb(${red}, ${green}, ${blue})`;
 
 export function clock(seconds) {
   if (!Number.isFinite(seconds)) return "–";
@@ -42,27 +50,36 @@ export function clock(seconds) {
   return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 }
 
-export function debounced(call, wait_ms) {
-  let timer = 0;
-  return (...values) => {
-    clearTimeout(timer);
-    timer = setTimeout(() => call(...values), wait_ms);
-  };
-}
-
-// At most one call in wait_ms, and always one for the last value.
+// At most one call in wait_ms, and always one with the last value.
 export function throttled(call, wait_ms) {
   let timer = 0;
   let last = -Infinity;
   return (...values) => {
     clearTimeout(timer);
-    const wait = Math.max(0, last + wait_ms - performance.now());
     timer = setTimeout(() => {
       last = performance.now();
       call(...values);
-    }, wait);
+    }, Math.max(0, last + wait_ms - performance.now()));
   };
 }
 
-// Whether keys belong to a field that is being filled in.
-export const isTyping = (target) => target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea") ?? false;
+// A slider that sends its value; `show` displays a value that the server reports, unless the user has just moved it.
+export function slider(input, describe, send, wait_ms) {
+  let moved = -Infinity;
+  const output = input.parentElement.querySelector("output");
+  const throttledSend = throttled(send, wait_ms);
+  input.oninput = () => {
+    moved = performance.now();
+    write(output, describe(Number(input.value)));
+    throttledSend(Number(input.value));
+  };
+  return (value) => {
+    if (performance.now() - moved < 1500 || value === undefined || Number(input.value) === value) return;
+    input.value = String(value);
+    write(output, describe(value));
+  };
+}
+
+// Whether a key pressed is a shortcut of the page: without modifiers, not typed into a field or a dialog.
+export const isShortcut = ({ ctrlKey, metaKey, altKey, target }) => !(ctrlKey || metaKey || altKey || $("ask").open
+  || target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea"));

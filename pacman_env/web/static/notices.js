@@ -1,33 +1,32 @@
-// Short words for the person, seen and spoken; and questions.
+// Short messages, shown and announced; and questions.
 
-import { $, make } from "./dom.js";
+import { $, button, make } from "./dom.js";
 
 const SHOWN_MS = 3500;
 
-export function notice(words, { bad = false, buttons = [], key = "", stays = false } = {}) {
-  if (!words) return null;
+// Returns the function that closes it. A notice replaces that of the same key, or of the same text.
+export function notice(text, { bad = false, buttons = [], key = text, stays = false } = {}) {
   const place = $(bad ? "alerts" : "notices");
-  const old = key ? place.querySelector(`[data-key="${key}"]`) : [...place.children].find((one) => one.dataset.words === words);
-  old?.remove();
-  const element = make("div", { class: bad ? "notice bad" : "notice", data: { words, key } }, make("span", { text: words }));
+  [...place.children].find((other) => other.dataset.key === key)?.remove();
+  const element = make("div", { class: bad ? "notice bad" : "notice", data: { key } }, make("span", { text }));
   const close = () => element.remove();
-  for (const [text, act] of buttons) {
-    element.append(make("button", { type: "button", class: "small", text, onclick: () => {
+  for (const [label, act] of buttons) {
+    element.append(button(label, { onclick: () => {
       close();
       act();
     } }));
   }
   place.append(element);
   while (place.children.length > 3) place.firstElementChild.remove();
-  if (!stays) setTimeout(close, SHOWN_MS + 60 * words.length);
+  if (!stays) setTimeout(close, SHOWN_MS + 60 * text.length);
   return close;
 }
 
-export const unnotice = (key) => document.querySelectorAll(`.notice[data-key="${key}"]`).forEach((one) => one.remove());
+export const dismiss = (key) => document.querySelectorAll(`.notice[data-key="${key}"]`).forEach((one) => one.remove());
 
-export function question(words) {
+export function question(text) {
   const dialog = $("ask");
-  $("ask-words").textContent = words;
+  $("ask-words").textContent = text;
   dialog.returnValue = "";
   $("ask-yes").onclick = () => dialog.close("yes");
   $("ask-no").onclick = () => dialog.close("no");
@@ -35,10 +34,4 @@ export function question(words) {
   return new Promise((resolve) => {
     dialog.onclose = () => resolve(dialog.returnValue === "yes");
   });
-}
-
-// Says why something was not done; true: it was.
-export function told(answer) {
-  if (!answer.ok) notice(answer.words || "That was refused.", { bad: !answer.late });
-  return answer.ok;
 }

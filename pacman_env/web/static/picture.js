@@ -1,78 +1,71 @@
-// The map's picture, drawn in the page's colours: walls with round edges, whatever the zoom.
+// The picture of a map, drawn in the page's colours: walls with round edges at every zoom.
+
+import { token } from "./connection.js";
 
 const MOST_PIXELS = 4e6;
 
-class MapPicture {
+// The smallest rectangle around points: x0, y0, x1, y1.
+export function boundsOf(points, margin = 0) {
+  const [xs, ys] = [points.map(([x]) => x), points.map(([, y]) => y)];
+  return [Math.min(...xs) - margin, Math.min(...ys) - margin, Math.max(...xs) + margin, Math.max(...ys) + margin];
+}
+
+export class MapPicture {
+  #cells; // red: wall, green: known
+
   constructor(image, map) {
-    this.map = map;
     const { width, height } = image;
-    const cells = new OffscreenCanvas(width, height);
-    const context = cells.getContext("2d", { willReadFrequently: true });
+    this.map = map;
+    this.zoom = Math.max(1, Math.min(5, Math.floor(Math.sqrt(MOST_PIXELS / (width * height))))); // pixels a cell
+    this.#cells = new OffscreenCanvas(width, height);
+    const context = this.#cells.getContext("2d", { willReadFrequently: true });
     context.drawImage(image, 0, 0);
     const pixels = context.getImageData(0, 0, width, height);
-    let [left, top, right, bottom] = [width, height, -1, -1];
+    let [left, top, right, bottom] = [width, height, 0, 0]; // of the known part
     for (let k = 0; k < width * height; k++) {
       const grey = (pixels.data[4 * k] + pixels.data[4 * k + 1] + pixels.data[4 * k + 2]) / 3;
       const wall = grey < 100;
-      const floor = grey > 225;
-      pixels.data.set([wall ? 255 : 0, wall || floor ? 255 : 0, 0, 255], 4 * k);
-      if (wall || floor) {
+      const known = wall || grey > 225;
+      pixels.data.set([wall ? 255 : 0, known ? 255 : 0, 0, 255], 4 * k);
+      if (known) {
         const [x, y] = [k % width, Math.floor(k / width)];
-        if (x < left) left = x;
-        if (x > right) right = x;
-        if (y < top) top = y;
-        if (y > bottom) bottom = y;
+        [left, top, right, bottom] = [Math.min(left, x), Math.min(top, y), Math.max(right, x + 1), Math.max(bottom, y + 1)];
       }
     }
     context.putImageData(pixels, 0, 0);
-    if (right < 0) [left, top, right, bottom] = [0, 0, width - 1, height - 1];
-    this.known = { left, top, right: right + 1, bottom: bottom + 1 };
-    this.cells = cells;
-    this.zoom = Math.max(1, Math.min(5, Math.floor(Math.sqrt(MOST_PIXELS / (width * height)))));
-    this.drawn = null;
+    if (right === 0) [left, top, right, bottom] = [0, 0, width, height];
+    this.bounds = boundsOf([[left, top], [right, top], [left, bottom], [right, bottom]].map((cell) => this.#toWorld(cell)));
   }
 
-  // Of the known part: x0, y0, x1, y1 in metres.
-  get bounds() {
-    const { left, top, right, bottom } = this.known;
-    const corners = [[left, top], [right, top], [left, bottom], [right, bottom]].map(([x, y]) => this.toWorld(x, y));
-    const [xs, ys] = [corners.map(([x]) => x), corners.map(([, y]) => y)];
-    return [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
+  static async load(map) {
+    const image = new Image();
+    const separator = map.url.includes("?") ? "&" : "?";
+    image.src = map.url + (token ? `${separator}token=${encodeURIComponent(token)}` : "");
+    await image.decode();
+    return new MapPicture(image, map);
   }
 
-  toWorld(column, row) {
+  #toWorld([column, row]) {
     const { resolution, height, origin } = this.map;
     const [x, y] = [column * resolution, (height - row) * resolution];
     const [cos, sin] = [Math.cos(origin[2] ?? 0), Math.sin(origin[2] ?? 0)];
     return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y];
   }
 
-  // The picture in these colours, `zoom` pixels a cell.
   paint({ floor, wall }) {
-    const { width, height } = this.cells;
-    const canvas = new OffscreenCanvas(width * this.zoom, height * this.zoom);
+    const canvas = new OffscreenCanvas(this.#cells.width * this.zoom, this.#cells.height * this.zoom);
     const context = canvas.getContext("2d", { willReadFrequently: true });
     context.imageSmoothingQuality = "high";
-    context.drawImage(this.cells, 0, 0, canvas.width, canvas.height);
+    context.drawImage(this.#cells, 0, 0, canvas.width, canvas.height);
     const pixels = context.getImageData(0, 0, canvas.width, canvas.height);
     const { data } = pixels;
-    const sharp = 255 / 90; // how soft an edge is
+    const sharpened = (value) => Math.min(1, Math.max(0, (value - 85) / 90)); // how soft an edge is
     for (let k = 0; k < data.length; k += 4) {
-      const wallness = Math.min(1, Math.max(0, ((data[k] - 85) * sharp) / 255));
-      const known = Math.min(1, Math.max(0, ((data[k + 1] - 85) * sharp) / 255));
-      data[k] = floor[0] + (wall[0] - floor[0]) * wallness;
-      data[k + 1] = floor[1] + (wall[1] - floor[1]) * wallness;
-      data[k + 2] = floor[2] + (wall[2] - floor[2]) * wallness;
+      const [walled, known] = [sharpened(data[k]), sharpened(data[k + 1])];
+      for (let c = 0; c < 3; c++) data[k + c] = floor[c] + (wall[c] - floor[c]) * walled;
       data[k + 3] = 255 * known;
     }
     context.putImageData(pixels, 0, 0);
     this.drawn = canvas;
   }
-}
-
-export async function loadPicture(map, token) {
-  const image = new Image();
-  image.src = map.url + (token ? `${map.url.includes("?") ? "&" : "?"}token=${encodeURIComponent(token)}` : "");
-  await image.decode();
-  return new MapPicture(image, map);
 }

@@ -1,4 +1,6 @@
-// What the page knows, and who wants to hear of it.
+// The state of the page, events about its changes, and which controls can be used.
+
+import { $, write, writeOrHide } from "./dom.js";
 
 export const state = {
   connected: false,
@@ -6,41 +8,66 @@ export const state = {
   scene: null,
   people: { viewers: 0, operator: null, asking: [], roles: {} },
   frame: null, // the newest of the game
-  story: null, // the finished round that is open: {entry, frames, index, scene}
+  story: null, // the finished round that is open: {entry, frames, index, scene, trail}
   role: "none",
   why: null,
-  candidate: -1, // the one pointed at
+  candidate: -1, // below the mouse pointer
   placing: false,
 };
+export const count = { frames: 0, frames_drawn: 0, notes: 0, lit: 0, errors: [] }; // for tests
 
 const listeners = new Map();
 
 export function on(topics, listener) {
-  for (const topic of topics.split(" ")) {
-    if (!listeners.has(topic)) listeners.set(topic, []);
-    listeners.get(topic).push(listener);
-  }
+  for (const topic of topics.split(" ")) listeners.set(topic, [...(listeners.get(topic) ?? []), listener]);
 }
 
-export function tell(topic, value) {
+export function emit(topic, value) {
   for (const listener of listeners.get(topic) ?? []) listener(value);
 }
 
-export const shown = () => (state.story ? state.story.frames[state.story.index] : state.frame);
+export const shownFrame = () => (state.story ? state.story.frames[state.story.index] : state.frame);
 export const shownScene = () => state.story?.scene ?? state.scene;
 export const me = () => state.hello?.you ?? null;
 export const inControl = () => state.people.operator !== null && state.people.operator === me();
+export const robotPose = (frame) => frame?.true ?? frame?.believed ?? null;
 
-// Why something may not be done now; empty: it may.
-export function obstacle(needs) {
-  for (const need of needs) {
-    if (!state.connected) return "There is no connection.";
-    if ((need === "control" || need === "operator") && state.hello?.access !== "operator") {
-      return "View only: this is a viewer's link. STOP still works.";
-    }
-    const { operator } = state.people;
-    if (need === "control" && operator && operator !== me()) return `${operator} has control. You can ask for it.`;
-    if (need === "menu" && state.frame && state.frame.state !== "menu") return "Only in the menu: press Reset first.";
+// Why an element with these needs cannot be used now; empty if it can.
+function obstacle(needs) {
+  if (!state.connected) return "There is no connection.";
+  const { operator } = state.people;
+  if ((needs.includes("control") || needs.includes("operator")) && state.hello?.access !== "operator") {
+    return "View only: this is a viewer's link. STOP still works.";
   }
+  if (needs.includes("control") && operator && operator !== me()) return `${operator} has control. You can ask for it.`;
+  if (needs.includes("menu") && state.frame && state.frame.state !== "menu") return "Only in the menu: press Reset first.";
   return "";
 }
+
+// Disables what cannot be used now and says why: `data-needs` names what an element needs, `data-only` the game's source.
+let queued = false;
+export function updateControls() {
+  if (queued) return;
+  queued = true;
+  queueMicrotask(() => {
+    queued = false;
+    for (const element of document.querySelectorAll("[data-needs]")) {
+      const reason = obstacle(element.dataset.needs.split(" "));
+      element.disabled = Boolean(reason);
+      element.title = reason || (element.dataset.title ?? "");
+    }
+    const source = state.hello?.source ?? "simulator";
+    for (const element of document.querySelectorAll("[data-only]")) {
+      element.hidden = Boolean(state.hello) && source !== element.dataset.only;
+    }
+    writeOrHide($("reason"), state.connected ? obstacle(["control"]) : "");
+  });
+}
+
+let gameState = "";
+on("hello people connection", updateControls);
+on("frame", (frame) => {
+  if (frame.state !== gameState) updateControls();
+  gameState = frame.state;
+});
+updateControls();

@@ -1,199 +1,265 @@
-// Finished rounds: the list, the time line, the marks, the link.
+// Finished rounds: the list, the time line with its markers, and links that reproduce a round.
 
-import { $, clock, debounced, isTyping, make, setIcon, write } from "./dom.js";
-import { robotPose } from "./frame.js";
-import { copyLink } from "./link.js";
-import { notice, told } from "./notices.js";
-import { on, state, tell } from "./state.js";
+import { ask, fetchWithToken, request, token } from "./connection.js";
+import { showResult } from "./controls.js";
+import { $, button, clock, isShortcut, make, setIcon, write } from "./dom.js";
+import * as map from "./map.js";
+import { notice, question } from "./notices.js";
+import { compareWithPolicy } from "./roles.js";
+import { parseSetting } from "./settings.js";
+import { emit, on, robotPose, state } from "./state.js";
 
-const TIMES = 4; // as fast as the round was
+const SPEED = 4; // times real time
+const STEP_MS = 50; // at least, between two frames
+const EXPLAIN_DELAY_MS = 150;
+const REPLAY_TIMEOUT_MS = 180000;
+const THUMB_PX = 16; // of the slider
+const NO_LINK = "This round cannot be reproduced by a link: a person plays it, or a ghost was placed by hand.";
+
+const scenes = new Map(); // by revision
+let entries = []; // as the server lists them
+let playing = 0; // the timer
+let explainTimer = 0;
+
 const resultName = (result) => state.hello.results[result] ?? result;
 
-export class Stories {
-  #timer = 0;
-  #entries = [];
-  #scenes = new Map(); // by revision
+async function load() {
+  const { ok, data } = await ask({ do: "stories" });
+  if (ok) entries = data ?? [];
+  showList();
+}
 
-  constructor(connection, map, token, ended) {
-    Object.assign(this, { connection, map, token, ended });
-    on("scene", (scene) => this.#scenes.set(scene.revision, scene));
-    on("news", (items) => {
-      const stories = items.filter((item) => item.story).map((item) => item.story);
-      if (stories.length) this.load(stories.at(-1));
-    });
-    on("hello", () => this.load());
-    $("story-close").addEventListener("click", () => this.close());
-    $("story-play").addEventListener("click", () => this.#play(!this.#timer));
-    $("story-previous").addEventListener("click", () => this.#jump(-1));
-    $("story-next").addEventListener("click", () => this.#jump(1));
-    $("story-range").addEventListener("input", ({ target }) => {
-      this.#play(false);
-      this.seek(Number(target.value));
-    });
-    $("story-share").addEventListener("click", () => {
-      const { entry, index } = state.story;
-      if (entry.link) copyLink(`${entry.link}&tick=${index}`);
-      else notice("This round cannot be reproduced by a link: a person played it, or a ghost was placed by hand.");
-    });
-    addEventListener("keydown", (event) => {
-      if (!state.story || isTyping(event.target) || event.ctrlKey || event.metaKey || event.altKey || $("ask").open) return;
-      if (event.key === " " && !event.target.matches?.("button, input, summary")) this.#play(!this.#timer);
-      else if (event.key === "n") this.#jump(1);
-      else if (event.key === "p") this.#jump(-1);
-      else if (event.target === $("top") && event.key === "ArrowRight") this.seek(state.story.index + 1);
-      else if (event.target === $("top") && event.key === "ArrowLeft") this.seek(state.story.index - 1);
-      else return;
-      event.preventDefault();
-    });
-    this.askWhy = debounced(() => this.#askWhy(), 150);
-    new ResizeObserver(() => this.#marks()).observe($("story-range"));
+on("scene", (scene) => scenes.set(scene.revision, scene));
+on("hello", load);
+on("news", async (items) => {
+  const ended = items.findLast((item) => item.story)?.story;
+  if (!ended) return;
+  await load();
+  const entry = entries.find(({ story }) => story === ended);
+  if (!entry) return;
+  showResult(entry);
+  compareWithPolicy(entry);
+});
+
+function showList() {
+  write($("stories-words"), entries.length ? "Newest first." : "No round has ended yet.");
+  $("stories").replaceChildren(...entries.map((entry) => {
+    const { story, second, parts, policies: [policy] = ["policy"] } = entry;
+    const disagree = parts.length ? `policies disagree ${parts.length} ${parts.length === 1 ? "time" : "times"}` : "";
+    const player = entry.player === "person" ? "played by a person" : policy;
+    return make("li", { class: state.story?.entry.story === story ? "open" : "", data: { story } },
+      make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }),
+        ` in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
+      button("Open", { "aria-label": `Open round ${story}`, onclick: () => open(story) }),
+      make("span", { class: "quiet", text: [entry.map, `seed ${entry.seed}`, player, disagree].filter(Boolean).join(" · ") }));
+  }));
+}
+
+// The scene of a round: as it was sent, or the current one if it has the same map.
+function sceneOf(entry) {
+  const scene = scenes.get(entry.revision);
+  if (scene && !scene.preparing) return scene;
+  const now = state.scene;
+  const same = now?.map?.name === entry.map && now.pellets.length === entry.spawned
+    && (entry.map !== "generated" || now.seed === entry.seed);
+  return same || entry.map === undefined ? now : null;
+}
+
+async function open(number, tick = 0) {
+  if (!entries.some(({ story }) => story === number)) await load();
+  const entry = entries.find(({ story }) => story === number);
+  const scene = entry ? sceneOf(entry) : null;
+  if (!scene) {
+    notice(entry ? `That round was on another map, ${entry.map}. Choose it in the tab Game first.`
+      : "That round is no longer stored.", { bad: true });
+    return;
   }
-
-  async load(ended = 0) {
-    const answer = await this.connection.ask({ do: "stories" });
-    if (!answer.ok) return;
-    this.#entries = answer.data ?? [];
-    this.#list();
-    const entry = this.#entries.find((one) => one.story === ended);
-    if (entry) this.ended(entry);
+  try {
+    const response = await fetchWithToken(`/story/${number}.json`);
+    if (!response.ok) throw new Error(await response.text());
+    const frames = await response.json();
+    if (!frames.length) throw new Error("it is empty");
+    pause();
+    state.story = { entry, frames, index: 0, scene, trail: frames.map(robotPose) };
+  } catch (error) {
+    notice(`The round could not be loaded: ${error.message.trim()}`, { bad: true });
+    return;
   }
+  showBar(true);
+  $("story-range").max = String(state.story.frames.length - 1);
+  const result = `${resultName(entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`;
+  write($("story-title"), `Round ${entry.story}: ${result}`);
+  write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
+  await map.showScene(scene);
+  map.cover($("story-bar").offsetHeight + 8);
+  seek(tick);
+}
 
-  #list() {
-    write($("stories-words"), this.#entries.length ? "Newest first." : "No round has ended yet.");
-    $("stories").replaceChildren(...this.#entries.map((entry) => {
-      const parts = entry.parts.length;
-      const second = entry.second ? `, ${entry.policies?.[0] ?? "policy"} ${entry.second.collected} (${entry.second.result})` : "";
-      const about = [entry.map, `seed ${entry.seed}`, entry.player === "person" ? "played by a person" : entry.policies?.[0], parts ? `policies disagree ${parts} ${parts === 1 ? "time" : "times"}` : ""];
-      return make("li", { class: state.story?.entry.story === entry.story ? "open" : "", data: { story: entry.story } },
-        make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }), ` in ${clock(entry.time_s)}${second}`),
-        make("button", { type: "button", class: "small", text: "Open", "aria-label": `Open round ${entry.story}`, onclick: () => this.open(entry.story) }),
-        make("span", { class: "quiet", text: about.filter(Boolean).join(" · ") }));
-    }));
-  }
+async function close() {
+  if (!state.story) return;
+  pause();
+  state.story = null;
+  showBar(false);
+  map.cover(0);
+  emit("why", (state.why = null));
+  emit("story", null);
+  await map.showScene(state.scene);
+  if (state.frame) map.showFrame(state.frame, { jump: true });
+}
 
-  #sceneOf(entry) {
-    const scene = this.#scenes.get(entry.revision);
-    if (scene && !scene.preparing) return scene;
-    const same = state.scene?.map?.name === entry.map && state.scene.pellets.length === entry.spawned && (entry.map !== "generated" || state.scene.seed === entry.seed);
-    return same || entry.map === undefined ? state.scene : null;
-  }
+function showBar(show) {
+  $("story-bar").hidden = !show;
+  $("ring").hidden = show;
+  showList();
+}
 
-  async open(number, tick = 0) {
-    if (!this.#entries.some((one) => one.story === number)) await this.load();
-    const entry = this.#entries.find((one) => one.story === number);
-    const scene = entry ? this.#sceneOf(entry) : null;
-    if (!entry || !scene) {
-      notice(entry ? `That round was on another map, ${entry.map}. Choose it in the tab Game first.` : "That round is not kept any more.", { bad: true });
-      return;
-    }
-    try {
-      const response = await fetch(`/story/${number}.json`, { headers: this.token ? { Authorization: `Bearer ${this.token}` } : {} });
-      if (!response.ok) throw new Error(await response.text());
-      const frames = await response.json();
-      if (!frames.length) throw new Error("it is empty");
-      this.#play(false);
-      state.story = { entry, frames, index: 0, scene, trail: frames.map(robotPose) };
-    } catch (error) {
-      notice(`The round could not be loaded: ${error.message.trim()}`, { bad: true });
-      return;
-    }
-    $("story-bar").hidden = false;
-    $("ring").hidden = true;
-    $("story-range").max = String(state.story.frames.length - 1);
-    write($("story-title"), `Round ${entry.story}: ${resultName(entry.result).toLowerCase()}, ${entry.collected} of ${entry.spawned}`);
-    write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
-    await this.map.show(scene);
-    this.map.cover($("story-bar").offsetHeight + 8);
-    this.seek(tick);
-    this.#list();
-    requestAnimationFrame(() => this.#marks());
-  }
+function seek(index, smooth = false) {
+  const { story } = state;
+  if (!story) return;
+  story.index = Math.max(0, Math.min(story.frames.length - 1, index));
+  const frame = story.frames[story.index];
+  map.showFrame(frame, { jump: !smooth, path: story.trail.slice(0, story.index + 1).filter(Boolean) });
+  $("story-range").value = String(story.index);
+  const text = `${clock(frame.time_s)} of ${clock(story.entry.time_s)}, ${frame.collected} pellets`;
+  write($("story-at"), text);
+  $("story-range").setAttribute("aria-valuetext", text);
+  emit("story", story);
+  explain();
+}
 
-  close() {
-    if (!state.story) return;
-    this.#play(false);
-    state.story = null;
-    state.why = null;
-    $("story-bar").hidden = true;
-    $("ring").hidden = false;
-    this.#list();
-    this.map.cover(0);
-    tell("why");
-    tell("story", null);
-    this.map.show(state.scene).then(() => state.frame && this.map.take(state.frame, true));
-  }
-
-  seek(index, smooth = false) {
+// Asks for the terms of the decision shown, once the position stays.
+function explain() {
+  clearTimeout(explainTimer);
+  explainTimer = setTimeout(async () => {
     const { story } = state;
-    if (!story) return;
-    story.index = Math.max(0, Math.min(story.frames.length - 1, index));
-    const frame = story.frames[story.index];
-    this.map.take(frame, !smooth);
-    this.map.setTrail(story.trail.slice(0, story.index + 1).filter(Boolean));
-    $("story-range").value = String(story.index);
-    const words = `${clock(frame.time_s)} of ${clock(story.entry.time_s)}, ${frame.collected} pellets`;
-    write($("story-at"), words);
-    $("story-range").setAttribute("aria-valuetext", words);
-    tell("story", story);
-    this.askWhy();
-  }
+    if (!story || $("panel-why").hidden || playing) return;
+    const { index, entry } = story;
+    const tick = Math.min(index, Math.max(0, entry.ticks - 1));
+    const answer = await request({ do: "why", story: entry.story, tick }, 30000);
+    if (answer && state.story === story && story.index === index) emit("why", (state.why = answer.data));
+  }, EXPLAIN_DELAY_MS);
+}
+on("tab", explain);
 
-  async #askWhy() {
-    const { story } = state;
-    if (!story || $("panel-why").hidden || this.#timer) return;
-    const { index } = story;
-    const answer = await this.connection.ask({ do: "why", story: story.entry.story, tick: Math.min(index, Math.max(0, story.entry.ticks - 1)) }, 30000);
-    if (state.story !== story || story.index !== index) return;
-    if (told(answer)) tell("why", (state.why = answer.data));
-  }
+function showPlaying() {
+  $("story-play").setAttribute("aria-label", playing ? "Pause" : "Play");
+  setIcon($("story-play"), playing ? "pause" : "play");
+}
 
-  #play(play) {
-    clearInterval(this.#timer);
-    this.#timer = 0;
-    const { story } = state;
-    if (play && story) {
-      if (story.index >= story.frames.length - 1) this.seek(0);
-      const seconds = Math.max(0.01, (story.frames.at(-1).time_s - story.frames[0].time_s) / Math.max(1, story.frames.length - 1));
-      const wait = Math.max(50, (1000 * seconds) / TIMES);
-      const step = Math.max(1, Math.round((wait * TIMES) / (1000 * seconds)));
-      this.#timer = setInterval(() => {
-        if (document.hidden) return;
-        this.seek(story.index + step, true);
-        if (story.index >= story.frames.length - 1) this.#play(false);
-      }, wait);
-    }
-    const name = this.#timer ? "Pause" : "Play";
-    $("story-play").setAttribute("aria-label", name);
-    setIcon($("story-play").firstElementChild, this.#timer ? "pause" : "play");
-    if (!this.#timer) this.askWhy();
-  }
+function pause() {
+  clearInterval(playing);
+  playing = 0;
+  showPlaying();
+  explain();
+}
 
-  // The next marker: where the policies disagree; without such, where the goal changes.
-  #jump(way) {
-    const { story } = state;
-    if (!story) return;
-    this.#play(false);
-    const marks = story.entry.parts.length ? story.entry.parts : story.entry.decisions;
-    const next = way > 0 ? marks.find((tick) => tick > story.index) : marks.findLast((tick) => tick < story.index);
-    if (next === undefined) notice(way > 0 ? "No later marker." : "No earlier marker.", { key: "mark" });
-    else this.seek(next);
-  }
+function play() {
+  const { frames } = state.story;
+  const last = frames.length - 1;
+  if (state.story.index >= last) seek(0);
+  const frame_ms = Math.max(10, (1000 * (frames[last].time_s - frames[0].time_s)) / Math.max(1, last)) / SPEED;
+  const wait = Math.max(STEP_MS, frame_ms);
+  playing = setInterval(() => {
+    if (document.hidden) return;
+    seek(state.story.index + Math.max(1, Math.round(wait / frame_ms)), true);
+    if (state.story.index >= last) pause();
+  }, wait);
+  showPlaying();
+}
 
-  #marks() {
-    const { story } = state;
-    if (!story) return;
-    const canvas = $("story-marks");
-    const ratio = devicePixelRatio || 1;
-    const { clientWidth: width, clientHeight: height } = $("story-range");
-    canvas.width = width * ratio;
-    canvas.height = height * ratio;
-    const context = canvas.getContext("2d");
-    context.scale(ratio, ratio);
-    const thumb = 16;
-    const last = Math.max(1, story.frames.length - 1);
-    for (const [ticks, colour, y, size] of [[story.entry.decisions, "#7f8ba6", height - 9, 6], [story.entry.parts, "#e0407f", 2, 9]]) {
-      context.fillStyle = colour;
-      for (const tick of ticks) context.fillRect(thumb / 2 + ((width - thumb) * tick) / last - 1.5, y, 3, size);
-    }
+// To the next or previous marker: where the policies disagree, or else where the goal changes.
+function jump(step) {
+  const { entry, index } = state.story;
+  pause();
+  const marks = entry.parts.length ? entry.parts : entry.decisions;
+  const tick = step > 0 ? marks.find((mark) => mark > index) : marks.findLast((mark) => mark < index);
+  if (tick === undefined) notice(step > 0 ? "No later marker." : "No earlier marker.", { key: "mark" });
+  else seek(tick);
+}
+
+const togglePlaying = () => (playing ? pause() : play());
+$("story-close").onclick = close;
+$("story-play").onclick = togglePlaying;
+$("story-previous").onclick = () => jump(-1);
+$("story-next").onclick = () => jump(1);
+$("story-share").onclick = () => copyLink(state.story.entry.link, `&tick=${state.story.index}`);
+$("share").onclick = () => copyLink(state.scene?.link);
+$("story-range").oninput = ({ target }) => {
+  pause();
+  seek(Number(target.value));
+};
+addEventListener("keydown", (event) => {
+  if (!state.story || !isShortcut(event)) return;
+  const { key, target } = event;
+  if (key === " " && !target.matches?.("button, input, summary")) togglePlaying();
+  else if (key === "n") jump(1);
+  else if (key === "p") jump(-1);
+  else if (target === $("top") && key === "ArrowRight") seek(state.story.index + 1);
+  else if (target === $("top") && key === "ArrowLeft") seek(state.story.index - 1);
+  else return;
+  event.preventDefault();
+});
+
+function drawMarks() {
+  if (!state.story) return;
+  const { entry, frames } = state.story;
+  const canvas = $("story-marks");
+  const { clientWidth: width, clientHeight: height } = $("story-range");
+  [canvas.width, canvas.height] = [width * devicePixelRatio, height * devicePixelRatio];
+  const context = canvas.getContext("2d");
+  context.scale(devicePixelRatio, devicePixelRatio);
+  const step = (width - THUMB_PX) / Math.max(1, frames.length - 1);
+  for (const [ticks, colour, y, size] of [[entry.decisions, "#7f8ba6", height - 9, 6], [entry.parts, "#e0407f", 2, 9]]) {
+    context.fillStyle = colour;
+    for (const tick of ticks) context.fillRect(THUMB_PX / 2 + step * tick - 1.5, y, 3, size);
   }
 }
+new ResizeObserver(drawMarks).observe($("story-range"));
+
+// Copies the address of a round without the token.
+async function copyLink(link, tick = "") {
+  if (!link) {
+    notice(NO_LINK);
+    return;
+  }
+  const hint = token ? " It contains no token: other users need their own." : "";
+  history.replaceState(null, "", `#${link}${tick}`);
+  try {
+    await navigator.clipboard.writeText(`${location.origin}${location.pathname}#${link}${tick}`);
+    notice(`Link copied.${hint}`);
+  } catch {
+    notice(`The link is in the address bar.${hint}`);
+  }
+}
+
+// The setup that the server wrote behind the # of a link; null if it is no round.
+function readLink() {
+  const fields = new URLSearchParams(location.hash.slice(1));
+  if (!fields.has("seed")) return null;
+  const message = { do: "setup", finish: fields.has("tick"), seed: Number(fields.get("seed")), settings: {} };
+  for (const name of ["map", "preset", "policy", "second"]) if (fields.has(name)) message[name] = fields.get(name);
+  if (fields.has("level")) message.level = Number(fields.get("level"));
+  if (fields.has("ghosts")) message.ghosts = fields.get("ghosts").split(",");
+  if (fields.has("clyde")) message.clyde_mps = Number(fields.get("clyde"));
+  for (const [field, value] of fields) {
+    const name = field.slice("set.".length);
+    if (field.startsWith("set.")) message.settings[name] = parseSetting(name, value);
+  }
+  return message;
+}
+
+// Prepares the round of the address; if it names a tick, plays the round to its end and opens it there.
+export async function followLink() {
+  const message = readLink();
+  if (!message) return;
+  const busy = (state.frame && state.frame.state !== "menu") || Object.values(state.people.roles).some(Boolean);
+  if (busy && !(await question("This link opens another round and ends the current one. Continue?"))) return;
+  const hide = notice("Preparing the linked round.", { stays: true, key: "setup" });
+  const answer = await request(message, REPLAY_TIMEOUT_MS);
+  hide();
+  if (!answer) return;
+  const tick = Number(new URLSearchParams(location.hash.slice(1)).get("tick"));
+  if (answer.data?.story) await open(answer.data.story, tick || 0);
+  else notice("The linked round is ready: press Start.");
+}
+addEventListener("hashchange", followLink);

@@ -65,10 +65,7 @@ export class View {
 export function setUpGestures(canvas, view, { changed, tapped, hovered, panned }) {
   const pointers = new Map();
   let begun = null;
-  const place = (event) => {
-    const box = canvas.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  };
+  const place = ({ offsetX, offsetY }) => [offsetX, offsetY];
   const spread = () => {
     const [a, b] = [...pointers.values()];
     return { length: Math.hypot(a[0] - b[0], a[1] - b[1]), middle: [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2] };

@@ -1,131 +1,135 @@
-// Why this pellet: the terms of each candidate, for two policies side by side.
+// Why this goal: the terms of each candidate, for two policies side by side.
 
-import { $, make, write } from "./dom.js";
-import { on, shownScene, state, tell } from "./state.js";
+import { request } from "./connection.js";
+import { $, facts, make, write } from "./dom.js";
+import { emit, on, shownScene, state } from "./state.js";
 
-const words = (name) => name.replaceAll("_", " ");
+const MISSING = "–";
+const RANKS_APART = 2; // a larger difference of the policies' ranks is marked
 
-function value(term) {
-  if (term === null || term === undefined) return "–";
+const spaced = (name) => name.replaceAll("_", " ");
+const visible = () => !$("panel-why").hidden;
+
+function format(term) {
+  if (term === null || term === undefined) return MISSING;
   if (typeof term === "boolean") return term ? "yes" : "no";
-  if (typeof term !== "number") return String(term);
-  if (Number.isInteger(term)) return String(term);
-  return Math.abs(term) >= 100 ? term.toFixed(0) : term.toFixed(2);
+  if (typeof term !== "number" || Number.isInteger(term)) return String(term);
+  return term.toFixed(Math.abs(term) >= 100 ? 0 : 2);
 }
 
-export class Why {
-  #shown = "";
-  #facts = null;
+function nameOf(candidate) {
+  const row = state.why.rows.find((one) => one.candidate === candidate);
+  if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
+  const { kinds } = state.hello;
+  if (row.kind === "hold") return kinds.hold;
+  const first = row.kind === "refuge" ? shownScene()?.first_refuge ?? 0 : 0;
+  return `${kinds[row.kind] ?? spaced(row.kind)} ${candidate - first + 1}`;
+}
 
-  constructor(connection) {
-    this.connection = connection;
-    on("why", () => this.show());
-    on("candidate", () => this.#light());
-    $("why-full").addEventListener("change", () => this.show(true));
+// The higher the better: the score, or the negative of a policy's costs, its "total".
+function merit({ terms }, policy) {
+  const { score, total } = terms[policy] ?? {};
+  if (typeof score === "number") return score;
+  return typeof total === "number" ? -total : -Infinity;
+}
+
+// What the table shows of one policy: its columns, the terms equal for all candidates, and each candidate's rank.
+function summarise(rows, policy, all) {
+  const columns = [];
+  const equal = [];
+  for (const name of new Set(rows.flatMap(({ terms }) => Object.keys(terms[policy] ?? {})))) {
+    const values = new Set(rows.map(({ terms }) => format(terms[policy]?.[name])));
+    if (values.size > 1 || rows.length === 1) columns.push(name);
+    else if (!values.has(MISSING)) equal.push(`${spaced(name)} ${[...values][0]}`);
   }
+  const main = ["score", "total"].find((name) => columns.includes(name)) ?? columns[0] ?? "score";
+  const order = [...rows].sort((a, b) => merit(b, policy) - merit(a, policy));
+  const ranks = new Map(order.map(({ candidate }, k) => [candidate, k + 1]));
+  return { policy, columns: [...(all ? columns : [main]), "rank"], equal, order, ranks };
+}
 
-  // The terms of one policy that tell its candidates apart, and those that are the same for all.
-  #terms(rows, policy) {
-    const names = [...new Set(rows.flatMap(({ terms }) => Object.keys(terms[policy] ?? {})))];
-    const columns = [];
-    const same = [];
-    for (const name of names) {
-      const values = new Set(rows.map(({ terms }) => value(terms[policy]?.[name])));
-      if (values.size > 1 || rows.length === 1) columns.push(name);
-      else if (!values.has("–")) same.push(`${words(name)} ${[...values][0]}`);
-    }
-    return { columns, same };
-  }
+function tableHead(summaries) {
+  return make("thead", {},
+    make("tr", {}, make("td"), ...summaries.map(({ policy, columns }, k) => make("th", {
+      scope: "colgroup", colSpan: columns.length, class: k ? "second" : "", text: policy,
+    }))),
+    make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...summaries.flatMap(({ columns }, policy) =>
+      columns.map((name, k) => make("th", { scope: "col", class: policy && !k ? "second" : "", text: spaced(name) })))));
+}
 
-  show(again = false) {
-    const { why } = state;
-    if ($("panel-why").hidden) return;
-    const key = JSON.stringify(why);
-    if (key === this.#shown && !again) return;
-    this.#shown = key;
-    const table = $("why-table");
-    $("why-scroll").hidden = !why?.rows?.length;
-    if (!why?.rows?.length) {
-      table.replaceChildren();
-      this.#facts = null;
-      this.#one();
-      $("why-words").replaceChildren(why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.");
-      write($("why-same"), "");
-      return;
-    }
-    const { policies, rows, chosen } = why;
-    const scene = shownScene();
-    const { kinds } = state.hello;
-    const first = scene?.first_refuge ?? 0;
-    const name = (candidate) => {
-      const row = rows.find((one) => one.candidate === candidate);
-      if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
-      return row.kind === "hold" ? kinds.hold : `${kinds[row.kind] ?? words(row.kind)} ${(row.kind === "refuge" ? candidate - first : candidate) + 1}`;
+function tableRow(row, summaries, disagree) {
+  const { candidate, terms, kind } = row;
+  const { chosen } = state.why;
+  const by = summaries.map(({ policy }) => policy).filter((policy) => chosen[policy] === candidate);
+  const [first, second = first] = summaries.map(({ ranks }) => ranks.get(candidate));
+  const point = () => pointAt(kind === "hold" ? -1 : candidate);
+  const leave = () => pointAt(-1);
+  const go = () => state.role === "robot" && !state.story && request({ do: "goal", candidate: kind === "hold" ? -1 : candidate });
+  const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
+    const ranked = Number.isFinite(merit(row, policy));
+    const text = column === "rank" ? (ranked ? String(ranks.get(candidate)) : MISSING) : format(terms[policy]?.[column]);
+    const classes = {
+      second: k && column === columns[0], chosen: by.includes(policy), none: text === MISSING,
+      apart: column === "rank" && ranked && Math.abs(first - second) > RANKS_APART,
     };
-    const parted = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
-    $("why-words").replaceChildren(
-      parted ? make("span", { class: "parted", text: "The policies disagree. " }) : "",
-      `At ${why.time_s.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${name(chosen[policy])}.`).join(" "),
-    );
-    const full = $("why-full").checked;
-    const about = Object.fromEntries(policies.map((policy) => [policy, this.#terms(rows, policy)]));
-    const columns = Object.fromEntries(policies.map((policy) => [policy, full ? [...about[policy].columns, "rank"] : [this.#main(about[policy].columns), "rank"]]));
-    const order = (policy) => [...rows].sort((a, b) => this.#rank(b, policy) - this.#rank(a, policy));
-    const ranks = Object.fromEntries(policies.map((policy) => [policy, new Map(order(policy).map(({ candidate }, k) => [candidate, k + 1]))]));
-    const head = make("thead", {},
-      make("tr", {}, make("td", {}), ...policies.map((policy, k) => make("th", { scope: "colgroup", colSpan: columns[policy].length, class: k ? "second" : "", text: policy }))),
-      make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...policies.flatMap((policy, g) => columns[policy].map((column, k) => make("th", { scope: "col", class: g && !k ? "second" : "", text: words(column) })))));
-    const body = make("tbody", {}, ...order(policies[0]).map((row) => {
-      const { candidate, terms, kind } = row;
-      const point = (on_) => () => tell("candidate", (state.candidate = on_ && kind !== "hold" ? candidate : -1));
-      const by = policies.filter((policy) => chosen[policy] === candidate);
-      const apart = policies.length > 1 && Math.abs(ranks[policies[0]].get(candidate) - ranks[policies[1]].get(candidate)) > 2;
-      return make("tr", { class: parted && by.length ? "parts" : "", data: { candidate }, onmouseenter: point(true), onmouseleave: point(false) },
-        make("th", { scope: "row" }, make("button", { type: "button", text: (by.length ? "★ " : "") + name(candidate), title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
-          onfocus: point(true), onblur: point(false), onclick: () => this.#go(candidate, kind) })),
-        ...policies.flatMap((policy, g) => columns[policy].map((column, k) => {
-          const said = column === "rank" ? (Number.isFinite(this.#rank(row, policy)) ? String(ranks[policy].get(candidate)) : "–") : value(terms[policy]?.[column]);
-          const names = [g && !k ? "second" : "", chosen[policy] === candidate ? "chosen" : "", column === "rank" && apart && said !== "–" ? "apart" : "", said === "–" ? "none" : ""];
-          return make("td", { class: names.filter(Boolean).join(" "), text: said });
-        })));
-    }));
-    this.#facts = { rows, policies, name, goal: chosen[policies[0]] };
-    const active = document.activeElement?.closest?.("#why-table tr")?.dataset.candidate;
-    table.replaceChildren(make("caption", { class: "hidden", text: "Candidates and their terms, the best of the first policy first" }), head, body);
-    if (active !== undefined) table.querySelector(`tr[data-candidate="${active}"] button`)?.focus();
-    const same = policies.filter((policy) => about[policy].same.length).map((policy) => `${policy}: ${about[policy].same.join(", ")}`);
-    write($("why-same"), same.length ? `Equal for all candidates. ${same.join(". ")}.` : "");
-    this.#light();
-  }
+    return make("td", { class: Object.keys(classes).filter((name) => classes[name]).join(" "), text });
+  }));
+  return make("tr", { class: disagree && by.length ? "parts" : "", data: { candidate }, onmouseenter: point, onmouseleave: leave },
+    make("th", { scope: "row" }, make("button", {
+      type: "button", text: (by.length ? "★ " : "") + nameOf(candidate), onfocus: point, onblur: leave, onclick: go,
+      title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
+    })), ...cells);
+}
 
-  // All terms of one candidate, the policies beside each other.
-  #one() {
-    const { rows, policies, name, goal } = this.#facts ?? {};
-    const row = rows?.find(({ candidate }) => candidate === state.candidate) ?? rows?.find(({ candidate }) => candidate === goal);
-    $("why-one").hidden = !row;
-    if (!row) return;
-    $("why-one").replaceChildren(make("strong", { text: name(row.candidate) }), make("div", { class: "pair" }, ...policies.map((policy) => make("div", {}, make("span", { class: "quiet", text: policy }),
-      make("dl", { class: "facts" }, ...Object.entries(row.terms[policy] ?? {}).flatMap(([term, said]) => [make("dt", { text: words(term) }), make("dd", { text: value(said) })]))))));
-  }
+const pointAt = (candidate) => emit("candidate", (state.candidate = candidate));
 
-  #main(columns) {
-    return columns.find((name) => name === "score") ?? columns.find((name) => name === "total") ?? columns[0] ?? "score";
+function show() {
+  if (!visible()) return;
+  const { why } = state;
+  $("why-scroll").hidden = !why?.rows?.length;
+  if (!why?.rows?.length) {
+    $("why-table").replaceChildren();
+    write($("why-words"), why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.");
+    write($("why-same"), "");
+    showCandidate();
+    return;
   }
+  const { policies, rows, chosen } = why;
+  const disagree = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
+  $("why-words").replaceChildren(
+    disagree ? make("span", { class: "parted", text: "The policies disagree. " }) : "",
+    `At ${why.time_s.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${nameOf(chosen[policy])}.`).join(" "),
+  );
+  const summaries = policies.map((policy) => summarise(rows, policy, $("why-full").checked));
+  const active = document.activeElement?.closest?.("#why-table tr")?.dataset.candidate;
+  $("why-table").replaceChildren(
+    make("caption", { class: "hidden", text: "Candidates and their terms, the best of the first policy first" }),
+    tableHead(summaries), make("tbody", {}, ...summaries[0].order.map((row) => tableRow(row, summaries, disagree))),
+  );
+  if (active !== undefined) $("why-table").querySelector(`tr[data-candidate="${active}"] button`)?.focus();
+  const equal = summaries.filter((summary) => summary.equal.length)
+    .map((summary) => `${summary.policy}: ${summary.equal.join(", ")}.`);
+  write($("why-same"), equal.length ? `Equal for all candidates. ${equal.join(" ")}` : "");
+  showCandidate();
+}
 
-  // The higher the better; a policy that gives costs has "total".
-  #rank({ terms }, policy) {
-    const mine = terms[policy] ?? {};
-    if (typeof mine.score === "number") return mine.score;
-    return typeof mine.total === "number" ? -mine.total : -Infinity;
-  }
-
-  async #go(candidate, kind) {
-    if (state.role === "robot" && !state.story) await this.connection.ask({ do: "goal", candidate: kind === "hold" ? -1 : candidate });
-  }
-
-  #light() {
-    if ($("panel-why").hidden) return;
-    this.#one();
-    for (const row of $("why-table").querySelectorAll("tr[data-candidate]")) row.classList.toggle("lit", Number(row.dataset.candidate) === state.candidate);
+// All terms of the candidate pointed at, or else of the first policy's choice.
+function showCandidate() {
+  if (!visible()) return;
+  const { policies, rows, chosen } = state.why?.rows?.length ? state.why : { rows: [] };
+  const row = rows.find(({ candidate }) => candidate === state.candidate)
+    ?? rows.find(({ candidate }) => candidate === chosen[policies[0]]);
+  $("why-one").hidden = !row;
+  if (!row) return;
+  const terms = (policy) => Object.entries(row.terms[policy] ?? {}).map(([name, term]) => [spaced(name), format(term)]);
+  $("why-one").replaceChildren(make("strong", { text: nameOf(row.candidate) }), make("div", { class: "pair" },
+    ...policies.map((policy) => make("div", {}, make("span", { class: "quiet", text: policy }),
+      make("dl", { class: "facts" }, ...facts(terms(policy)))))));
+  for (const line of $("why-table").querySelectorAll("tr[data-candidate]")) {
+    line.classList.toggle("lit", Number(line.dataset.candidate) === state.candidate);
   }
 }
+
+on("why tab", show);
+on("candidate", showCandidate);
+$("why-full").onchange = show;

@@ -1,0 +1,118 @@
+// Lights, sounds and events: the light ring, the melodies, and a button for each.
+
+import { request } from "./connection.js";
+import { $, css, make, setIcon, write } from "./dom.js";
+import { count, on, state } from "./state.js";
+
+const LEDS = 6;
+const OFF = "rgb(51, 58, 75)";
+const VOLUME = 0.07;
+const FADE_S = 0.012;
+
+const rings = [$("ring"), $("ring-large")];
+for (const ring of rings) ring.append(...Array.from({ length: LEDS }, () => document.createElement("i")));
+let shownRing = "";
+on("frame", ({ ring }) => {
+  if (JSON.stringify(ring) === shownRing) return;
+  shownRing = JSON.stringify(ring);
+  const isLit = (colour) => Boolean(colour?.some(Boolean));
+  for (const { children } of rings) {
+    [...children].forEach((led, k) => {
+      const lit = isLit(ring?.[k]);
+      led.style.background = lit ? css(ring[k]) : OFF;
+      led.style.boxShadow = lit ? `0 0 10px ${css(ring[k])}` : "none";
+    });
+  }
+  const lit = Boolean(ring?.some(isLit));
+  if (lit) count.lit++;
+  $("ring").setAttribute("aria-label", `Light ring: ${lit ? "on" : "off"}`);
+  write($("ring-words"), ring ? "The colours of the robot's light ring." : "The ring shows the robot's own status.");
+});
+
+// Buttons for what the server names; `describe` returns the title or the colour of one.
+function showButtons(what, named, describe) {
+  $(`show-${what}`).replaceChildren(...Object.entries(named ?? {}).map(([word, value]) => {
+    const { title = "", colour } = describe(value);
+    const data = { needs: "control", word, what, title };
+    const onclick = () => request({ do: "event", word, what });
+    return make("button", { type: "button", data, title, onclick }, colour && make("span", { class: "dot", colour }), word);
+  }));
+}
+on("hello", ({ events, lights, sounds }) => {
+  showButtons("event", events, ({ light, sound, motion }) => ({
+    title: `light: ${light ?? "none"}, sound: ${sound ?? "none"}, motion: ${motion ?? "none"}`,
+  }));
+  showButtons("light", lights, (colour) => ({ colour }));
+  showButtons("sound", sounds, (notes) => ({ title: `${notes.length} notes` }));
+});
+$("arm").onchange = async ({ target }) => {
+  if (!await request({ do: "arm", on: target.checked })) target.checked = !target.checked;
+};
+on("connection", () => {
+  $("arm").checked = false;
+});
+
+// Sounds are synthesised from the robot's notes; silent until the user switches them on.
+let audio = null;
+let output = null;
+let wanted = false;
+const notes = new Set(); // playing or to be played
+
+export const sounds = {
+  get on() {
+    return wanted && audio?.state === "running";
+  },
+  get sounding() {
+    return notes.size > 0;
+  },
+};
+
+function showSound() {
+  $("sound").setAttribute("aria-pressed", String(sounds.on));
+  setIcon($("sound"), sounds.on ? "sound" : "mute");
+  write($("sound-words"), sounds.on ? "Sound is on. The robot's own melodies."
+    : "Sound is off. Switch it on with the loudspeaker button at the top.");
+}
+
+$("sound").onclick = async () => {
+  wanted = !sounds.on;
+  if (!audio) {
+    audio = new AudioContext();
+    output = new GainNode(audio, { gain: VOLUME });
+    output.connect(audio.destination);
+    audio.onstatechange = showSound;
+  }
+  silence();
+  await (wanted ? audio.resume() : audio.suspend());
+  showSound();
+};
+
+function silence() {
+  for (const note of notes) note.stop();
+  notes.clear();
+}
+
+function play(word) {
+  const melody = state.hello?.sounds?.[word];
+  if (!sounds.on || !melody) return;
+  silence();
+  let start = audio.currentTime + 0.02;
+  for (const [frequency, seconds] of melody) {
+    const [risen, end] = [start + FADE_S, start + seconds];
+    const note = new OscillatorNode(audio, { type: "square", frequency });
+    const envelope = new GainNode(audio, { gain: 0 });
+    envelope.gain.setValueAtTime(0, start);
+    envelope.gain.linearRampToValueAtTime(1, risen);
+    envelope.gain.setValueAtTime(1, Math.max(risen, start + 0.8 * seconds));
+    envelope.gain.linearRampToValueAtTime(0, end);
+    note.connect(envelope).connect(output);
+    note.start(start);
+    note.stop(end);
+    note.onended = () => notes.delete(note);
+    notes.add(note);
+    start = end;
+    count.notes++;
+  }
+}
+on("news", (items) => items.forEach(({ sound }) => sound && play(sound)));
+showSound();

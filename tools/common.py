@@ -1,0 +1,49 @@
+"""What the tools share: folders of the checkout, tables in Markdown, pages written or checked, arguments."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
+
+from pacman_env.cli.command import Parser
+from pacman_env.files import replaced
+
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def update(path: Path, text: str, check: bool, complaint: str) -> int:
+    """Write a page that has changed, or complain where it is only to be checked; the exit status."""
+    if path.is_file() and path.read_text(encoding="utf-8") == text:
+        return 0
+    if check:
+        print(f"{path} {complaint}")
+        return 1
+    with replaced(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return 0
+
+
+def add_names(parser: Parser, what: str, known: Collection[str]) -> None:
+    """The positional argument ``names``: some of those that are known, or none for all."""
+
+    def name(given: str) -> str:
+        if given not in known:
+            raise argparse.ArgumentTypeError(f"no {what} {given!r}: choose from {', '.join(known)}")
+        return given
+
+    parser.add_argument("names", nargs="*", type=name, metavar="NAME", help=f"which: {', '.join(known)} (all)")
+
+
+def add_check(parser: Parser) -> None:
+    parser.add_argument("--check", action="store_true", help="write nothing, compare with the files")
+
+
+def add_images(parser: Parser) -> None:
+    parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")
