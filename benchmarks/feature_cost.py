@@ -73,7 +73,9 @@ def parts(situation: Situation, speed_mps: float, repeats: int) -> dict[str, flo
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Measure the environments in turns and the parts, and print the figures."""
-    levels = {"num_levels": arguments.games} if arguments.map.startswith("generated") else {}
+    levels: dict[str, Any] = (
+        {"settings": {"num_levels": arguments.games}} if arguments.map.startswith("generated") else {}
+    )
     envs = [make_vector(arguments.games, arguments.map, observation=kinds, **levels) for kinds in KINDS]
     rng = np.random.default_rng(arguments.seed)
     measures = [partial(_rate, env, rng, arguments.steps) for env in envs]

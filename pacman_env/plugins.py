@@ -27,8 +27,8 @@ class PluginError(ValueError):
 class Registry(Generic[T]):
     """Things of one sort by name."""
 
-    def __init__(self, sort: str, group: str, own: Mapping[str, T], others: str = "module:name") -> None:
-        """Begin with the package's own.
+    def __init__(self, sort: str, group: str, own: Mapping[str, T | str], others: str = "module:name") -> None:
+        """Begin with the package's own: things, or references ``module:attribute`` that the first use loads.
 
         Args:
             sort: the sort in one word or two, for errors.
@@ -59,10 +59,11 @@ class Registry(Generic[T]):
         Raises:
             PluginError: nothing, or it cannot be imported.
         """
-        if name in self._own:
-            return self._own[name]
+        own = self._own.get(name, name)
+        if not isinstance(own, str):
+            return own
         try:
-            thing: T = load(self.group, name)
+            thing: T = load(self.group, own)
         except LookupError:
             message = f"unknown {self.sort} {name!r}: choose one of {', '.join(self.names())}, or {self._others}"
             raise PluginError(message) from None

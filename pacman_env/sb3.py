@@ -22,7 +22,6 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from .envs.arguments import check_render_mode
 from .envs.pacmanbot_vector import PacManBotVectorEnv
-from .envs.registration import FLAT_DEFAULTS
 from .sim.observation.robot_features import Observation
 
 __all__ = ["PacManBotVecEnv"]
@@ -46,18 +45,15 @@ class PacManBotVecEnv(VecEnv):
     batch share their attributes, so an attribute can be set for all of them only. ``env_is_wrapped(Monitor)`` is true
     because episodes are reported as by ``Monitor``; with ``monitor=False`` they are not, for SB3's ``VecMonitor``.
 
-    With ``infos="ends"``, which saves time, ``infos[i]`` is empty but at the end of an episode, and holds no
-    ``terminal_observation`` then.
+    With the setting ``observation.infos`` ``"ends"``, which saves time, ``infos[i]`` is empty but at the end of an
+    episode, and holds no ``terminal_observation`` then.
     """
 
-    def __init__(
-        self, env: PacManBotVectorEnv | int = 64, *, flat: bool = False, monitor: bool = True, **arguments: Any
-    ) -> None:
+    def __init__(self, env: PacManBotVectorEnv | int = 64, *, monitor: bool = True, **arguments: Any) -> None:
         """Take a vector environment, or make one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
 
         Args:
             env: the environment, or the number of games.
-            flat: arguments that are not given are those of ``PacManBotFlat-v0``.
             monitor: report ``episode`` at its end; False leaves that to a ``VecMonitor`` around this environment.
             arguments: of ``PacManBotVectorEnv``.
 
@@ -66,13 +62,11 @@ class PacManBotVecEnv(VecEnv):
             ValueError: the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
         """
         if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
-            defaults = {"autoreset_mode": AutoresetMode.SAME_STEP, **(FLAT_DEFAULTS if flat else {})}
-            env = PacManBotVectorEnv(int(env), **{**defaults, **arguments})
+            env = PacManBotVectorEnv(int(env), **{"autoreset_mode": AutoresetMode.SAME_STEP, **arguments})
         elif not isinstance(env, PacManBotVectorEnv):
             raise TypeError(f"env = {env!r}: must be a number of games or a PacManBotVectorEnv")
-        elif arguments or flat:
-            named = sorted(arguments | ({"flat": flat} if flat else {}))
-            raise TypeError(f"{named} given with an environment that is made already")
+        elif arguments:
+            raise TypeError(f"{sorted(arguments)} given with an environment that is made already")
         if env.autoreset_mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {env.autoreset_mode}: Stable-Baselines3 needs AutoresetMode.SAME_STEP")
         self.env = env

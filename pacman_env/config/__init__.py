@@ -5,8 +5,9 @@ dotted name, ``parse_settings`` reads such fields from text.
 """
 
 from .composition import Config, differences
-from .presets import EXECUTIONS, PRESETS, make_config, preset_names
+from .presets import PRESETS, make_config, preset_names
 from .sections import (
+    EXECUTIONS,
     MAX_SPEED_MPS,
     ClydeConfig,
     ExecutionConfig,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -17,7 +16,6 @@ from .core import CoreEnv
 from .spaces import ghost_action_space, state_limits
 
 PACMAN = "pacman"
-Rewards = Literal["zero_sum", "separate"]
 Observations = dict[str, Any]  # an agent's: a dictionary of arrays, or one array
 
 _TURN = 2 * np.pi
@@ -26,23 +24,14 @@ _TURN = 2 * np.pi
 class SeveralAgents(CoreEnv):
     """``pacman`` and the ghosts that are agents, in N games."""
 
-    def _make_agents(
-        self, n: int, arguments: EnvArguments, rewards: Rewards, max_cycles: int | None, **more: Any
-    ) -> None:
-        if rewards not in ("zero_sum", "separate"):
-            raise ConfigError(f"rewards = {rewards!r}: choose zero_sum or separate")
-        if max_cycles is not None and (not isinstance(max_cycles, int) or max_cycles < 1):
-            raise ConfigError(f"max_cycles = {max_cycles!r}: must be a whole number of at least 1")
-        if arguments.ghosts is None and arguments.config is None and "clyde.ghosts" not in (arguments.settings or {}):
-            arguments = replace(arguments, ghosts=("policy",))
+    def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         self._make_core(n, arguments, ghost_agents=True, **more)
         if self.config.decisions.when == "event" or self.config.observation.candidates == "nearest":
-            raise ConfigError("decide='event' and candidates='nearest' are for one agent: here all decide at each tick")
+            forbidden = "decisions.when='event' and observation.candidates='nearest'"
+            raise ConfigError(f"{forbidden} are for one agent: here all decide at each tick")
         self._ghosts = {GHOST_NAMES[k]: k for k in self._core.ghost_agents}
         if not self._ghosts:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
-        self.rewards = rewards
-        self.max_cycles = max_cycles
         self._cycles = np.zeros(n, dtype=np.int64)  # decisions of each episode
         self._cut = np.zeros(n, dtype=np.bool_)  # by max_cycles, and not reset since
         self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, as last seen
@@ -84,13 +73,13 @@ class SeveralAgents(CoreEnv):
         Rewards (N, A), terminated (N,), truncated (N,).
         """
         choices = {number: actions[name] for name, number in self._ghosts.items()}
-        plays = None if self.max_cycles is None or not self._cut.any() else ~self._cut
+        plays = None if self.config.max_cycles is None or not self._cut.any() else ~self._cut
         reward, terminated, truncated = self._core.step(actions[PACMAN], choices, plays)
-        if self.max_cycles is not None:
+        if self.config.max_cycles is not None:
             self._cycles += 1
-            self._cut |= (self._cycles >= self.max_cycles) & ~terminated
+            self._cut |= (self._cycles >= self.config.max_cycles) & ~terminated
             truncated |= self._cut
-        of_ghosts = -reward / len(self._ghosts) if self.rewards == "zero_sum" else self._core.ghost_reward()
+        of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
         rewards = np.empty((len(reward), 1 + len(self._ghosts)))
         rewards[:, 0], rewards[:, 1:] = reward, of_ghosts[:, None]
         return rewards, terminated, truncated

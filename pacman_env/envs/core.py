@@ -53,7 +53,7 @@ class EnvCore:
             settings: fields of the configuration, in place of those of the arguments.
         """
         compile_ahead.begin()
-        self.config, self._policies = arguments.make_config()
+        self.config, self._policies = arguments.make_config(several=ghost_agents)
         self.settings = dict(settings or {})
         self.config = self.config.with_fields(**self.settings)
         behaviours = enumerate(self.config.clyde.ghosts)
@@ -64,8 +64,8 @@ class EnvCore:
         self._observer = Observer(self.batch)
         self.parts = self._observer.parts
         self.candidates = self.batch.candidates if self._observer.nearest is None else self._observer.nearest.count
-        self._numeric = arguments.numeric_info
-        self._timeout_terminates = arguments.timeout_ends()
+        self._numeric = self.config.observation.numeric_info
+        self._timeout_terminates = self.config.timeout == "termination"
         self._mask_in_info = self.config.observation.mask == "info"
         self._mask_beside = self.config.observation.mask == "beside"
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
@@ -135,7 +135,7 @@ class EnvCore:
             mask = np.zeros(self.batch.n, dtype=np.bool_)
             mask[index] = True
             for policy in self._policies.values():
-                policy.reset(mask)
+                policy.reset(mask, self.config)
         self._update_situation(index if in_step else None)
 
     @functools.cached_property
@@ -309,12 +309,24 @@ class CoreEnv:
     metadata: dict[str, Any]
     render_mode: str | None
     _core: EnvCore
+    _spec: Any = None
 
     def _make_core(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         check_render_mode(arguments.render_mode, self.metadata["render_modes"])
         self._made_from = n, arguments, more
         self._core = EnvCore(n, arguments, **more)
         self.render_mode = arguments.render_mode
+
+    @property
+    def spec(self) -> Any:
+        """Gymnasium's or PettingZoo's; its arguments are as JSON gives them back, so that specs compare equal."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: Any) -> None:
+        if spec is not None:
+            spec.kwargs = _as_json(spec.kwargs)
+        self._spec = spec
 
     @property
     def batch(self) -> GameBatch:
@@ -396,3 +408,14 @@ class CoreEnv:
         from ..render.frames import render_frame
 
         return tuple(render_frame(core.batch, i) for core in cores for i in range(core.batch.n))
+
+
+def _as_json(value: Any) -> Any:
+    """Plain data as JSON gives it back, a configuration as settings; what JSON does not know as it is."""
+    if isinstance(value, Config):
+        value = value.as_settings()
+    if isinstance(value, Mapping):
+        return {key: _as_json(one) for key, one in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    return [_as_json(one) for one in value] if isinstance(value, (list, tuple)) else value

@@ -43,7 +43,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     With `action="velocity"` it is `Box(2,)` of float32 instead: v from 0 to 0.306 m/s (`robot.wheel_speed_mps`) and
     omega from -1.9 to 1.9 rad/s, counter-clockwise, held until the next decision; Nav2 has no part in it. Velocities
     beyond the limits are cut to them, and v to what the wheels have left: turning keeps its share. There is no mask.
-    With `action_range="unit"` both are -1 to 1, as most learners expect: v is 0 at -1 and 0.306 m/s at 1, omega is
+    With the setting `action_range` `"unit"` both are -1 to 1, as most learners expect: v is 0 at -1 and 0.306 m/s at 1, omega is
     -1.9 rad/s at -1 and 1.9 rad/s at 1, both linear in between.
 
     ## Observation Space
@@ -85,10 +85,10 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
 
     ## Episode End
     - Termination: the believed pose is within 0.25 m of Clyde or another ghost (`caught`); every pellet is collected
-      (`complete`); no pellet is left but some were lost (`cleared`, only with `execution="as_built"`).
+      (`complete`); no pellet is left but some were lost (`cleared`, only with `execution.rules="as_built"`).
     - Truncation: 600 s (`time_limit_s`).
 
-    With `endless=True` a completed round gives its reward and is followed by the next: from the home pose, with all
+    With the setting `endless` a completed round gives its reward and is followed by the next: from the home pose, with all
     pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode is terminated when the robot is caught,
     and truncated by the time limit of a round.
 
@@ -100,45 +100,51 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
 
     ## Arguments
     ```python
-    gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot", execution="robust",
+    gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot",
                    settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
     ```
     - `map`: a shipped map's name, a map_server YAML file, or an `OccupancyMap`; `"generated"` or `"generated:test"`:
       a new house for each episode, its level drawn uniformly from the episode's seed.
-    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays), `ideal` (perfect localization), or
-      one of your own.
-    - `execution`: `robust`, or `as_built` as the original executor was.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
       (chases from afar, turns to his corner within 2.0 m), or a policy, its name or the object, asked at every tick.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
-    - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2 nearest refuges
-      (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's path lengths to them, and hold. Spaces are
-      then the same on every map.
-    - `normalize`: all numbers of the observation in [-1, 1]. A length, an age or a count x becomes x / (|x| + c) with
-      c = 3 m, 3 s or 10, everything else is divided by a constant (`sim/observation/scales.py`). Planner features and
-      the scan are divided by their bounds, which most planner features are far within: the median of their standard
-      deviations is 0.03. A learner that needs a spread of 1 wants `NormalizeObservation` or `VecNormalize` as well.
-    - `mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, only a `"method"`, or
-      `"beside"` the observation: `{"observation": ..., "action_mask": ...}`. It is int8 there, as
+    - `action`: `"goal"` (the default) or `"velocity"`.
+    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays), `ideal` (perfect localization), or
+      one of your own.
+    - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
+    - `render_mode`: `"rgb_array"`, or `"human"` for a window.
+    - `flat`: the settings of `pacman_env/PacManBotFlat-v0`, below your own.
+
+    ## Settings
+    Every number of the game is one (`docs/configuration.md`). With `{"randomize.speed_mps": (0.2, 0.3)}` and its like a
+    value is drawn uniformly for each episode. These change how the environment is used:
+
+    - `execution.rules`: `"robust"`, or `"as_built"` as the original executor was.
+    - `observation.candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2
+      nearest refuges (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's path lengths to
+      them, and hold. Spaces are then the same on every map.
+    - `observation.normalize`: all numbers of the observation in [-1, 1]. A length, an age or a count x becomes
+      x / (|x| + c) with c = 3 m, 3 s or 10, everything else is divided by a constant (`sim/observation/scales.py`).
+      Planner features and the scan are divided by their bounds, which most planner features are far within: the median
+      of their standard deviations is 0.03. A learner that needs a spread of 1 wants `NormalizeObservation` or
+      `VecNormalize` as well.
+    - `observation.mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, only a
+      `"method"`, or `"beside"` the observation: `{"observation": ..., "action_mask": ...}`. It is int8 there, as
       `action_space.sample(mask)` takes it; `action_masks()` is bool, as sb3-contrib takes it.
-    - `decide`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal has ended,
-      a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
+    - `observation.numeric_info`: `outcome` is its number (`pacman_env.OUTCOMES`), not a word.
+    - `decisions.when`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal
+      has ended, a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
       (`config.decisions`). Rewards are summed up (`decisions.discount_per_s`), `info["elapsed_s"]` is the duration.
-    - `numeric_info`: `outcome` is its number (`pacman_env.OUTCOMES`), not a word.
     - `timeout`: the time limit is a `"truncation"` (the default), or a `"termination"`: its reward of -5 is an end, and
       no learner adds the value of what would have followed.
-    - `action`: `"goal"` (the default) or `"velocity"`.
     - `action_range`: of velocities, `"physical"` (m/s and rad/s, the default) or `"unit"` (both -1 to 1).
     - `endless`: round follows round.
     - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to
       999,999 to train, 1,000,000 to 1,000,999 to test.
-    - `settings`: single fields of the configuration by dotted name; or `config`: a whole `Config`. With
-      `{"randomize.speed_mps": (0.2, 0.3)}` and its like a value is drawn uniformly for each episode.
     - `home`: x, y, heading of the home pose; by default (0, 0, 0) where the robot can stand there, else the roomiest
       place of the largest part.
-    - `render_mode`: `"rgb_array"`, or `"human"` for a window.
 
     ## Reset
     `reset(seed=..., options=...)`: `options` may hold, for the episode that begins, `round_seed` (as in
@@ -150,9 +156,10 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     its seed and its decisions, which takes up to some tens of ms.
 
     ## Version History
-    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with other defaults:
-      `decide="event"`, `candidates="nearest"`, `observation=("planner", "flat")`, `normalize=True`, `mask="method"`,
-      `numeric_info=True`, `timeout="termination"`.
+    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with `flat=True`:
+      `decisions.when="event"`, `observation.candidates="nearest"`, `observation=("planner", "flat")`,
+      `observation.normalize=True`, `observation.mask="method"`, `observation.numeric_info=True`,
+      `timeout="termination"`.
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012

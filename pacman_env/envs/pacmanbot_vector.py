@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import fields
 from typing import Any
 
 import gymnasium as gym
@@ -56,7 +55,8 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
     ``copy=False``: the arrays of an observation are written anew by the step after the next one, instead of being new
     at each step; whoever keeps one for longer has to copy it.
 
-    ``infos="ends"`` (``SAME_STEP`` only) saves time: a step returns ``final_info`` of the games that ended, no more.
+    The setting ``observation.infos`` ``"ends"`` (``SAME_STEP`` only) saves time: a step returns ``final_info`` of the
+    games that ended, no more.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -77,7 +77,6 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         num_threads: int = 1,
         batch_size: int | None = None,
         copy: bool = True,
-        infos: str = "all",
     ) -> None:
         """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
         num_envs = checked_games(num_envs)
@@ -95,17 +94,16 @@ class PacManBotVectorEnv(CoreEnv, gym.vector.VectorEnv[Observation, NDArray[Any]
         if games == num_envs:
             self._make_core(games, arguments, **more)
         else:
-            given: dict[str, Any] = {"autoreset_mode": autoreset_mode, "max_episode_steps": steps, "infos": infos}
-            given |= more
-            shared = {one.name: getattr(arguments, one.name) for one in fields(arguments)}
+            given: dict[str, Any] = {"autoreset_mode": autoreset_mode, "max_episode_steps": steps, **more}
+            shared = vars(arguments)
             count = num_envs // games
             self._sub_batches = SubBatches([PacManBotVectorEnv(games, **given, **shared) for _ in range(count)])
             self._core, self.render_mode = self._sub_batches.envs[0]._core, arguments.render_mode
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        if infos not in ("all", "ends") or (infos == "ends" and self.autoreset_mode != AutoresetMode.SAME_STEP):
-            raise ValueError(f"infos = {infos!r}: must be 'all', or with AutoresetMode.SAME_STEP 'ends'")
-        self.reports_all = infos == "all"
+        self.reports_all = self.config.observation.infos == "all"
+        if not self.reports_all and self.autoreset_mode != AutoresetMode.SAME_STEP:
+            raise ValueError("observation.infos = 'ends': is for AutoresetMode.SAME_STEP")
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = self._core.observation_space()
         self.single_action_space = self._core.action_space()

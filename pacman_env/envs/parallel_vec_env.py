@@ -9,12 +9,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from ..config import ConfigError
 from ..render.display import RENDER_FPS
 from ..sim.observation.kinds import MASK
-from .agents import PACMAN, Observations, Rewards, SeveralAgents
+from .agents import PACMAN, Observations, SeveralAgents
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .episode_seeds import EpisodeSeeds
 from .reset_options import ResetOptions, chosen_games
@@ -26,7 +26,7 @@ class PacManBotParallelVecEnv(SeveralAgents):
     """Many games of :class:`~pacman_env.envs.pettingzoo_env.PacManBotParallelEnv` at once.
 
     ```python
-    env = pacman_env.parallel_vec_env(64, map="generated", observation="flat", normalize=True, mask="beside")
+    env = pacman_env.parallel_vec_env(64, map="generated", flat=True)
     observations, infos = env.reset(seed=0)
     actions = {agent: np.zeros(64, dtype=np.int64) for agent in env.agents}  # or an array (64, A)
     observations, rewards, terminated, truncated, infos = env.step(actions)
@@ -36,13 +36,14 @@ class PacManBotParallelVecEnv(SeveralAgents):
     PettingZoo environment with seed s, bit for bit. Spaces are of one game. Observations are a dictionary by agent, of
     arrays (N, ...) or of dictionaries of such. ``rewards`` are float64 (N, A), agents in the order of
     ``possible_agents``; ``terminated`` and ``truncated`` bool (N,), since a game ends for all agents at once. ``infos``
-    are arrays (N,) by name; with ``mask="info"`` the masks there are int8 (N, A, C).
+    are arrays (N,) by name; with ``observation.mask`` ``"info"`` the masks there are int8 (N, A, C).
 
-    ``autoreset=True``: a game that ends begins anew in the same step, so that observations and infos are those of the
-    new episode. ``infos["final_observation"]`` (N,) then holds the last observations by agent of each game that ended,
-    and None elsewhere; ``final_info`` the last infos and ``final_state`` (N, S) the last states, 0 in the others. All
-    three have a mask ``_final_observation`` and so on, and are there only after a step in which a game ended.
-    ``autoreset=False``: a game that is over stands still, with no reward and its flags as they were, until
+    ``autoreset_mode``, ``SAME_STEP``: a game that ends begins anew in the same step, so that observations and infos are
+    those of the new episode. ``infos["final_observation"]`` (N,) then holds the last observations by agent of each game
+    that ended, and None elsewhere; ``final_info`` the last infos and ``final_state`` (N, S) the last states, 0 in the
+    others. All three have a mask ``_final_observation`` and so on, and are there only after a step in which a game
+    ended.
+    ``DISABLED``: a game that is over stands still, with no reward and its flags as they were, until
     ``reset(mask=...)`` begins it anew.
 
     ``num_threads`` share the games (0: one for each core); nothing else depends on it.
@@ -56,17 +57,15 @@ class PacManBotParallelVecEnv(SeveralAgents):
         num_envs: int = 64,
         *,
         arguments: EnvArguments,
-        rewards: Rewards = "zero_sum",
-        max_cycles: int | None = None,
-        autoreset: bool = True,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         num_threads: int = 1,
     ) -> None:
         """See the PettingZoo environment; raises ConfigError or MapError for arguments that cannot be played."""
         self.num_envs = checked_games(num_envs)
-        if not isinstance(autoreset, bool):
-            raise ConfigError(f"autoreset = {autoreset!r}: must be True or False")
-        self._make_agents(self.num_envs, arguments, rewards, max_cycles, num_threads=num_threads)
-        self.autoreset = autoreset
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            raise ValueError(f"autoreset_mode = {autoreset_mode}: must be AutoresetMode.SAME_STEP or DISABLED")
+        self._make_agents(self.num_envs, arguments, num_threads=num_threads)
         self._seeds = EpisodeSeeds(self.num_envs)
         self._all = np.arange(self.num_envs)
 
@@ -131,7 +130,7 @@ class PacManBotParallelVecEnv(SeveralAgents):
         rewards, terminated, truncated = self._decide(self._checked(actions))
         observations, final = self._observed(), {}
         ended = np.flatnonzero(terminated | truncated)
-        if self.autoreset and len(ended):
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and len(ended):
             final = self._final(ended, observations)
             self._begin(ended, self._seeds.of(ended, _NOTHING_WANTED, self.batch))
             observations = self._observed()
@@ -159,7 +158,7 @@ class PacManBotParallelVecEnv(SeveralAgents):
     def stacked(self, observations: Observations) -> Any:
         """Observations of all agents in one: arrays (N, A, ...).
 
-        With ``mask="beside"`` a dictionary of such.
+        With the mask beside the observation a dictionary of such.
 
         Raises:
             ValueError: those of two agents differ in their arrays or in the shape of one.

@@ -15,7 +15,7 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from ..render.display import RENDER_FPS, Display
 from ..sim.observation.kinds import MASK
 from .agents import PACMAN as PACMAN
-from .agents import Observations, Rewards, SeveralAgents
+from .agents import Observations, SeveralAgents
 from .arguments import EnvArguments, takes_env_arguments
 from .reset_options import ResetOptions
 from .spaces import checked_action
@@ -31,7 +31,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     an agent `blinky` too, then `pinky` and `inky`; ghosts with another behaviour play by themselves.
 
     ```python
-    env = pacman_env.parallel_env(map="house", rewards="zero_sum")
+    env = pacman_env.parallel_env(map="house", settings={"clyde.speed_mps": 0.35})
     observations, infos = env.reset(seed=0)
     actions = {agent: env.action_space(agent).sample(observations[agent]["action_mask"]) for agent in env.agents}
     observations, rewards, terminations, truncations, infos = env.step(actions)
@@ -39,8 +39,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     `pacman_env.env(...)` is the same game agent by agent (AEC). Both are in PettingZoo's registry (1.27 and later):
     `pettingzoo.make("parallel", "pacman_env/PacManBot-v0")`, or `"aec"`. `PacManBotFlat-v0` is the same with the shapes
-    that learners take: `observation="flat"`, `normalize=True`, `mask="beside"`, `numeric_info=True`,
-    `timeout="termination"`.
+    that learners take, `flat=True`.
 
     ## Action Spaces
     - `pacman`: as in the Gymnasium environment.
@@ -52,13 +51,14 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     ## Observation Spaces
     `pacman` sees what the Gymnasium environment shows. A ghost sees the features with himself as Clyde, in the robot's
     frame: `path_clyde` are its own path lengths, `is_current` is the place it was sent to, a candidate is a pellet as
-    long as one lies there. `action_mask` is in both. `observation="flat"`, `normalize` and `mask` hold for all agents:
-    with `mask="beside"` each sees `{"observation": ..., "action_mask": ...}`, as in PettingZoo's own games with masks.
+    long as one lies there. `action_mask` is in both. `observation="flat"` and the settings `observation.normalize` and
+    `observation.mask` hold for all agents: with the mask `"beside"` each sees
+    `{"observation": ..., "action_mask": ...}`, as in PettingZoo's own games with masks.
 
     ## Rewards
-    `pacman` gets the Gymnasium environment's reward. `rewards="zero_sum"`: the ghosts share its negative (each gets an
-    equal part). `"separate"`: each ghost gets 10 when the robot is caught, -0.002 for the time, -5 when it completes
-    the round or the time is over (`config.ghost_reward`).
+    `pacman` gets the Gymnasium environment's reward, the ghosts share its negative (each gets an equal part). With the
+    setting `zero_sum` False each ghost gets 10 when the robot is caught, -0.002 for the time, -5 when it completes the
+    round or the time is over (`config.ghost_reward`).
 
     ## State
     `state()`: float64, see `state_names`: true and believed pose of the robot, its velocities, for each ghost where he
@@ -68,8 +68,10 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     For all agents at once, as in the Gymnasium environment.
 
     ## Arguments
-    Those of the Gymnasium environment, `rewards`, and `max_cycles`: truncation after so many decisions, as a time
-    limit outside of the game. `ghosts` is `("policy",)` by default.
+    Those of the Gymnasium environment; `ghosts` is `("policy",)` by default. The setting `max_cycles` truncates an
+    episode after so many decisions, as a time limit outside of the game. With `flat=True` the settings
+    `observation.flat`, `observation.normalize` and `observation.numeric_info` are True, `observation.mask` is
+    `"beside"`, and `timeout` is `"termination"`.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -80,11 +82,9 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     }
 
     @takes_env_arguments
-    def __init__(
-        self, *, arguments: EnvArguments, rewards: Rewards = "zero_sum", max_cycles: int | None = None
-    ) -> None:
+    def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
-        self._make_agents(1, arguments, rewards, max_cycles)
+        self._make_agents(1, arguments)
         self.agents: list[str] = []
         self._generator: np.random.Generator | None = None
 

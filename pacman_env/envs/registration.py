@@ -14,25 +14,9 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 ENV_ID = "pacman_env/PacManBot-v0"
-#: The same game for stock learners; its arguments are those of ``ENV_ID`` with these for defaults.
+#: The same game for stock learners: with ``flat=True``.
 FLAT_ID = "pacman_env/PacManBotFlat-v0"
-FLAT_DEFAULTS = {
-    "decide": "event",
-    "candidates": "nearest",
-    "observation": ["planner", "flat"],  # a list, as it comes back from an EnvSpec in JSON
-    "normalize": True,
-    "mask": "method",
-    "numeric_info": True,
-    "timeout": "termination",
-}
-#: Of the environments of several agents, who all decide at each tick.
-FLAT_DEFAULTS_OF_SEVERAL = {
-    "observation": "flat",
-    "normalize": True,
-    "mask": "beside",
-    "numeric_info": True,
-    "timeout": "termination",
-}
+_IDS: dict[str, dict[str, Any]] = {ENV_ID: {}, FLAT_ID: {"flat": True}}
 #: Of ``FLAT_ID`` before 1.0. The spec under it is named ``FLAT_ID``: another version of PacManBot would make v0 out of
 #: date.
 FORMER_FLAT_ID = "pacman_env/PacManBot-v1"
@@ -42,13 +26,13 @@ def register_envs() -> None:
     """Register ``PacManBot-v0`` and ``PacManBotFlat-v0`` with Gymnasium; a second call changes nothing."""
     import gymnasium as gym
 
-    for name, defaults in ((ENV_ID, {}), (FLAT_ID, FLAT_DEFAULTS)):
+    for name, kwargs in _IDS.items():
         if name not in gym.registry:
             gym.register(
                 name,
                 entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
                 vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
-                kwargs=dict(defaults),
+                kwargs=dict(kwargs),
             )
     refuse = f"{__name__}:refuse_former_id"
     former = gym.envs.registration.EnvSpec(FLAT_ID, entry_point=refuse, vector_entry_point=refuse)
@@ -63,9 +47,9 @@ def register_parallel_envs() -> None:
         return
     for kind, known in (("parallel", pettingzoo.parallel_registry), ("aec", pettingzoo.aec_registry)):
         entry_point = f"pacman_env:{'parallel_env' if kind == 'parallel' else 'env'}"
-        for name, defaults in ((ENV_ID, {}), (FLAT_ID, FLAT_DEFAULTS_OF_SEVERAL)):
+        for name, kwargs in _IDS.items():
             if name not in known:
-                pettingzoo.register(kind, name, entry_point, kwargs=dict(defaults))
+                pettingzoo.register(kind, name, entry_point, kwargs=dict(kwargs))
         known.setdefault(FORMER_FLAT_ID, pettingzoo.EnvSpec(FLAT_ID, entry_point=refuse_former_id))
 
 

@@ -7,11 +7,13 @@ chosen.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
 from pacman_env.game.goal_cost import (
     SAFE,
@@ -107,13 +109,17 @@ class ClydeAware(BasePolicy):
                 raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(ScorerParameters._fields)}")
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0")
-        self.parameters = ScorerParameters(**{name: float(value) for name, value in parameters.items()})
+        self._given = {name: float(value) for name, value in parameters.items()}
+        self.parameters = ScorerParameters(**self._given)
         self.form = form
         self.name = "clyde_aware" if form == "deployed" else f"clyde_aware:{form}"
         self._threatened: NDArray[np.bool_] | None = None
 
-    def reset(self, games: NDArray[np.bool_]) -> None:
+    def reset(self, games: NDArray[np.bool_], config: Config) -> None:
         """Forget the threat in these games; another number of games forgets all."""
+        super().reset(games, config)
+        game = {"death_radius_m": config.execution.death_radius_m}
+        self.parameters = ScorerParameters(**{**game, **self._given})
         if self._threatened is None or len(self._threatened) != len(games):
             self._threatened = np.zeros(len(games), np.bool_)
         else:
@@ -178,3 +184,6 @@ class ClydeAware(BasePolicy):
             threatened,
         )
         return terms, threatened
+
+
+documented = partial(ClydeAware, form="documented")

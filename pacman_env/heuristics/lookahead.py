@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import make_config
 from pacman_env.policies.base import BasePolicy
 from pacman_env.sim.observation.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
 from pacman_env.sim.observation.situation import PELLET, Situation
@@ -24,7 +23,7 @@ class Parameters(NamedTuple):
     The cost of being caught with the experiment's house in view, the others on generated levels.
     """
 
-    robot_speed_mps: float = make_config().robot.speed_mps
+    robot_speed_mps: float | None = None  # None: the configuration's
     caught_soon_s: float = 300.0  # what it costs to be caught within 5 s ...
     caught_s: float = 200.0  # ... and within 10 s
     approached_s: float = 4.0  # Clyde comes within 0.8 m
@@ -48,7 +47,7 @@ class Lookahead(BasePolicy):
     def __init__(self, **parameters: float) -> None:
         self.parameters = Parameters(**parameters)
         for name, value in self.parameters._asdict().items():
-            if not (0 <= value < np.inf) or (name == "robot_speed_mps" and value == 0):
+            if value is not None and (not 0 <= value < np.inf or (name == "robot_speed_mps" and value == 0)):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0, a speed above 0")
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
@@ -58,8 +57,9 @@ class Lookahead(BasePolicy):
             ValueError: the situation has no maps.
         """
         p = self.parameters
-        meets = encounters(situation, p.robot_speed_mps)
-        way_s = situation.path_robot / p.robot_speed_mps
+        speed_mps = p.robot_speed_mps or self.config.robot.speed_mps
+        meets = encounters(situation, speed_mps)
+        way_s = situation.path_robot / speed_mps
         away = p.distance_s * np.minimum(meets[:, :, CLOSEST_MEAN], p.distance_m)
         # Waiting puts off the way to the nearest pellet, however far that is, and does not spare it.
         pellets = situation.mask & (situation.kind == PELLET)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config import Config
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.core.parameters import draw_below
@@ -54,6 +55,12 @@ class Opponents(BasePolicy):
             raise ValueError(f"shares = {list(shares)}: must be at least 0, one of them above")
         self.members = tuple(members)
         self._limits = np.cumsum(weights) / weights.sum()
+
+    def reset(self, games: NDArray[np.bool_], config: Config) -> None:
+        """Give each member the configuration of the games (N,)."""
+        super().reset(games, config)
+        for member in self.members:
+            member.reset(games, config)
 
     def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
         """(M,) number of the member who plays the round with each seed."""

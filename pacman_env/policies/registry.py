@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
-from pacman_env.heuristics.clyde_aware import ClydeAware
-from pacman_env.heuristics.lookahead import Lookahead
-from pacman_env.heuristics.simple import Nearest, Random
 from pacman_env.plugins import Registry
-from pacman_env.policies.base import Policy
+from pacman_env.policies.base import Policy, check_reset
 from pacman_env.policies.learned import LearnedPlanner
 
 #: What makes each policy, called with its parameters; other packages add theirs as entry points.
@@ -18,12 +14,12 @@ POLICIES: Registry[Callable[..., Policy]] = Registry(
     "policy",
     "pacman_env.policies",
     {
-        "clyde_aware": ClydeAware,
-        "clyde_aware:documented": partial(ClydeAware, form="documented"),
-        "lookahead": Lookahead,
-        "nearest": Nearest,
+        "clyde_aware": "pacman_env.heuristics.clyde_aware:ClydeAware",
+        "clyde_aware:documented": "pacman_env.heuristics.clyde_aware:documented",
+        "lookahead": "pacman_env.heuristics.lookahead:Lookahead",
+        "nearest": "pacman_env.heuristics.simple:Nearest",
         "ppo": LearnedPlanner,
-        "random": Random,
+        "random": "pacman_env.heuristics.simple:Random",
     },
     "module:Class, or an .onnx file",
 )
@@ -50,6 +46,7 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     missing = [name for name in ("reset", "scores", "select", "explain", "name") if not hasattr(policy, name)]
     if missing:
         raise ValueError(f"policy {spec!r}: {policy!r} is none, it has no {', '.join(missing)}")
+    check_reset(policy, f"policy {spec!r}")
     return policy
 
 

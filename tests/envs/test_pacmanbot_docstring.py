@@ -104,7 +104,7 @@ def test_the_docstring_names_the_infos_in_their_order() -> None:
     plain, always = make().reset(seed=0)[1], 6
     assert documented[:always] == list(plain)
     settings = {"randomize.speed_mps": (0.2, 0.3)}
-    _, info = make(map="generated", num_levels=1, endless=True, settings=settings).reset(seed=0)
+    _, info = make(map="generated", settings={**settings, "num_levels": 1, "endless": True}).reset(seed=0)
     assert documented == list(info)
 
 
@@ -113,9 +113,9 @@ def test_the_docstring_names_every_argument() -> None:
     documented = {
         name for line in re.findall(r"^    - (.*?):", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)
     }
-    arguments = set(inspect.signature(PacManBotEnv.__init__).parameters) - {"self", "config"}
+    arguments = set(inspect.signature(PacManBotEnv.__init__).parameters) - {"self"}
     assert documented == arguments
-    assert "or `config`: a whole `Config`" in text
+    assert "or a whole `Config`" in text
 
 
 def test_the_docstrings_velocity_space_and_channels_are_those_of_the_environment() -> None:
