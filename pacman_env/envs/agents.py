@@ -12,12 +12,11 @@ from ..config import ConfigError
 from ..game.ghosts import GHOST_NAMES
 from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments
-from .core import CoreEnv
-from .spaces import ghost_action_space, state_limits
+from .core import CoreEnv, Ends
+from .spaces import state_limits
 
 PACMAN = "pacman"
 Observations = dict[str, Any]  # an agent's: a dictionary of arrays, or one array
-
 _TURN = 2 * np.pi
 
 
@@ -26,21 +25,20 @@ class SeveralAgents(CoreEnv):
 
     def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         self._make_core(n, arguments, ghost_agents=True, **more)
+        core = self._core
         if self.config.decisions.when == "event" or self.config.observation.candidates == "nearest":
             forbidden = "decisions.when='event' and observation.candidates='nearest'"
             raise ConfigError(f"{forbidden} are for one agent: here all decide at each tick")
-        self._ghosts = {GHOST_NAMES[k]: k for k in self._core.ghost_agents}
+        self._ghosts = {GHOST_NAMES[k]: k for k in core.ghost_agents}
         if not self._ghosts:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
-        self._cycles = np.zeros(n, dtype=np.int64)  # decisions of each episode
-        self._cut = np.zeros(n, dtype=np.bool_)  # by max_cycles, and not reset since
-        self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, as last seen
+        self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, of the last observations
         self.possible_agents = [PACMAN, *self._ghosts]
-        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: self._core.observation_space()}
-        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: self._core.action_space()}
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.observation_space()}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.action_space()}
         for name in self._ghosts:
-            self.observation_spaces[name] = self._core.ghost_observation_space()
-            self.action_spaces[name] = ghost_action_space(self.batch)
+            self.observation_spaces[name] = core.ghost_observation_space()
+            self.action_spaces[name] = spaces.Discrete(self.batch.candidates)
         low, high = np.array(list(state_limits(self.batch).values())).T
         self.state_space = spaces.Box(low, high, dtype=np.float64)
 
@@ -57,32 +55,12 @@ class SeveralAgents(CoreEnv):
         """The names of the numbers of ``state()``."""
         return list(state_limits(self.batch))
 
-    def _begin(
-        self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
-    ) -> None:
-        """New episodes in the games ``index``."""
-        self._core.reset(index, seeds, levels)
-        self._cycles[index] = 0
-        self._cut[index] = False
-
-    def _decide(
-        self, actions: dict[str, NDArray[Any]]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """One decision of every agent, whose actions (N,) are checked; games that are over stand still.
-
-        Rewards (N, A), terminated (N,), truncated (N,).
-        """
+    def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
+        """One decision of every agent, whose actions (N,) are checked; rewards are (N, A)."""
         choices = {number: actions[name] for name, number in self._ghosts.items()}
-        plays = None if self.config.max_cycles is None or not self._cut.any() else ~self._cut
-        reward, terminated, truncated = self._core.step(actions[PACMAN], choices, plays)
-        if self.config.max_cycles is not None:
-            self._cycles += 1
-            self._cut |= (self._cycles >= self.config.max_cycles) & ~terminated
-            truncated |= self._cut
+        reward, terminated, truncated = self._core.step(actions[PACMAN], choices)
         of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
-        rewards = np.empty((len(reward), 1 + len(self._ghosts)))
-        rewards[:, 0], rewards[:, 1:] = reward, of_ghosts[:, None]
-        return rewards, terminated, truncated
+        return np.stack([reward, *[of_ghosts] * len(self._ghosts)], axis=1), terminated, truncated
 
     def _observed(self) -> Observations:
         """Of all agents in all games, (N, ...); their masks are kept."""
@@ -96,19 +74,13 @@ class SeveralAgents(CoreEnv):
         believed, batch = self.situation.robot, self.batch
         g, ghosts = batch.games, batch.ghosts
         turns = (g["right"] - g["left"]) / batch.config.robot.wheel_base_m
-        robot = [g["x"], g["y"], _within_half_a_turn(g["heading"]), *believed.T, 0.5 * (g["left"] + g["right"]), turns]
-        each: list[NDArray[Any]] = []
+        columns = [g["x"], g["y"], _within_half_a_turn(g["heading"])]
+        columns += [*believed.T, 0.5 * (g["left"] + g["right"]), turns]
         for ghost in ghosts.T:
             velocity = [np.clip(ghost[name], -FAST_MPS, FAST_MPS) for name in ("vx", "vy")]
-            each += [ghost["x"], ghost["y"], *velocity, np.minimum(ghost["speed"], FAST_MPS), ghost["place"]]
-        game = [g["pursued"], g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
-        states, before, after = np.empty((batch.n, *self.state_space.shape)), [*robot, *each], len(game)
-        for k, column in enumerate(before):
-            states[:, k] = column
-        states[:, len(before) : -after] = batch.alive
-        for k, column in enumerate(game):
-            states[:, k - after] = column
-        return states
+            columns += [ghost["x"], ghost["y"], *velocity, np.minimum(ghost["speed"], FAST_MPS), ghost["place"]]
+        columns += [*batch.alive.T, g["pursued"], g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
+        return np.stack(columns, axis=1).astype(np.float64)
 
 
 def _within_half_a_turn(angles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The common core of the environments: checked actions, the ghosts' policies, observations, rewards, infos."""
+"""The common core of the environments: the games, the ghosts' policies, observations, rewards, infos."""
 
 from __future__ import annotations
 
@@ -24,13 +24,17 @@ from . import outcome
 from .arguments import EnvArguments, check_render_mode
 from .spaces import OBSERVATION, action_space, observation_space, velocities
 
-#: By the ghost's number: of all games (N,), or one for all of them.
-GhostChoices = Mapping[int, NDArray[np.int64] | int]
-_NOBODY = np.zeros(0, dtype=np.bool_)
+#: Rewards (N,), terminated (N,) and truncated (N,).
+Ends = tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
+_NONE_OVER = np.zeros(0, dtype=np.bool_)
 
 
 class EnvCore:
-    """N games of one environment, from its arguments."""
+    """N games of one environment, from its arguments.
+
+    ``ghost_agents``: the caller of ``step`` chooses for ghosts whose behaviour is ``policy``. Without ``copy``,
+    situations and features are written to two sets of arrays in turn. ``settings`` replace those of the arguments.
+    """
 
     def __init__(
         self,
@@ -40,32 +44,20 @@ class EnvCore:
         ghost_agents: bool = False,
         num_threads: int = 1,
         copy: bool = True,
+        max_episode_steps: int | None = None,
         settings: Mapping[str, Any] | None = None,
     ) -> None:
-        """Raises ConfigError or MapError for arguments that cannot be played.
-
-        Args:
-            n: games.
-            arguments: of the environment.
-            num_threads: see :class:`~pacman_env.engine.threads.Threads`.
-            copy: situations and features are new arrays at each step; False: two sets of arrays take turns.
-            ghost_agents: whoever steps the games chooses for ghosts whose behaviour is ``policy``.
-            settings: fields of the configuration, in place of those of the arguments.
-        """
         compile_ahead.begin()
-        self.config, self._policies = arguments.make_config(several=ghost_agents)
         self.settings = dict(settings or {})
-        self.config = self.config.with_fields(**self.settings)
+        config, self._policies = arguments.make_config(several=ghost_agents)
+        self.config = config.with_fields(**self.settings)
         behaviours = enumerate(self.config.clyde.ghosts)
         self.ghost_agents = [k for k, name in behaviours if name == "policy" and k not in self._policies]
         if self.ghost_agents and not ghost_agents:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
         self.batch = GameBatch(arguments.make_source(self.config), self.config, n, num_threads)
         self._observer = Observer(self.batch)
-        self.parts = self._observer.parts
         self.candidates = self.batch.candidates if self._observer.nearest is None else self._observer.nearest.count
-        self._numeric = self.config.observation.numeric_info
-        self._timeout_terminates = self.config.timeout == "termination"
         self._mask_in_info = self.config.observation.mask == "info"
         self._mask_beside = self.config.observation.mask == "beside"
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
@@ -73,15 +65,17 @@ class EnvCore:
         self._situation: Situation | None = None
         self._copies = copy
         self._reused: list[Situation | None] = [None, None]
-        self._listed: NDArray[np.int64] | None = None  # candidates by the number that an action has; None: their own
+        self._listed: NDArray[np.int64] | None = None  # (N, C) candidate that an action stands for; None: its own
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
+        self._most_steps = max_episode_steps
+        self._steps = np.zeros(n, dtype=np.int64)  # of each episode
+        self.cut = np.zeros(n, dtype=np.bool_)  # by the most steps, and not reset since
         self._path_counts = bool(self.config.reward.progress or self.config.ghost_reward.progress)
-        self._path_left = np.zeros(n)  # m, left to the nearest pellet; 0 where it does not count
+        self._path_left = np.zeros(n)  # m, to the nearest pellet left; 0 where it does not count
         self._nearer = np.zeros(n)  # m, in the last step
-        self._asks_who_was_over = self._path_counts or bool(self.ghost_agents)
-        self._was_over = _NOBODY  # (N,) before the last step, where somebody asks
+        self._was_over = _NONE_OVER  # (N,) before the last step, where a reward asks for it
         several = len(self.batch.levels) > 1 or self.config.endless or self.config.decisions.when == "event"
-        self._draws = bool(self.config.randomize.ranges())  # asked at every step otherwise
+        self._draws = bool(self.config.randomize.ranges())
         self._more_infos = several or self._draws or self._mask_in_info
 
     @property
@@ -89,35 +83,30 @@ class EnvCore:
         """Whether a first round has begun."""
         return self._situation is not None
 
-    def require_reset(self) -> None:
-        """Raise ResetNeeded before the first reset."""
+    def require_reset(self, running: bool = False) -> None:
+        """Raise ResetNeeded before the first reset, or with ``running`` where every episode is over."""
         if self._situation is None:
             raise gym.error.ResetNeeded("call reset() first")
-
-    def require_running(self) -> None:
-        """Raise ResetNeeded before the first reset, and where every episode is over."""
-        self.require_reset()
-        ends = self.batch.games["end"]
-        if ends[0] != RUNNING and (ends != RUNNING).all():
+        if running and (self.batch.games["end"] != RUNNING).all():
             raise gym.error.ResetNeeded("the episode is over: call reset()")
 
     @property
     def situation(self) -> Situation:
-        """The robot's policy sees this now; there is none before the first reset."""
+        """As the robot's policy sees it now."""
         self.require_reset()
         assert self._situation is not None
         return self._situation
 
     def observation_space(self) -> spaces.Dict | spaces.Box:
-        """Of one game."""
-        return observation_space(self.parts, self.candidates if self._mask_beside else None)
+        """Of the robot's agent, in one game."""
+        return observation_space(self._observer.parts, self.candidates if self._mask_beside else None)
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
         """Of a ghost's agent."""
         return observation_space(self._ghost_observer.parts, self.batch.candidates if self._mask_beside else None)
 
     def action_space(self) -> spaces.Discrete | spaces.Box:
-        """Of one game."""
+        """Of the robot's agent."""
         return action_space(self.batch, self.candidates)
 
     def reset(
@@ -128,14 +117,16 @@ class EnvCore:
         *,
         in_step: bool = False,
     ) -> None:
-        """New episodes in the games ``index``; ``in_step``: nobody has seen yet what came of the last step."""
+        """New episodes in the games ``index``; ``in_step``: the situation after the last step is not in use."""
         self.elapsed_s[index] = 0.0
+        self._steps[index] = 0
+        self.cut[index] = False
         self.batch.reset(index, seeds, levels)
         if self._policies:
-            mask = np.zeros(self.batch.n, dtype=np.bool_)
-            mask[index] = True
+            games = np.zeros(self.batch.n, dtype=np.bool_)
+            games[index] = True
             for policy in self._policies.values():
-                policy.reset(mask, self.config)
+                policy.reset(games, self.config)
         self._update_situation(index if in_step else None)
 
     @functools.cached_property
@@ -145,7 +136,7 @@ class EnvCore:
         return Observer(self.batch, config, ghost=True)
 
     def _update_situation(self, index: NDArray[np.int64] | None = None) -> None:
-        """Situations of all games, or again of some whose last situation nobody has seen."""
+        """Of all games, in new or reused arrays; or of the games ``index`` in the arrays of the last one."""
         if index is not None:
             self._situation = self.batch.situation(again=self._situation, index=index)
         else:
@@ -162,7 +153,7 @@ class EnvCore:
         return self.situation.mask.copy() if self._listed is None else self._listed != NOBODY
 
     def actions_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(N,) the actions that stand for candidates (N,)."""
+        """(N,) the actions that stand for candidates (N,), hold where none does."""
         self.require_reset()
         if self._listed is None:
             return candidates
@@ -182,28 +173,20 @@ class EnvCore:
         forbidden = chosen == NOBODY
         return np.where(forbidden, self.batch.hold, chosen), forbidden
 
-    def step(
-        self,
-        actions: NDArray[Any],
-        ghost_choices: GhostChoices | None = None,
-        plays: NDArray[np.bool_] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """One decision: reward (N,), terminated (N,), truncated (N,); games that were over get no reward.
+    def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, NDArray[np.int64]] | None = None) -> Ends:
+        """One decision; games that were over get no reward.
 
-        ``ghost_choices``: those of ``ghost_agents`` by the ghost's number; the policies of the others are asked. With
-        decisions at every tick, games that do not play (``plays`` (N,), None: all do) stand still as if they were over.
-
-        Raises:
-            ResetNeeded: before the first reset.
+        ``ghost_choices`` (N,) are those of ``ghost_agents`` by the ghost's number; the policies of the others are
+        asked. With several agents, games that were cut stand still as if they were over.
         """
         self.require_reset()
         batch, path_before = self.batch, self._path_left
-        was_over = batch.games["end"] != RUNNING if self._asks_who_was_over else _NOBODY
-        if plays is not None and self._asks_who_was_over:
-            was_over |= ~plays
-        self._was_over = was_over
+        plays = ~self.cut if self.ghost_agents and self.cut.any() else None
+        if self._path_counts or self.ghost_agents:
+            over = batch.games["end"] != RUNNING
+            self._was_over = over if plays is None else over | self.cut
         if self.config.decisions.when == "event":
-            choose = self._policies_choose if self._policies else None
+            choose = functools.partial(self._ghost_choices, {}) if self._policies else None
             batch.step_until_due(*self._chosen(actions), choose)
             self.elapsed_s = batch.elapsed_s.copy()
         else:
@@ -216,16 +199,24 @@ class EnvCore:
         reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
         if plays is not None:
             reward[~plays] = 0.0
-        if self._timeout_terminates:
+        if self.config.timeout == "termination":
             terminated, truncated = terminated | truncated, np.zeros_like(truncated)
         if self._path_counts:
-            self._nearer = self._progress(path_before, was_over, terminated)
+            self._nearer = self._progress(path_before, terminated)
             reward += self.config.reward.progress * self._nearer
+        self._cut_long_episodes(terminated, truncated)
         return reward, terminated, truncated
 
-    def _progress(
-        self, path_before: NDArray[np.float64], was_over: NDArray[np.bool_], terminated: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
+    def _cut_long_episodes(self, terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]) -> None:
+        """Truncate episodes at the most steps; with one agent terminated ones too, as Gymnasium's ``TimeLimit``."""
+        most = self.config.max_cycles if self.ghost_agents else self._most_steps
+        self._steps += 1
+        if most is not None:
+            long = self._steps >= most
+            self.cut = long & ~terminated & ~truncated
+            truncated |= long & ~terminated if self.ghost_agents else long
+
+    def _progress(self, path_before: NDArray[np.float64], terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
         """(N,) gamma phi(s') - phi(s), m, with minus the path length to the nearest pellet as phi; phi of an end is 0.
 
         Over an episode it telescopes: with gamma = 1, to the path length at its beginning, whatever was done.
@@ -233,36 +224,32 @@ class EnvCore:
         config = self.config
         passed_s = self.elapsed_s if config.decisions.when == "event" else config.execution.tick_s
         left = np.where(terminated, 0.0, self._path_left)
-        return np.where(was_over, 0.0, path_before - config.decisions.discount_per_s**passed_s * left)
-
-    def _policies_choose(self) -> NDArray[np.int64] | None:
-        return self._ghost_choices({})
+        return np.where(self._was_over, 0.0, path_before - config.decisions.discount_per_s**passed_s * left)
 
     def ghost_reward(self) -> NDArray[np.float64]:
-        """(N,) of the tick that has just ended, for a ghost that plays for himself; 0 in games that were over."""
+        """(N,) of a ghost in the last step, by ``config.ghost_reward``; 0 in games that were over."""
         reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
         return reward + self.config.ghost_reward.progress * self._nearer if self._path_counts else reward
 
     def observe(self) -> Any:
-        """The robot's agent sees this now: one array (N, ...) per key, or one array where observations are flat."""
+        """Of the robot's agent: one array (N, ...) per key, or one array where observations are flat."""
         seen = self._observer.observe(self.situation, self._listed)
         return self._laid_out(seen, self.masks() if self._mask_beside else None)
 
     def observe_ghost(self, situation: Situation) -> Any:
-        """The agent of a ghost sees this in his situation: the features, laid out as the robot's observation."""
+        """Of a ghost's agent in its situation, laid out alike."""
         seen = self._ghost_observer.observe(situation)
         return self._laid_out(seen, situation.mask if self._mask_beside else None)
 
     @staticmethod
     def _laid_out(seen: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_] | None) -> Any:
-        """An observation as its space has it; a mask goes beside it."""
         observation = seen.get(FLAT, seen)
         return observation if mask is None else {OBSERVATION: observation, MASK: mask.astype(np.int8)}
 
     def info_of_game(self) -> dict[str, Any]:
-        """The infos of the only game, numbers as Python's."""
-        if not self._more_infos:
-            return outcome.info(self.batch.summary, self._numeric)
+        """The infos of the only game, as Python's numbers."""
+        if not self._more_infos:  # a tenth of the time of a step
+            return outcome.info(self.batch.summary, self.config.observation.numeric_info)
         return {key: array[0].copy() if array.ndim > 1 else array.tolist()[0] for key, array in self.infos().items()}
 
     @staticmethod
@@ -273,9 +260,9 @@ class EnvCore:
         return observation[game]
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Per game; see the environment."""
+        """Per game (N,), and with a mask in them (N, C), as the environment describes them."""
         batch, games = self.batch, self.batch.games
-        result = outcome.infos(batch.summary, self._numeric)
+        result = outcome.infos(batch.summary, self.config.observation.numeric_info)
         if self._mask_in_info:
             result[MASK] = self.masks().astype(np.int8)
         if len(batch.levels) > 1:
@@ -286,17 +273,16 @@ class EnvCore:
             result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result
 
-    def _ghost_choices(self, given: GhostChoices) -> NDArray[np.int64] | None:
+    def _ghost_choices(self, given: Mapping[int, NDArray[np.int64]]) -> NDArray[np.int64] | None:
+        """(N, G), from the policies and as given; None: every ghost has a behaviour."""
         if not (self._policies or given):
             return None
         choices = np.full(self.batch.ghosts.shape, self.batch.hold, dtype=np.int64)
         for number, policy in self._policies.items():
             chosen = np.asarray(policy.select(self.batch.situation(number)))
             if chosen.shape != (self.batch.n,) or chosen.dtype.kind not in "iu":
-                raise ValueError(
-                    f"ghosts[{number}]: select must return {self.batch.n} integers, got {chosen.dtype} of shape"
-                    f" {chosen.shape}"
-                )
+                wanted, got = f"{self.batch.n} integers", f"{chosen.dtype} of shape {chosen.shape}"
+                raise ValueError(f"ghosts[{number}]: select must return {wanted}, got {got}")
             choices[:, number] = chosen
         for number, choice in given.items():
             choices[:, number] = choice
@@ -344,12 +330,7 @@ class CoreEnv:
         return self._core.started
 
     def _play_by(self, settings: Mapping[str, Any]) -> None:
-        """Play by these from now on, beside the arguments.
-
-        Raises:
-            ConfigError: they cannot be played by, or the spaces would be others; nothing has changed then.
-            MapError: the map cannot be played on with them.
-        """
+        """Play by these from now on, beside the arguments; where that raises an error nothing has changed."""
         if settings == self._core.settings:
             return
         n, arguments, more = self._made_from
@@ -357,29 +338,21 @@ class CoreEnv:
         same = core.observation_space() == self._core.observation_space()
         same &= core.ghost_agents == self._core.ghost_agents
         if not same or core.action_space() != self._core.action_space():
-            names = ", ".join(sorted(settings))
-            raise ConfigError(
-                f"options['settings']: {names} would change the spaces or agents; make an environment with them"
-            )
+            would = f"{', '.join(sorted(settings))} would change the spaces or agents"
+            raise ConfigError(f"options['settings']: {would}; make an environment with them")
         self._core = core
 
     @property
     def situation(self) -> Situation:
-        """A policy of this package sees this now: one situation per game.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """One per game, as a policy of this package sees it now; raises ResetNeeded before the first reset."""
         return self._core.situation
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
         """``action_masks()``: which candidates may be chosen now, the name that sb3-contrib calls.
 
-        (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8.
-
-        Raises:
-            AttributeError: velocities have no mask.
+        (C,) bool, of a vector environment (N, C); ``action_space.sample`` takes it as int8. Raises AttributeError with
+        velocities, which have no mask.
         """
         if self.config.action != "goal":
             raise AttributeError("velocity actions have no masks")
@@ -388,11 +361,8 @@ class CoreEnv:
     def action_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
         """(N,) the actions that stand now for candidates (N,), as a policy of this package chooses them.
 
-        Of the nearest candidates those that are not listed are the last action, hold.
-
-        Raises:
-            AttributeError: velocities choose no candidate.
-            ResetNeeded: before the first reset.
+        Of the nearest candidates those that are not listed are the last action, hold. Raises AttributeError with
+        velocities, and ResetNeeded before the first reset.
         """
         if self.config.action != "goal":
             raise AttributeError("velocity actions choose no candidate")
@@ -402,7 +372,7 @@ class CoreEnv:
         return self._core.masks()
 
     def _pictures(self, cores: Sequence[EnvCore]) -> tuple[NDArray[np.uint8], ...] | None:
-        """One for each game of them, if there is a render mode."""
+        """One for each game, if there is a render mode."""
         if self.render_mode is None:
             return None
         from ..render.frames import render_frame

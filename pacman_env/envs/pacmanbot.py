@@ -13,7 +13,7 @@ from ..render.display import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .reset_options import ResetOptions
+from .resets import ResetOptions
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
@@ -69,8 +69,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     no ray ends at them, and none shows a pellet. So the bearings come with it, and with features and planner features
     where actions are velocities: these have path lengths, not where to steer. Seen from the believed pose, they
     are the directions of `K = 4` pellets (`observation.nearest_pellets`), and of the places 0.5 m on along the shortest
-    paths to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
-    its heading up.
+    paths to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose:
+    `S = 64` pixels of 0.1 m, the robot in the middle, its heading up.
 
     ## Rewards
     Per decision, all configurable (`config.reward`): +1 for each pellet collected, -0.002 for the time, -10 when
@@ -88,8 +88,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
       (`complete`); no pellet is left but some were lost (`cleared`, only with `execution.rules="as_built"`).
     - Truncation: 600 s (`time_limit_s`).
 
-    With the setting `endless` a completed round gives its reward and is followed by the next: from the home pose, with all
-    pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode is terminated when the robot is caught,
+    With the setting `endless` a completed round gives its reward and is followed by the next: from the home pose, with
+    all pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode is terminated when the robot is caught,
     and truncated by the time limit of a round.
 
     ## Information
@@ -119,32 +119,11 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
 
     ## Settings
     Every number of the game is one (`docs/configuration.md`). With `{"randomize.speed_mps": (0.2, 0.3)}` and its like a
-    value is drawn uniformly for each episode. These change how the environment is used:
-
-    - `execution.rules`: `"robust"`, or `"as_built"` as the original executor was.
-    - `observation.candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2
-      nearest refuges (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's path lengths to
-      them, and hold. Spaces are then the same on every map.
-    - `observation.normalize`: all numbers of the observation in [-1, 1]. A length, an age or a count x becomes
-      x / (|x| + c) with c = 3 m, 3 s or 10, everything else is divided by a constant (`sim/observation/scales.py`).
-      Planner features and the scan are divided by their bounds, which most planner features are far within: the median
-      of their standard deviations is 0.03. A learner that needs a spread of 1 wants `NormalizeObservation` or
-      `VecNormalize` as well.
-    - `observation.mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, only a
-      `"method"`, or `"beside"` the observation: `{"observation": ..., "action_mask": ...}`. It is int8 there, as
-      `action_space.sample(mask)` takes it; `action_masks()` is bool, as sb3-contrib takes it.
-    - `observation.numeric_info`: `outcome` is its number (`pacman_env.OUTCOMES`), not a word.
-    - `decisions.when`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal
-      has ended, a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
-      (`config.decisions`). Rewards are summed up (`decisions.discount_per_s`), `info["elapsed_s"]` is the duration.
-    - `timeout`: the time limit is a `"truncation"` (the default), or a `"termination"`: its reward of -5 is an end, and
-      no learner adds the value of what would have followed.
-    - `action_range`: of velocities, `"physical"` (m/s and rad/s, the default) or `"unit"` (both -1 to 1).
-    - `endless`: round follows round.
-    - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to
-      999,999 to train, 1,000,000 to 1,000,999 to test.
-    - `home`: x, y, heading of the home pose; by default (0, 0, 0) where the robot can stand there, else the roomiest
-      place of the largest part.
+    value is drawn uniformly for each episode. These change how the environment is used, as a table in
+    `docs/environments/pacmanbot.md` says in detail: `execution.rules` (the original's faults), `decisions.when` (a step
+    is a tick, or lasts until something is to be decided), `observation.candidates` (all of the map, or the nearest),
+    `observation.normalize`, `observation.mask` (where the mask is), `observation.numeric_info`, `timeout` (truncation
+    or termination), `action_range`, `endless`, `start_level` and `num_levels` (of generated houses), `home`.
 
     ## Reset
     `reset(seed=..., options=...)`: `options` may hold, for the episode that begins, `round_seed` (as in
@@ -156,10 +135,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     its seed and its decisions, which takes up to some tens of ms.
 
     ## Version History
-    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with `flat=True`:
-      `decisions.when="event"`, `observation.candidates="nearest"`, `observation=("planner", "flat")`,
-      `observation.normalize=True`, `observation.mask="method"`, `observation.numeric_info=True`,
-      `timeout="termination"`.
+    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with `flat=True`.
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
@@ -176,15 +152,9 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start a new episode; its own seed is drawn from the environment's generator.
+        """Start a new episode; ``seed`` is of the generator that draws the episode's own, None: it goes on.
 
-        Args:
-            seed: of the generator; None: it goes on.
-            options: for this episode: ``round_seed``, in place of one that is drawn; ``level``, of generated maps;
-                ``settings``, fields of the configuration by dotted name that leave the spaces as they are.
-
-        Raises:
-            ValueError: options that there are not, or that cannot be played.
+        ``options`` are described in the class. Raises ValueError for those that are unknown or cannot be played.
         """
         wanted = ResetOptions.of(options, 1)
         levels = wanted.levels(self.batch.source, _ONE)
@@ -202,7 +172,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
             ValueError: the action is no element of the action space (a velocity beyond the limits is cut to them).
             ResetNeeded: before the first reset, or after the end of an episode.
         """
-        self._core.require_running()
+        self._core.require_reset(running=True)
         reward, terminated, truncated = self._core.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()

@@ -6,7 +6,6 @@ import copy
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
@@ -16,13 +15,10 @@ from ..render.display import RENDER_FPS
 from ..sim.observation.kinds import MASK
 from .agents import PACMAN, Observations, SeveralAgents
 from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .episode_seeds import EpisodeSeeds
-from .reset_options import ResetOptions, chosen_games
-
-_NOTHING_WANTED = ResetOptions()
+from .resets import ManyGames
 
 
-class PacManBotParallelVecEnv(SeveralAgents):
+class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     """Many games of :class:`~pacman_env.envs.pettingzoo_env.PacManBotParallelEnv` at once.
 
     ```python
@@ -66,12 +62,11 @@ class PacManBotParallelVecEnv(SeveralAgents):
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             raise ValueError(f"autoreset_mode = {autoreset_mode}: must be AutoresetMode.SAME_STEP or DISABLED")
         self._make_agents(self.num_envs, arguments, num_threads=num_threads)
-        self._seeds = EpisodeSeeds(self.num_envs)
-        self._all = np.arange(self.num_envs)
+        self._make_generators()
 
     @property
     def agents(self) -> list[str]:
-        """All of ``possible_agents``: nobody leaves before the others."""
+        """All of ``possible_agents``: none leaves before the others."""
         return list(self.possible_agents)
 
     @property
@@ -97,19 +92,7 @@ class PacManBotParallelVecEnv(SeveralAgents):
             ValueError: the seeds, the mask or the options do not fit the games; nothing has been changed then.
             ResetNeeded: the first reset is not of all games.
         """
-        index = self._all if mask is None else chosen_games(mask, self.num_envs, "mask")
-        every = len(index) == self.num_envs
-        if not self.started and not every:
-            raise gym.error.ResetNeeded("the first reset() must be of all games")
-        wanted = ResetOptions.of(options, self.num_envs)
-        levels = wanted.levels(self.batch.source, index)
-        if wanted.settings and not every:
-            raise ValueError("options['settings'] are for all games, which are not all reset")
-        generators = self._seeds.generators(seed, index)
-        if every:
-            self._play_by(wanted.settings)
-        self._seeds.take(generators)
-        self._begin(index, self._seeds.of(index, wanted, self.batch), levels)
+        self._reset_games(seed, options, mask, "mask")
         return self._observed(), self._infos()
 
     def step(
@@ -132,15 +115,14 @@ class PacManBotParallelVecEnv(SeveralAgents):
         ended = np.flatnonzero(terminated | truncated)
         if self.autoreset_mode == AutoresetMode.SAME_STEP and len(ended):
             final = self._final(ended, observations)
-            self._begin(ended, self._seeds.of(ended, _NOTHING_WANTED, self.batch))
+            self._follow(ended)
             observations = self._observed()
         return observations, rewards, terminated, truncated, {**self._infos(), **final}
 
     def action_masks(self) -> Any:
         """Which actions are allowed now: bool (N, A, C), or with velocities (N, C) by the ghost's name.
 
-        Raises:
-            ResetNeeded: before the first reset.
+        Raises ResetNeeded before the first reset.
         """
         self._core.require_reset()
         if self.config.action != "goal":
@@ -148,44 +130,38 @@ class PacManBotParallelVecEnv(SeveralAgents):
         return np.stack([self._core.masks(), *self._ghost_masks.values()], axis=1)
 
     def state(self) -> NDArray[np.float64]:
-        """(N, S) the games as they truly are; the numbers are named by ``state_names``.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """(N, S) the games as they truly are, numbers by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()
 
     def stacked(self, observations: Observations) -> Any:
-        """Observations of all agents in one: arrays (N, A, ...).
+        """Observations of all agents in one: arrays (N, A, ...), or a dictionary of such.
 
-        With the mask beside the observation a dictionary of such.
-
-        Raises:
-            ValueError: those of two agents differ in their arrays or in the shape of one.
+        Raises ValueError where those of two agents differ in their arrays or in the shape of one.
         """
-        missing = [agent for agent in self.possible_agents if agent not in observations]
-        if missing:
-            raise ValueError(f"no observation of {', '.join(missing)}")
-        return _stacked({agent: observations[agent] for agent in self.possible_agents}, "")
+        return _stacked(self._by_agent(observations, "observation"), "")
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """One picture per game, in mode ``rgb_array``."""
+        """One picture (H, W, 3) per game, in mode ``rgb_array``."""
         self._core.require_reset()
         return self._pictures([self._core])
 
     def close(self) -> None:
-        """Nothing is open; for those who close what they use."""
+        """Do nothing: nothing is open."""
+
+    def _by_agent(self, given: Mapping[str, Any], what: str) -> dict[str, Any]:
+        missing = [agent for agent in self.possible_agents if agent not in given]
+        if missing:
+            raise ValueError(f"no {what} of {', '.join(missing)}")
+        return {agent: given[agent] for agent in self.possible_agents}
 
     def _checked(self, actions: Any) -> dict[str, NDArray[Any]]:
         """By agent, as the games take them."""
         if isinstance(actions, Mapping):
-            missing = [agent for agent in self.possible_agents if agent not in actions]
-            if missing:
-                raise ValueError(f"no actions of {', '.join(missing)}")
-            unknown = [str(agent) for agent in actions if agent not in self.possible_agents]
+            by_agent = self._by_agent(actions, "actions")
+            unknown = [str(agent) for agent in actions if agent not in by_agent]
             if unknown:
                 raise ValueError(f"actions of {', '.join(unknown)}: the agents are {', '.join(self.possible_agents)}")
-            return {agent: self._checked_of(agent, np.asarray(actions[agent])) for agent in self.possible_agents}
+            return {agent: self._checked_of(agent, np.asarray(given)) for agent, given in by_agent.items()}
         if self.config.action == "velocity":
             raise ValueError(f"actions must be by agent, with velocities of {PACMAN}: {{{PACMAN!r}: (N, 2), ...}}")
         array, shape = np.asarray(actions), (self.num_envs, self.num_agents)
@@ -194,22 +170,19 @@ class PacManBotParallelVecEnv(SeveralAgents):
         return {agent: self._checked_of(agent, array[:, k]) for k, agent in enumerate(self.possible_agents)}
 
     def _checked_of(self, agent: str, given: NDArray[Any]) -> NDArray[Any]:
-        space, got = self.action_spaces[agent], f"got {given.dtype} of shape {given.shape}"
-        if isinstance(space, spaces.Box):
-            if given.shape != (self.num_envs, 2) or given.dtype.kind not in "fiu":
-                raise ValueError(f"actions of {agent} must be {self.num_envs} pairs of v and omega, {got}")
-            bad = np.flatnonzero(~np.isfinite(given).all(axis=1))
-            if len(bad):
-                action = given[bad[0]].tolist()
-                raise ValueError(f"action {action} of {agent} in game {bad[0]}: must be two finite numbers")
-            return given.astype(np.float64)
-        assert isinstance(space, spaces.Discrete)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise ValueError(f"actions of {agent} must be {self.num_envs} integers, {got}")
-        bad = np.flatnonzero((given < 0) | (given >= space.n))
-        if len(bad):
-            raise ValueError(f"action {given[bad[0]]} of {agent} in game {bad[0]}: must be 0 to {space.n - 1}")
-        return np.ascontiguousarray(given, dtype=np.int64)
+        space = self.action_spaces[agent]
+        goals = isinstance(space, spaces.Discrete)
+        shape: tuple[int, ...] = (self.num_envs,) if goals else (self.num_envs, 2)
+        if given.shape != shape or given.dtype.kind not in ("iu" if goals else "fiu"):
+            wanted = f"{self.num_envs} {'integers' if goals else 'pairs of v and omega'}"
+            raise ValueError(f"actions of {agent} must be {wanted}, got {given.dtype} of shape {given.shape}")
+        if isinstance(space, spaces.Discrete):
+            bad, rule = (given < 0) | (given >= space.n), f"must be 0 to {space.n - 1}"
+        else:
+            bad, rule = ~np.isfinite(given).all(axis=1), "must be two finite numbers"
+        for game in np.flatnonzero(bad)[:1].tolist():
+            raise ValueError(f"action {given[game].tolist()} of {agent} in game {game}: {rule}")
+        return np.ascontiguousarray(given, dtype=np.int64 if goals else np.float64)
 
     def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = self._core.infos()
@@ -239,8 +212,8 @@ def _stacked(by_agent: dict[str, Any], where: str) -> Any:
     for agent, other in by_agent.items():
         ours, theirs = (sorted(one) if isinstance(one, dict) else one.shape for one in (seen, other))
         if ours != theirs:
-            what = f"observations{where}"
-            raise ValueError(f"{what} of {first} and {agent} differ, so they cannot be stacked: {ours} and {theirs}")
+            differ = f"observations{where} of {first} and {agent} differ"
+            raise ValueError(f"{differ}, so they cannot be stacked: {ours} and {theirs}")
     if isinstance(seen, dict):
         return {key: _stacked({agent: one[key] for agent, one in by_agent.items()}, f"[{key!r}]") for key in seen}
     return np.stack(list(by_agent.values()), axis=1)

@@ -17,7 +17,7 @@ from ..sim.observation.kinds import MASK
 from .agents import PACMAN as PACMAN
 from .agents import Observations, SeveralAgents
 from .arguments import EnvArguments, takes_env_arguments
-from .reset_options import ResetOptions
+from .resets import ResetOptions
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
@@ -97,7 +97,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         self._play_by(wanted.settings)
         if seed is not None:
             self._generator, _ = seeding.np_random(seed)
-        self._begin(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
+        self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         self.agents = list(self.possible_agents)
         if self.render_mode == "human":
             self.render()
@@ -109,7 +109,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         """One decision of every agent.
 
         Raises:
-            ValueError: an agent has no action, or one that :meth:`checked` refuses; nothing has been changed then.
+            ValueError: an agent has no action, or one that is not in its space; nothing has been changed then.
             ResetNeeded: before the first reset.
         """
         self._core.require_reset()
@@ -127,13 +127,8 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         if self.render_mode == "human":
             self.render()
         observations, infos = self._seen()
-        return (
-            observations,
-            rewards,
-            dict.fromkeys(agents, bool(terminated[0])),
-            dict.fromkeys(agents, bool(truncated[0])),
-            infos,
-        )
+        ends, cuts = (dict.fromkeys(agents, bool(flags[0])) for flags in (terminated, truncated))
+        return observations, rewards, ends, cuts, infos
 
     @property
     def np_random(self) -> np.random.Generator:
@@ -143,23 +138,17 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         return self._generator
 
     def checked(self, agent: str, action: Any) -> Any:
-        """The action as the game takes it.
+        """The action as the game takes it; raises ValueError where it is not in the agent's space.
 
-        Raises:
-            ValueError: it is not in the agent's space; but velocities beyond the limits are cut to them.
+        Velocities beyond the limits are cut to them.
         """
         return checked_action(self.action_spaces[agent], action, f" of {agent}")
 
     def state(self) -> NDArray[np.float64]:
-        """The whole game as it truly is; the numbers are named by ``state_names``.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """(S,) the game as it truly is, numbers by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()[0]
 
     def _seen(self) -> tuple[Observations, dict[str, dict[str, Any]]]:
-        """Observations and infos of all agents."""
         observations, info = self._observed(), self._core.info_of_game()
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
@@ -169,7 +158,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
 
 class _InTurn(parallel_to_aec_wrapper):
-    """PettingZoo's own, but a wrong action is refused when it is made, not when the last agent has made his."""
+    """PettingZoo's own, but a wrong action is refused when it is made, not when the last agent has made its own."""
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection

@@ -1,7 +1,7 @@
 """Registers the environments with Gymnasium and PettingZoo: at once where they are imported already, else then.
 
-Neither library loads plug-ins by entry points, and importing this package must load neither of them: a robot's node
-does without their 8 MB. So a finder in ``sys.meta_path`` waits for their import.
+Importing this package must load neither, as a robot's node does without their 8 MB, and neither loads plug-ins by entry
+points. The standard library has no public hook for the end of an import, so a finder in ``sys.meta_path`` waits for it.
 """
 
 from __future__ import annotations
@@ -54,11 +54,7 @@ def register_parallel_envs() -> None:
 
 
 def refuse_former_id(**_: Any) -> NoReturn:
-    """The entry point of ``FORMER_FLAT_ID``.
-
-    Raises:
-        gymnasium.error.DeprecatedEnv: always.
-    """
+    """The entry point of ``FORMER_FLAT_ID``."""
     from gymnasium.error import DeprecatedEnv
 
     raise DeprecatedEnv(f"{FORMER_FLAT_ID} is {FLAT_ID} since 1.0")
@@ -74,7 +70,7 @@ def register_when_imported() -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Finds a module as the other finders do, and calls ``then`` when it is loaded, not when it is only looked up."""
+    """Finds a module as the other finders do, and calls ``then`` when it is loaded, not when it is only searched."""
 
     def __init__(self, module: str, then: Callable[[], None]) -> None:
         self._module, self._then = module, then

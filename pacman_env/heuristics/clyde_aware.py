@@ -15,14 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
-from pacman_env.game.goal_cost import (
-    SAFE,
-    SKIPPED,
-    TOTAL,
-    ScorerParameters,
-    is_threatening,
-    score_situation,
-)
+from pacman_env.game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is_threatening, score_situation
 from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
@@ -132,24 +125,13 @@ class ClydeAware(BasePolicy):
         return np.where(allowed, -terms[..., TOTAL], -np.inf)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) goal; HOLD where no pellet may be chosen.
-
-        Raises:
-            ValueError: the number of games changed without a reset while games are remembered.
-        """
+        """(N,) goal; HOLD where no pellet may be chosen."""
         terms, threatened = self._rate(situation)
         if self.parameters.threat_exit_margin_m > 0:
             self._threatened = threatened
-        goal = np.empty(len(terms), np.int64)
-        choose_batch(
-            terms,
-            situation.kind,
-            situation.mask,
-            situation.current,
-            threatened & (self.form == "deployed"),
-            self.parameters.replan_margin_m,
-            goal,
-        )
+        goal, s = np.empty(len(terms), np.int64), situation
+        prefer_safe = threatened & (self.form == "deployed")
+        choose_batch(terms, s.kind, s.mask, s.current, prefer_safe, self.parameters.replan_margin_m, goal)
         return goal
 
     def explain(self, situation: Situation) -> Explanation:
@@ -172,17 +154,9 @@ class ClydeAware(BasePolicy):
         elif len(was) != games:
             raise ValueError(f"{games} games, but {len(was)} are remembered: call reset first")
         terms, threatened = np.empty((games, candidates, 6)), np.empty(games, np.bool_)
-        rate_batch(
-            situation.robot,
-            situation.clyde,
-            situation.closing_speed,
-            situation.position,
-            was,
-            self.form == "documented",
-            self.parameters,
-            terms,
-            threatened,
-        )
+        s, documented = situation, self.form == "documented"
+        observed = s.robot, s.clyde, s.closing_speed, s.position
+        rate_batch(*observed, was, documented, self.parameters, terms, threatened)
         return terms, threatened
 
 

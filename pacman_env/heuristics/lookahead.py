@@ -51,11 +51,7 @@ class Lookahead(BasePolicy):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0, a speed above 0")
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) minus the cost in s, -inf for what may not be chosen or has no way.
-
-        Raises:
-            ValueError: the situation has no maps.
-        """
+        """(N, C) minus the cost in s, -inf for what may not be chosen or has no path."""
         p = self.parameters
         speed_mps = p.robot_speed_mps or self.config.robot.speed_mps
         meets = encounters(situation, speed_mps)

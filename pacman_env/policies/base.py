@@ -1,7 +1,4 @@
-"""The one protocol of everything that picks goals, and a base class with the parts most policies share.
-
-No policy lives here, and nothing that steps a simulator or speaks ROS.
-"""
+"""The one protocol of everything that picks goals, and a base class with what most policies share."""
 
 from __future__ import annotations
 
@@ -75,15 +72,8 @@ class BasePolicy:
 
     def explain(self, situation: Situation) -> Explanation:
         """Kind, mask and score of each candidate."""
+        columns = situation.kind.tolist(), situation.mask.tolist(), self.scores(situation).tolist()
         return [
-            [
-                {"kind": KIND_NAMES[kind], "allowed": allowed, "score": score}
-                for kind, allowed, score in zip(*row, strict=True)
-            ]
-            for row in zip(
-                situation.kind.tolist(),
-                situation.mask.tolist(),
-                self.scores(situation).tolist(),
-                strict=True,
-            )
+            [{"kind": KIND_NAMES[kind], "allowed": may, "score": score} for kind, may, score in zip(*row, strict=True)]
+            for row in zip(*columns, strict=True)
         ]

@@ -1,4 +1,4 @@
-"""Policies for ghosts: a pool that gives each round one of many, and the behaviours of the environment as members."""
+"""Policies for ghosts: a pool that gives each round one of several, and the environment's behaviours as members."""
 
 from __future__ import annotations
 

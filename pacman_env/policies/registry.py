@@ -51,10 +51,6 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
 
 
 def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
-    """Behaviours by ghost, ``policy`` where an .onnx file moves him, and those policies by his number.
-
-    Raises:
-        ValueError: a file is no planner for this version.
-    """
+    """Behaviours by ghost, ``policy`` where an .onnx file moves it, and those policies by the ghost's number."""
     policies = {number: make_policy(name) for number, name in enumerate(ghosts) if name.endswith(".onnx")}
     return tuple("policy" if number in policies else name for number, name in enumerate(ghosts)), policies

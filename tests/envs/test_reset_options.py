@@ -14,7 +14,7 @@ import pacman_env
 from pacman_env.config import ConfigError
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.envs.reset_options import SEEDS, ResetOptions
+from pacman_env.envs.resets import SEEDS, ResetOptions
 from tests.envs.helpers import same
 
 BAD: list[tuple[Any, str]] = [
