@@ -34,23 +34,19 @@ class PacManBotVecEnv(VecEnv):
     ```
 
     Equal to ``DummyVecEnv`` of single environments in ``Monitor``, step by step. ``infos[i]`` holds the single
-    environment's info and ``TimeLimit.truncated``; at the end of an episode, ``terminal_observation`` and
-    ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s since this object was made). The games of a
-    batch share their attributes, so an attribute can be set for all of them only. ``env_is_wrapped(Monitor)`` is true
-    because episodes are reported as by ``Monitor``; with ``monitor=False`` they are not, for SB3's ``VecMonitor``.
+    environment's info and ``TimeLimit.truncated``; at the end of an episode, ``terminal_observation`` and, unless
+    ``monitor`` is False for SB3's ``VecMonitor``, ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s
+    since this object was made). The games of a batch share their attributes, which can be set for all of them only.
 
-    With the setting ``observation.infos`` ``"ends"``, which saves time, ``infos[i]`` is empty but at the end of an
-    episode, and holds no ``terminal_observation`` then.
+    With ``observation.infos="ends"``, which saves time, ``infos[i]`` is empty but at the end of an episode, without
+    ``terminal_observation``.
     """
 
     def __init__(self, env: PacManBotVectorEnv | int = 64, *, monitor: bool = True, **arguments: Any) -> None:
         """Wrap a vector environment, or one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
 
-        ``monitor``: report ``episode`` at its end; False leaves that to a ``VecMonitor`` around this environment.
-
-        Raises:
-            TypeError: ``env`` is neither, or arguments come with an environment that is made already.
-            ValueError: the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
+        Raises TypeError where ``env`` is neither, or arguments come with an environment that is made already, and
+        ValueError where the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
         """
         if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
             env = PacManBotVectorEnv(int(env), **{"autoreset_mode": AutoresetMode.SAME_STEP, **arguments})

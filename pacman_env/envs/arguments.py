@@ -25,7 +25,7 @@ from ..world.maps.occupancy import OccupancyMap
 #: How many wander, or for each a behaviour or a policy of its own.
 Ghosts = int | str | Policy | Sequence[str | Policy]
 
-#: Settings under ``flat=True``, of environments with several agents, who all decide at each tick ...
+#: Settings under ``flat=True``, of environments with several agents, which all decide at each tick ...
 _FLAT_OF_SEVERAL: dict[str, Any] = {
     "observation.kinds": ("features",),
     "observation.flat": True,
@@ -43,26 +43,16 @@ _FLAT: dict[str, Any] = {
     "decisions.when": "event",
 }
 
-#: What replaces the arguments of 0.10.
+#: The settings that replace arguments of 0.10, and arguments of another name.
 _FORMER = {
-    "action_range": "settings={'action_range': ...}",
-    "autoreset": "autoreset_mode='SameStep' or 'Disabled'",
-    "candidates": "settings={'observation.candidates': ...}",
-    "config": "settings=config",
-    "decide": "settings={'decisions.when': ...}",
-    "endless": "settings={'endless': ...}",
-    "execution": "settings={'execution.rules': ...}",
-    "home": "settings={'home': ...}",
-    "infos": "settings={'observation.infos': ...}",
-    "mask": "settings={'observation.mask': ...}",
-    "max_cycles": "settings={'max_cycles': ...}",
-    "normalize": "settings={'observation.normalize': ...}",
-    "num_levels": "settings={'num_levels': ...}",
-    "numeric_info": "settings={'observation.numeric_info': ...}",
-    "rewards": "settings={'zero_sum': True or False}",
-    "start_level": "settings={'start_level': ...}",
-    "timeout": "settings={'timeout': ...}",
+    **{name: name for name in ("action_range", "endless", "home", "max_cycles", "num_levels", "start_level")},
+    **{name: f"observation.{name}" for name in ("candidates", "infos", "mask", "normalize", "numeric_info")},
+    "decide": "decisions.when",
+    "execution": "execution.rules",
+    "rewards": "zero_sum",
+    "timeout": "timeout",
 }
+_RENAMED = {"autoreset": "autoreset_mode='SameStep' or 'Disabled'", "config": "settings=config"}
 
 
 @dataclass(frozen=True)
@@ -80,11 +70,7 @@ class EnvArguments:
     flat: bool = False
 
     def make_config(self, *, several: bool = False) -> tuple[Config, dict[int, Policy]]:
-        """The configuration, of an environment with several agents or one, and the policies by the ghost's number.
-
-        Raises:
-            ConfigError: a field given twice, an unknown name, or a value out of range.
-        """
+        """The configuration, of an environment with several agents or one, and the policies by the ghost's number."""
         settings = {} if self.settings is None else self.settings
         behaviours, policies = _behaviours(self.ghosts)
         changes = {} if self.observation is None else _kinds(self.observation)
@@ -108,12 +94,7 @@ class EnvArguments:
         return make_config(self.preset, **{**defaults, **changes, **settings}), policies
 
     def make_source(self, config: Config) -> LevelSource:
-        """The maps: ``generated`` ones, ``generated:test``, or one map.
-
-        Raises:
-            ConfigError: levels of a map that has none, or levels out of range.
-            MapError: the map cannot be read or played on.
-        """
+        """The maps: ``generated`` ones, ``generated:test``, or one map."""
         if not isinstance(self.map, (str, os.PathLike, OccupancyMap)):
             raise ConfigError(f"map = {self.map!r}: must be a name, a YAML file or an OccupancyMap")
         name = os.fspath(self.map) if isinstance(self.map, (str, os.PathLike)) else ""
@@ -125,11 +106,7 @@ class EnvArguments:
 
 
 def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
-    """``__init__`` of an environment, called with the fields of :class:`EnvArguments` in place of ``arguments``.
-
-    Its signature names them all, so that ``help`` shows them. Arguments of 0.10 raise a TypeError with what replaces
-    them.
-    """
+    """``__init__`` with the fields of :class:`EnvArguments` in its signature, in place of ``arguments``."""
     shared = inspect.signature(EnvArguments).parameters
     own = inspect.signature(init)
     parameters = [*(p for name, p in own.parameters.items() if name != "arguments"), *shared.values()]
@@ -137,8 +114,10 @@ def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(init)
     def wrapper(*given: Any, **named: Any) -> None:
-        for name in named.keys() & _FORMER.keys():
-            raise TypeError(f"the argument {name} is replaced since 1.0: {_FORMER[name]}")
+        for name in named:
+            now = f"settings={{{_FORMER[name]!r}: ...}}" if name in _FORMER else _RENAMED.get(name)
+            if now is not None:
+                raise TypeError(f"the argument {name} is replaced since 1.0: {now}")
         bound = signature.bind(*given, **named).arguments
         arguments = EnvArguments(**{name: bound.pop(name) for name in shared if name in bound})
         init(**bound, arguments=arguments)
@@ -195,8 +174,13 @@ def check_render_mode(render_mode: str | None, known: Sequence[str]) -> None:
         raise ValueError(f"render_mode = {render_mode!r}: choose one of {known} or None")
 
 
+def is_count(value: Any) -> bool:
+    """Whether it is a whole number of at least 1."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 1)
+
+
 def checked_games(num_envs: Any) -> int:
     """How many games; raises ValueError for what is no such number."""
-    if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
+    if not is_count(num_envs):
         raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
     return int(num_envs)

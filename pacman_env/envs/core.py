@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
 from ..game.execution import RUNNING
+from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
@@ -22,10 +23,9 @@ from ..sim.observation.nearest import NOBODY
 from ..sim.observation.situation import Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
+from .outcome import Ends
 from .spaces import OBSERVATION, action_space, observation_space, velocities
 
-#: Rewards (N,), terminated (N,) and truncated (N,).
-Ends = tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
 _NONE_OVER = np.zeros(0, dtype=np.bool_)
 
 
@@ -62,30 +62,26 @@ class EnvCore:
         self._mask_beside = self.config.observation.mask == "beside"
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
             raise ConfigError(f"observation.mask = {self.config.observation.mask!r}: velocities have no mask")
-        self._situation: Situation | None = None
+        beside = self.candidates if self._mask_beside else None
+        self.observation_space = observation_space(self._observer.parts, beside)  # of the robot's agent
+        self.action_space = action_space(self.batch, self.candidates)
+        self.latest: Situation | None = None
         self._copies = copy
         self._reused: list[Situation | None] = [None, None]
-        self._listed: NDArray[np.int64] | None = None  # (N, C) candidate that an action stands for; None: its own
+        self.listed: Indices | None = None  # (N, C) candidate that an action stands for; None: its own
         self.elapsed_s = np.zeros(n)  # simulated, in the last step
         self._most_steps = max_episode_steps
         self._steps = np.zeros(n, dtype=np.int64)  # of each episode
         self.cut = np.zeros(n, dtype=np.bool_)  # by the most steps, and not reset since
         self._path_counts = bool(self.config.reward.progress or self.config.ghost_reward.progress)
-        self._path_left = np.zeros(n)  # m, to the nearest pellet left; 0 where it does not count
+        self._path_left = np.zeros(n)  # m, from the believed pose to the nearest pellet left; 0: none, or no path
         self._nearer = np.zeros(n)  # m, in the last step
         self._was_over = _NONE_OVER  # (N,) before the last step, where a reward asks for it
-        several = len(self.batch.levels) > 1 or self.config.endless or self.config.decisions.when == "event"
         self._draws = bool(self.config.randomize.ranges())
-        self._more_infos = several or self._draws or self._mask_in_info
-
-    @property
-    def started(self) -> bool:
-        """Whether a first round has begun."""
-        return self._situation is not None
 
     def require_reset(self, running: bool = False) -> None:
         """Raise ResetNeeded before the first reset, or with ``running`` where every episode is over."""
-        if self._situation is None:
+        if self.latest is None:
             raise gym.error.ResetNeeded("call reset() first")
         if running and (self.batch.games["end"] != RUNNING).all():
             raise gym.error.ResetNeeded("the episode is over: call reset()")
@@ -94,28 +90,15 @@ class EnvCore:
     def situation(self) -> Situation:
         """As the robot's policy sees it now."""
         self.require_reset()
-        assert self._situation is not None
-        return self._situation
-
-    def observation_space(self) -> spaces.Dict | spaces.Box:
-        """Of the robot's agent, in one game."""
-        return observation_space(self._observer.parts, self.candidates if self._mask_beside else None)
+        assert self.latest is not None
+        return self.latest
 
     def ghost_observation_space(self) -> spaces.Dict | spaces.Box:
         """Of a ghost's agent."""
         return observation_space(self._ghost_observer.parts, self.batch.candidates if self._mask_beside else None)
 
-    def action_space(self) -> spaces.Discrete | spaces.Box:
-        """Of the robot's agent."""
-        return action_space(self.batch, self.candidates)
-
     def reset(
-        self,
-        index: NDArray[np.int64],
-        seeds: NDArray[np.uint64],
-        levels: NDArray[np.int64] | None = None,
-        *,
-        in_step: bool = False,
+        self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
     ) -> None:
         """New episodes in the games ``index``; ``in_step``: the situation after the last step is not in use."""
         self.elapsed_s[index] = 0.0
@@ -135,45 +118,34 @@ class EnvCore:
         config = replace(self.config.observation, kinds=("features",), candidates="all")
         return Observer(self.batch, config, ghost=True)
 
-    def _update_situation(self, index: NDArray[np.int64] | None = None) -> None:
+    def _update_situation(self, index: Indices | None = None) -> None:
         """Of all games, in new or reused arrays; or of the games ``index`` in the arrays of the last one."""
         if index is not None:
-            self._situation = self.batch.situation(again=self._situation, index=index)
+            self.latest = self.batch.situation(again=self.latest, index=index)
         else:
             self._reused.reverse()
-            self._situation = self._reused[0] = self.batch.situation(again=self._reused[0])
+            self.latest = self._reused[0] = self.batch.situation(again=self._reused[0])
             if self._copies:
                 self._reused[0] = None
-        self._listed = self._observer.listed(self._situation)
+        self.listed = self._observer.listed(self.latest)
         if self._path_counts:
-            self._path_left = outcome.path_left(self.batch.alive, self._situation)
+            alive = self.batch.alive  # (N, P)
+            lengths = np.where(alive, self.latest.path_robot[:, : alive.shape[1]], np.inf).min(axis=1)
+            self._path_left = np.where(np.isfinite(lengths), lengths, 0.0)
 
-    def masks(self) -> NDArray[np.bool_]:
+    def masks(self) -> Flags:
         """(N, C) which actions are allowed now."""
-        return self.situation.mask.copy() if self._listed is None else self._listed != NOBODY
+        return self.situation.mask.copy() if self.listed is None else self.listed != NOBODY
 
-    def actions_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(N,) the actions that stand for candidates (N,), hold where none does."""
-        self.require_reset()
-        if self._listed is None:
-            return candidates
-        there = self._listed == candidates[:, None]
-        return np.where(there.any(axis=1), there.argmax(axis=1), self.candidates - 1)
-
-    def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """The candidates that the actions stand for, hold where they are forbidden, and where that is."""
-        if self._listed is None:
-            there = (actions >= 0) & (actions < self.batch.candidates)  # others are refused by the batch
-            rows = np.arange(self.batch.n)
-            return actions, there & ~self.situation.mask[rows, np.where(there, actions, 0)]
-        bad = np.flatnonzero((actions < 0) | (actions >= self.candidates))
-        if len(bad):
-            raise ValueError(f"choice {actions[bad[0]]} of game {bad[0]}: candidates are 0 to {self.candidates - 1}")
-        chosen = np.take_along_axis(self._listed, actions[:, None], axis=1)[:, 0]
+    def _chosen(self, actions: NDArray[Any]) -> tuple[NDArray[Any], Flags]:
+        """The candidates that checked actions stand for, hold where they are forbidden, and where that is."""
+        if self.listed is None:
+            return actions, ~self.situation.mask[np.arange(self.batch.n), actions]
+        chosen = np.take_along_axis(self.listed, actions[:, None], axis=1)[:, 0]
         forbidden = chosen == NOBODY
         return np.where(forbidden, self.batch.hold, chosen), forbidden
 
-    def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, NDArray[np.int64]] | None = None) -> Ends:
+    def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
         """One decision; games that were over get no reward.
 
         ``ghost_choices`` (N,) are those of ``ghost_agents`` by the ghost's number; the policies of the others are
@@ -192,7 +164,7 @@ class EnvCore:
         else:
             if self.config.action == "velocity":
                 actions = velocities(actions, self.config)
-            elif self._listed is not None:
+            elif self.listed is not None:
                 actions, _ = self._chosen(actions)
             batch.step(actions, self._ghost_choices(ghost_choices or {}), plays)
         self._update_situation()
@@ -207,7 +179,7 @@ class EnvCore:
         self._cut_long_episodes(terminated, truncated)
         return reward, terminated, truncated
 
-    def _cut_long_episodes(self, terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]) -> None:
+    def _cut_long_episodes(self, terminated: Flags, truncated: Flags) -> None:
         """Truncate episodes at the most steps; with one agent terminated ones too, as Gymnasium's ``TimeLimit``."""
         most = self.config.max_cycles if self.ghost_agents else self._most_steps
         self._steps += 1
@@ -216,7 +188,7 @@ class EnvCore:
             self.cut = long & ~terminated & ~truncated
             truncated |= long & ~terminated if self.ghost_agents else long
 
-    def _progress(self, path_before: NDArray[np.float64], terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _progress(self, path_before: Floats, terminated: Flags) -> Floats:
         """(N,) gamma phi(s') - phi(s), m, with minus the path length to the nearest pellet as phi; phi of an end is 0.
 
         Over an episode it telescopes: with gamma = 1, to the path length at its beginning, whatever was done.
@@ -226,14 +198,14 @@ class EnvCore:
         left = np.where(terminated, 0.0, self._path_left)
         return np.where(self._was_over, 0.0, path_before - config.decisions.discount_per_s**passed_s * left)
 
-    def ghost_reward(self) -> NDArray[np.float64]:
+    def ghost_reward(self) -> Floats:
         """(N,) of a ghost in the last step, by ``config.ghost_reward``; 0 in games that were over."""
         reward = outcome.reward_and_end(self.batch.games, self._was_over, self.config.ghost_reward)[0]
         return reward + self.config.ghost_reward.progress * self._nearer if self._path_counts else reward
 
     def observe(self) -> Any:
         """Of the robot's agent: one array (N, ...) per key, or one array where observations are flat."""
-        seen = self._observer.observe(self.situation, self._listed)
+        seen = self._observer.observe(self.situation, self.listed)
         return self._laid_out(seen, self.masks() if self._mask_beside else None)
 
     def observe_ghost(self, situation: Situation) -> Any:
@@ -242,15 +214,16 @@ class EnvCore:
         return self._laid_out(seen, situation.mask if self._mask_beside else None)
 
     @staticmethod
-    def _laid_out(seen: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_] | None) -> Any:
+    def _laid_out(seen: Mapping[str, NDArray[Any]], mask: Flags | None) -> Any:
         observation = seen.get(FLAT, seen)
         return observation if mask is None else {OBSERVATION: observation, MASK: mask.astype(np.int8)}
 
     def info_of_game(self) -> dict[str, Any]:
         """The infos of the only game, as Python's numbers."""
-        if not self._more_infos:  # a tenth of the time of a step
-            return outcome.info(self.batch.summary, self.config.observation.numeric_info)
-        return {key: array[0].copy() if array.ndim > 1 else array.tolist()[0] for key, array in self.infos().items()}
+        info = outcome.info(self.batch.summary, self.config.observation.numeric_info)
+        for key, array in self._more_infos().items():
+            info[key] = array[0].copy() if array.ndim > 1 else array.tolist()[0]
+        return info
 
     @staticmethod
     def of_game(observation: Any, game: int) -> Any:
@@ -261,8 +234,11 @@ class EnvCore:
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Per game (N,), and with a mask in them (N, C), as the environment describes them."""
+        return outcome.infos(self.batch.summary, self.config.observation.numeric_info) | self._more_infos()
+
+    def _more_infos(self) -> dict[str, NDArray[Any]]:
         batch, games = self.batch, self.batch.games
-        result = outcome.infos(batch.summary, self.config.observation.numeric_info)
+        result: dict[str, NDArray[Any]] = {}
         if self._mask_in_info:
             result[MASK] = self.masks().astype(np.int8)
         if len(batch.levels) > 1:
@@ -273,7 +249,7 @@ class EnvCore:
             result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result
 
-    def _ghost_choices(self, given: Mapping[int, NDArray[np.int64]]) -> NDArray[np.int64] | None:
+    def _ghost_choices(self, given: Mapping[int, Indices]) -> Indices | None:
         """(N, G), from the policies and as given; None: every ghost has a behaviour."""
         if not (self._policies or given):
             return None
@@ -287,6 +263,9 @@ class EnvCore:
         for number, choice in given.items():
             choices[:, number] = choice
         return choices
+
+
+_FIXED = ("observation_space", "action_space", "ghost_agents")  # of an environment
 
 
 class CoreEnv:
@@ -327,7 +306,7 @@ class CoreEnv:
     @property
     def started(self) -> bool:
         """Whether a first round has begun."""
-        return self._core.started
+        return self._core.latest is not None
 
     def _play_by(self, settings: Mapping[str, Any]) -> None:
         """Play by these from now on, beside the arguments; where that raises an error nothing has changed."""
@@ -335,9 +314,7 @@ class CoreEnv:
             return
         n, arguments, more = self._made_from
         core = EnvCore(n, arguments, **more, settings=settings)
-        same = core.observation_space() == self._core.observation_space()
-        same &= core.ghost_agents == self._core.ghost_agents
-        if not same or core.action_space() != self._core.action_space():
+        if any(getattr(core, name) != getattr(self._core, name) for name in _FIXED):
             would = f"{', '.join(sorted(settings))} would change the spaces or agents"
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
         self._core = core
@@ -366,7 +343,12 @@ class CoreEnv:
         """
         if self.config.action != "goal":
             raise AttributeError("velocity actions choose no candidate")
-        return self._core.actions_of(np.asarray(candidates))
+        core, chosen = self._core, np.asarray(candidates)
+        core.require_reset()
+        if core.listed is None:
+            return chosen
+        there = core.listed == chosen[:, None]
+        return np.where(there.any(axis=1), there.argmax(axis=1), core.candidates - 1)
 
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()

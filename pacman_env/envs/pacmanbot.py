@@ -13,7 +13,7 @@ from ..render.display import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .resets import ResetOptions
+from .resets import Options, ResetOptions
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
@@ -79,8 +79,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     episode does not depend on what was done, so the best policy stays the best.
 
     ## Starting State
-    The robot stands at the home pose; Clyde stands on a cell drawn uniformly from his cells, at least 1.5 m away
-    (`clyde.spawn_distance_m`), by default in the part of the map that connects to the robot's (`clyde.spawn`). So does
+    The robot stands at the home pose; Clyde stands on a cell drawn uniformly from its cells, at least 1.5 m away
+    (`clyde.spawn_distance_m`), by default where the map connects to the robot's place (`clyde.spawn`). So does
     every other ghost. All that is drawn follows from the episode's seed, `info["round_seed"]`.
 
     ## Episode End
@@ -103,16 +103,15 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot",
                    settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
     ```
-    - `map`: a shipped map's name, a map_server YAML file, or an `OccupancyMap`; `"generated"` or `"generated:test"`:
-      a new house for each episode, its level drawn uniformly from the episode's seed.
+    - `map`: a shipped map's name, a map_server YAML file, an `OccupancyMap`; `"generated"` or `"generated:test"`: a new
+      house for each episode, its level drawn uniformly from the episode's seed.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
-      (chases from afar, turns to his corner within 2.0 m), or a policy, its name or the object, asked at every tick.
+      (chases from afar, turns to its corner within 2.0 m), or a policy, its name or the object, asked at every tick.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
     - `action`: `"goal"` (the default) or `"velocity"`.
-    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays), `ideal` (perfect localization), or
-      one of your own.
+    - `preset`: `robot` (as measured), `ideal` (perfect localization), or one of your own.
     - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window.
     - `flat`: the settings of `pacman_env/PacManBotFlat-v0`, below your own.
@@ -123,16 +122,14 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     `docs/environments/pacmanbot.md` says in detail: `execution.rules` (the original's faults), `decisions.when` (a step
     is a tick, or lasts until something is to be decided), `observation.candidates` (all of the map, or the nearest),
     `observation.normalize`, `observation.mask` (where the mask is), `observation.numeric_info`, `timeout` (truncation
-    or termination), `action_range`, `endless`, `start_level` and `num_levels` (of generated houses), `home`.
+    or termination), `action_range`, `endless`, `start_level` and `num_levels` (which of the
+    generated houses: 0 to 999,999 to train, 1,000,000 to 1,000,999 to test), `home`.
 
     ## Reset
     `reset(seed=..., options=...)`: `options` may hold, for the episode that begins, `round_seed` (as in
     `info["round_seed"]`: the same episode once more), `level` (of generated maps) and `settings` (fields of the
-    configuration that leave the spaces as they are: `{"clyde.speed_mps": 0.4}`). All else in it is an error.
-
-    ## Copies
-    `copy.deepcopy` and `pickle` give an environment that goes on exactly as this one: the round is played again from
-    its seed and its decisions, which takes up to some tens of ms.
+    configuration that leave the spaces as they are: `{"clyde.speed_mps": 0.4}`). All else in it is an error. A copy by
+    `copy.deepcopy` or `pickle` plays the round again from its seed and decisions, and goes on as this environment does.
 
     ## Version History
     - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with `flat=True`.
@@ -146,12 +143,10 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_core(1, arguments)
-        self.observation_space = self._core.observation_space()
-        self.action_space = self._core.action_space()
+        self.observation_space = self._core.observation_space
+        self.action_space = self._core.action_space
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
         """Start a new episode; ``seed`` is of the generator that draws the episode's own, None: it goes on.
 
         ``options`` are described in the class. Raises ValueError for those that are unknown or cannot be played.
@@ -163,26 +158,23 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
         self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), self._info()
+        return self._observed()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive towards a candidate, or at given velocities, until the next decision.
 
-        Raises:
-            ValueError: the action is no element of the action space (a velocity beyond the limits is cut to them).
-            ResetNeeded: before the first reset, or after the end of an episode.
+        Raises ValueError for an action that is not in the action space, but velocities are cut to its limits; and
+        ResetNeeded before the first reset, or after the end of an episode.
         """
         self._core.require_reset(running=True)
         reward, terminated, truncated = self._core.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()
-        return self._observation(), float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
+        observation, info = self._observed()
+        return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()[0]
 
-    def _observation(self) -> Any:
-        return self._core.of_game(self._core.observe(), 0)
-
-    def _info(self) -> dict[str, Any]:
-        return self._core.info_of_game()
+    def _observed(self) -> tuple[Observation, dict[str, Any]]:
+        return self._core.of_game(self._core.observe(), 0), self._core.info_of_game()

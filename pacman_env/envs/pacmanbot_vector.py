@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -15,9 +13,9 @@ from numpy.typing import NDArray
 from ..game.execution import RUNNING
 from ..render.display import RENDER_FPS
 from ..sim.observation.robot_features import Observation
-from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .resets import ManyGames
-from .sub_batches import SubBatches
+from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
+from .resets import ManyGames, Options, Seeds
+from .sub_batches import Step, SubBatches
 
 
 class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
@@ -29,23 +27,15 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     gymnasium.make_vec("pacman_env/PacManBot-v0", num_envs=64, vectorization_mode="vector_entry_point")
     ```
 
-    Spaces, rewards and arguments are those of the single environment; game i with seed s equals a single environment
-    with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with ``DISABLED`` pass
+    Spaces, rewards and arguments are those of the single environment, arrays (N,) and (N, ...); game i with seed s is a
+    single environment with seed s, bit for bit. ``autoreset_mode`` is one of Gymnasium's three; with ``DISABLED`` pass
     ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps`` decisions.
 
     ``num_threads`` share the games (0: one for each core); nothing else depends on it.
 
     With a ``batch_size`` below the number of games, these are in sub-batches of that size, and while one is stepped
-    in the background the network chooses for another, with EnvPool's methods and the same games:
-
-    ```python
-    env.async_reset(seed=0)
-    while learning:
-        observations, rewards, terminated, truncated, info = env.recv()
-        env.send(choose(observations), info["env_id"])
-    ```
-
-    ``batch``, ``situation`` and ``action_masks()`` are then those of the sub-batch received last.
+    in the background the network chooses for another, with EnvPool's methods (``async_reset``, ``recv``, ``send``) and
+    the same games. ``batch``, ``situation`` and ``action_masks()`` are then those of the sub-batch received last.
 
     ``copy=False``: the arrays of an observation are written anew by the step after the next one, instead of being new
     at each step; to keep one for longer, copy it.
@@ -76,9 +66,9 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """See the single environment; raises ConfigError or MapError for arguments that cannot be played."""
         self.num_envs = num_envs = checked_games(num_envs)
         steps, size = max_episode_steps, num_envs if batch_size is None else batch_size
-        if steps is not None and (not isinstance(steps, (int, np.integer)) or isinstance(steps, bool) or steps < 1):
+        if steps is not None and not is_count(steps):
             raise ValueError(f"max_episode_steps = {steps!r}: must be a whole number of at least 1, or None")
-        if not isinstance(size, (int, np.integer)) or isinstance(size, bool) or size < 1 or num_envs % size:
+        if not is_count(size) or num_envs % size:
             raise ValueError(f"batch_size = {batch_size!r}: must be a whole number that divides num_envs = {num_envs}")
         self._sub_batches: SubBatches | None = None
         self._whole: SubBatches | None = None  # all games as one sub-batch
@@ -94,29 +84,19 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         if not self.reports_all and self.autoreset_mode != AutoresetMode.SAME_STEP:
             raise ValueError("observation.infos = 'ends': is for AutoresetMode.SAME_STEP")
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = self._core.observation_space()
-        self.single_action_space = self._core.action_space()
+        self.single_observation_space = self._core.observation_space
+        self.single_action_space = self._core.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._make_generators()
 
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start new rounds, in all games or those of ``options["reset_mask"]``.
+    def reset(self, *, seed: Seeds = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
+        """Start new rounds, in all games or those of ``options["reset_mask"]``, bool (N,).
 
-        Args:
-            seed: one seed s (game i gets s + i), one per game, or None: the generators go on.
-            options: may hold ``reset_mask``, bool (N,), and what the single environment's may: ``round_seed`` and
-                ``level``, one for all games or one for each, for the episodes that begin now; ``settings``, for all
-                games and until the next reset of all.
-
-        Raises:
-            ValueError: the seeds, the mask or other options do not fit the games.
-            ResetNeeded: the first reset is not of all games.
+        ``seed`` is one seed s (game i gets s + i), one per game, or None: the generators go on. Other options are the
+        single environment's: ``round_seed`` and ``level``, one for all games or one for each; ``settings``, for all
+        games and until the next reset of all. Raises ValueError for what does not fit, and ResetNeeded where the first
+        reset is not of all games.
         """
         if self._sub_batches is not None:
             self.async_reset(seed=seed, options=options)
@@ -128,14 +108,10 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         index = self._reset_games(seed, options, mask, "options['reset_mask']", "reset_mask")
         return self._core.observe(), self._infos(index)
 
-    def step(
-        self, actions: NDArray[np.int64]
-    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """One decision in every game.
+    def step(self, actions: NDArray[Any]) -> Step:
+        """Observations, rewards, terminated, truncated and infos of a decision in every game: actions (N,) or (N, 2).
 
-        Raises:
-            ValueError: the actions are not N integers of the action space.
-            ResetNeeded: before the first reset.
+        Raises ValueError for actions that are not in the space, and ResetNeeded before the first reset.
         """
         if self._sub_batches is not None:
             actions = np.asarray(actions)
@@ -144,7 +120,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             return self._sub_batches.all(actions)
         core = self._core
         over = (self.batch.summary[0] != RUNNING) | core.cut
-        reward, terminated, truncated = core.step(self._checked(actions))
+        reward, terminated, truncated = core.step(self.check(actions))
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
             self._follow(np.flatnonzero(over))
@@ -158,9 +134,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         infos = {**final, **self._infos()} if self.reports_all else final
         return core.observe(), reward, terminated, truncated, infos
 
-    def async_reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> None:
+    def async_reset(self, *, seed: Seeds = None, options: Options = None) -> None:
         """Begin new rounds in all sub-batches; :meth:`recv` gives their first observations, with rewards of 0.
 
         ``seed`` and ``options`` are as in :meth:`reset`, but that there is one ``round_seed`` or ``level`` for all.
@@ -173,13 +147,12 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     def send(self, actions: NDArray[Any], env_id: NDArray[np.int64] | None = None) -> None:
         """Step a sub-batch in the background: that with the games ``env_id``, by default the one received last.
 
-        Raises:
-            ValueError: an action is not valid, or the sub-batch is being stepped; nothing is stepped then.
-            ResetNeeded: before :meth:`async_reset`.
+        Nothing is stepped where it raises: ValueError for an action that is not valid or a sub-batch that is being
+        stepped, ResetNeeded before :meth:`async_reset`.
         """
         self._in_sub_batches().send(actions, env_id)
 
-    def recv(self) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def recv(self) -> Step:
         """What :meth:`step` returns, of the sub-batch that was sent first; ``info["env_id"]`` numbers its games.
 
         Raises ValueError where nothing was sent.
@@ -202,15 +175,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return self._pictures([env._core for env in envs])
 
     def check(self, actions: NDArray[Any]) -> NDArray[Any]:
-        """Actions as the games take them; raises ValueError where shape, dtype or a candidate is not valid."""
-        actions = self._checked(actions)
-        if isinstance(self.single_action_space, spaces.Discrete):
-            most = int(self.single_action_space.n) - 1
-            for game in np.flatnonzero((actions < 0) | (actions > most))[:1].tolist():
-                raise ValueError(f"choice {actions[game]} of game {game}: candidates are 0 to {most}")
-        return actions
-
-    def _checked(self, actions: NDArray[Any]) -> NDArray[Any]:
+        """Actions as the games need them; raises ValueError where shape, dtype or a candidate is not valid."""
         actions = np.asarray(actions)
         got = f"got {actions.dtype} of shape {actions.shape}"
         if self.config.action == "velocity":
@@ -219,6 +184,8 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             return actions.astype(np.float64)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ValueError(f"actions must be {self.num_envs} integers, {got}")
+        for game in np.flatnonzero((actions < 0) | (actions >= self._core.candidates))[:1].tolist():
+            raise ValueError(f"choice {actions[game]} of game {game}: candidates are 0 to {self._core.candidates - 1}")
         return actions.astype(np.int64, copy=False)
 
     def close_extras(self, **_: Any) -> None:
@@ -237,18 +204,9 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             result[key], result[f"_{key}"] = array, present.copy()
         return result
 
-    def _mask(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
-        mask = np.zeros(self.num_envs, dtype=np.bool_)
-        mask[index] = True
-        return mask
-
     def _final(self, ended: NDArray[np.int64]) -> dict[str, Any]:
         """Last observation and info of the games that have just ended."""
         if not self.reports_all:
             return {"final_info": self._infos(ended)}
-        last = self._core.observe()
-        final_obs = np.full(self.num_envs, None, dtype=object)
-        for i in ended.tolist():
-            final_obs[i] = deepcopy(self._core.of_game(last, i))  # of an array that another step may write to
-        final = {"final_obs": final_obs, "final_info": self._infos(ended)}
+        final = {"final_obs": self._last_of(ended, self._core.observe()), "final_info": self._infos(ended)}
         return final | {f"_{name}": self._mask(ended) for name in final}

@@ -1,9 +1,8 @@
-"""Many games of several agents at once: what all of them see and get, as arrays."""
+"""Games of several agents: what all such environments share, and many of them at once, as arrays."""
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,11 +10,84 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from ..config import ConfigError
+from ..game.ghosts import GHOST_NAMES
 from ..render.display import RENDER_FPS
 from ..sim.observation.kinds import MASK
-from .agents import PACMAN, Observations, SeveralAgents
+from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .resets import ManyGames
+from .core import CoreEnv
+from .outcome import Ends
+from .resets import ManyGames, Options, Seeds
+from .spaces import state_limits
+from .sub_batches import Step
+
+PACMAN = "pacman"
+Observations = dict[str, Any]  # an agent's: a dictionary of arrays, or one array
+_TURN = 2 * np.pi
+
+
+class SeveralAgents(CoreEnv):
+    """``pacman`` and the ghosts that are agents, in N games."""
+
+    def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
+        self._make_core(n, arguments, ghost_agents=True, **more)
+        core = self._core
+        if self.config.decisions.when == "event" or self.config.observation.candidates == "nearest":
+            forbidden = "decisions.when='event' and observation.candidates='nearest'"
+            raise ConfigError(f"{forbidden} are for one agent: here all decide at each tick")
+        self._ghosts = {GHOST_NAMES[k]: k for k in core.ghost_agents}
+        if not self._ghosts:
+            raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
+        self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, of the last observations
+        self.possible_agents = [PACMAN, *self._ghosts]
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.observation_space}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.action_space}
+        for name in self._ghosts:
+            self.observation_spaces[name] = core.ghost_observation_space()
+            self.action_spaces[name] = spaces.Discrete(self.batch.candidates)
+        low, high = np.array(list(state_limits(self.batch).values())).T
+        self.state_space = spaces.Box(low, high, dtype=np.float64)
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent, in one game; the same object each time."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent, in one game; the same object each time."""
+        return self.action_spaces[agent]
+
+    @property
+    def state_names(self) -> list[str]:
+        """The names of the numbers of ``state()``."""
+        return list(state_limits(self.batch))
+
+    def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
+        """One decision of every agent, whose actions (N,) are checked; rewards are (N, A)."""
+        choices = {number: actions[name] for name, number in self._ghosts.items()}
+        reward, terminated, truncated = self._core.step(actions[PACMAN], choices)
+        of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
+        return np.stack([reward, *[of_ghosts] * len(self._ghosts)], axis=1), terminated, truncated
+
+    def _observed(self) -> Observations:
+        """Of all agents in all games, (N, ...); their masks are kept."""
+        core = self._core
+        situations = {name: self.batch.situation(number) for name, number in self._ghosts.items()}
+        self._ghost_masks = {name: situation.mask for name, situation in situations.items()}
+        return {PACMAN: core.observe()} | {name: core.observe_ghost(one) for name, one in situations.items()}
+
+    def _states(self) -> NDArray[np.float64]:
+        """(N, S) the games as they truly are; the numbers are named by ``state_names``."""
+        believed, batch = self.situation.robot, self.batch
+        g, ghosts = batch.games, batch.ghosts
+        turns = (g["right"] - g["left"]) / batch.config.robot.wheel_base_m
+        columns = [g["x"], g["y"], _within_half_a_turn(g["heading"])]
+        columns += [*believed.T, 0.5 * (g["left"] + g["right"]), turns]
+        for ghost in ghosts.T:
+            velocity = [np.clip(ghost[name], -FAST_MPS, FAST_MPS) for name in ("vx", "vy")]
+            columns += [ghost["x"], ghost["y"], *velocity, np.minimum(ghost["speed"], FAST_MPS), ghost["place"]]
+        columns += [*batch.alive.T, g["pursued"], g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
+        return np.stack(columns, axis=1).astype(np.float64)
 
 
 class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
@@ -28,17 +100,14 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     observations, rewards, terminated, truncated, infos = env.step(actions)
     ```
 
-    Agents, spaces, rewards and arguments are those of the PettingZoo environment; game i with seed s equals a
-    PettingZoo environment with seed s, bit for bit. Spaces are of one game. Observations are a dictionary by agent, of
-    arrays (N, ...) or of dictionaries of such. ``rewards`` are float64 (N, A), agents in the order of
-    ``possible_agents``; ``terminated`` and ``truncated`` bool (N,), since a game ends for all agents at once. ``infos``
-    are arrays (N,) by name; with ``observation.mask`` ``"info"`` the masks there are int8 (N, A, C).
+    Agents, spaces (of one game), rewards and arguments are those of the PettingZoo environment; game i with seed s is
+    one with seed s, bit for bit. Observations are a dictionary by agent, of arrays (N, ...) or of dictionaries of such.
+    ``rewards`` are float64 (N, A), agents in the order of ``possible_agents``; ``terminated`` and ``truncated`` bool
+    (N,); ``infos`` arrays (N,) by name; with ``observation.mask`` ``"info"`` the masks there are int8 (N, A, C).
 
-    ``autoreset_mode``, ``SAME_STEP``: a game that ends begins anew in the same step, so that observations and infos are
-    those of the new episode. ``infos["final_observation"]`` (N,) then holds the last observations by agent of each game
-    that ended, and None elsewhere; ``final_info`` the last infos and ``final_state`` (N, S) the last states, 0 in the
-    others. All three have a mask ``_final_observation`` and so on, and are there only after a step in which a game
-    ended.
+    ``autoreset_mode`` ``SAME_STEP``: a game that ends begins anew in the same step. ``infos["final_observation"]`` (N,)
+    then holds the last observations by agent, None in games that did not end; ``final_info`` the last infos and
+    ``final_state`` (N, S) the last states, 0 in the others; each with a mask ``_final_...``.
     ``DISABLED``: a game that is over stands still, with no reward and its flags as they were, until
     ``reset(mask=...)`` begins it anew.
 
@@ -75,39 +144,22 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return len(self.possible_agents)
 
     def reset(
-        self,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-        mask: NDArray[np.bool_] | None = None,
+        self, seed: Seeds = None, options: Options = None, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Start new episodes, in all games or those of the mask; what is returned is of all games.
+        """Start new episodes, in all games or those of the mask, bool (N,); what is returned is of all games.
 
-        Args:
-            seed: one seed s (game i gets s + i), one per game, or None: the generators go on.
-            options: may hold what the single environment's may: ``round_seed`` and ``level``, one for all games or one
-                for each, for the episodes that begin now; ``settings``, for all games and until the next reset of all.
-            mask: bool (N,); None: all.
-
-        Raises:
-            ValueError: the seeds, the mask or the options do not fit the games; nothing has been changed then.
-            ResetNeeded: the first reset is not of all games.
+        ``seed`` and ``options`` are those of :class:`~pacman_env.envs.pacmanbot_vector.PacManBotVectorEnv`. Nothing has
+        been changed where it raises: ValueError for what does not fit, ResetNeeded where the first reset is not of all.
         """
         self._reset_games(seed, options, mask, "mask")
         return self._observed(), self._infos()
 
-    def step(
-        self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]
-    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]) -> Step:
         """One decision of every agent in every game.
 
-        Args:
-            actions: integers (N, A), agents in the order of ``possible_agents``; or by agent (N,), velocities of
-                ``pacman`` as numbers (N, 2), v and omega.
-
-        Raises:
-            ValueError: actions that are not of these shapes, or not in an agent's space (velocities beyond the limits
-                are cut to them); nothing has been changed then.
-            ResetNeeded: before the first reset.
+        Actions are integers (N, A), agents in the order of ``possible_agents``; or by agent (N,), velocities of
+        ``pacman`` as numbers (N, 2), v and omega, cut to the limits. Raises ValueError for others, before anything has
+        been changed, and ResetNeeded before the first reset.
         """
         self._core.require_reset()
         rewards, terminated, truncated = self._decide(self._checked(actions))
@@ -192,16 +244,12 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     def _final(self, ended: NDArray[np.int64], observations: Observations) -> dict[str, Any]:
         """Last observations, infos and states of the games that have just ended."""
-        last = np.full(self.num_envs, None, dtype=object)
-        for i in ended.tolist():
-            last[i] = copy.deepcopy(self._core.of_game(observations, i))  # not to keep those of all games in memory
-        others = np.ones(self.num_envs, dtype=np.bool_)
-        others[ended] = False
-        infos, states = self._infos(), self._states()
+        present, infos, states = self._mask(ended), self._infos(), self._states()
         for array in (*infos.values(), states):
-            array[others] = None if array.dtype == object else 0
+            array[~present] = None if array.dtype == object else 0
+        last = self._last_of(ended, observations)
         final = {"final_observation": last, "final_info": infos, "final_state": states}
-        return final | {f"_{name}": ~others for name in final}
+        return final | {f"_{name}": present.copy() for name in final}
 
 
 parallel_vec_env = PacManBotParallelVecEnv
@@ -217,3 +265,9 @@ def _stacked(by_agent: dict[str, Any], where: str) -> Any:
     if isinstance(seen, dict):
         return {key: _stacked({agent: one[key] for agent, one in by_agent.items()}, f"[{key!r}]") for key in seen}
     return np.stack(list(by_agent.values()), axis=1)
+
+
+def _within_half_a_turn(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) the same angles from -pi to pi, without rounding: ``math.remainder`` of each."""
+    rest = np.fmod(angles, _TURN)
+    return np.where(np.abs(rest) > np.pi, rest - np.copysign(_TURN, rest), rest)

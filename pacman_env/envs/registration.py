@@ -17,8 +17,7 @@ ENV_ID = "pacman_env/PacManBot-v0"
 #: The same game for stock learners: with ``flat=True``.
 FLAT_ID = "pacman_env/PacManBotFlat-v0"
 _IDS: dict[str, dict[str, Any]] = {ENV_ID: {}, FLAT_ID: {"flat": True}}
-#: Of ``FLAT_ID`` before 1.0. The spec under it is named ``FLAT_ID``: another version of PacManBot would make v0 out of
-#: date.
+#: Of ``FLAT_ID`` before 1.0; its spec is named ``FLAT_ID``, as another version of PacManBot would make v0 out of date.
 FORMER_FLAT_ID = "pacman_env/PacManBot-v1"
 
 

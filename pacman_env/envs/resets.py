@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,28 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import ConfigError
+from ..policies.base import Flags, Indices
 from ..sim.maps.generated import GeneratedMaps
 from ..sim.maps.level_source import LevelSource
 from .core import CoreEnv
 
 SEEDS = 2**63  # below this
+Seeds = int | Sequence[int | None] | None  # of many games
+Options = dict[str, Any] | None
 
 
 @dataclass(frozen=True)
 class ResetOptions:
     """Of N games; None: as the environment draws it."""
 
-    level: NDArray[np.int64] | None = None
+    level: Indices | None = None
     round_seed: NDArray[np.uint64] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, options: Mapping[str, Any] | None, games: int, *more: str) -> ResetOptions:
-        """From the argument of ``reset``; one value is for all games; ``more`` names are read by the caller.
-
-        Raises:
-            ValueError: an unknown name, or a value that is not valid.
-        """
+        """From the argument of ``reset``; one value is for all games; ``more`` names are read by the caller."""
         if options is None:
             return cls()
         if not isinstance(options, Mapping):
@@ -48,14 +48,14 @@ class ResetOptions:
         level, seed = (_numbers(options.get(name), name, games) for name in ("level", "round_seed"))
         return cls(None if level is None else level.astype(np.int64), seed, dict(settings))
 
-    def seeds(self, index: NDArray[np.int64], generators: Sequence[np.random.Generator | None]) -> NDArray[np.uint64]:
+    def seeds(self, index: Indices, generators: Sequence[np.random.Generator | None]) -> NDArray[np.uint64]:
         """(M,) those asked for, of the games ``index`` (M,), or one from the generator of each, which was seeded."""
         if self.round_seed is not None:
             return self.round_seed[index]
         drawn = [generators[i].integers(SEEDS, dtype=np.uint64) for i in index.tolist()]
         return np.array(drawn, dtype=np.uint64)
 
-    def levels(self, source: LevelSource, index: NDArray[np.int64]) -> NDArray[np.int64] | None:
+    def levels(self, source: LevelSource, index: Indices) -> Indices | None:
         """Those asked for, of the games ``index``; raises ConfigError where the map does not have them."""
         if self.level is None:
             return None
@@ -77,13 +77,8 @@ class ManyGames(CoreEnv):
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._next: list[np.uint64 | None] = [None] * self.num_envs  # drawn already, where levels are to be prepared
 
-    def _reset_games(
-        self, seed: Any, options: Mapping[str, Any] | None, mask: Any, mask_name: str, *more: str
-    ) -> NDArray[np.int64]:
-        """Begin new episodes in the games of the mask (None: all); which games these are.
-
-        Nothing has changed where it raises a ValueError (what was given does not fit) or ResetNeeded.
-        """
+    def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
+        """Begin new episodes in the games of the mask (None: all), which are returned; errors come before changes."""
         wanted = ResetOptions.of(options, self.num_envs, *more)
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
@@ -102,15 +97,24 @@ class ManyGames(CoreEnv):
         self._core.reset(index, self._episode_seeds(index, wanted), levels)
         return index
 
-    def _follow(self, ended: NDArray[np.int64]) -> None:
+    def _follow(self, ended: Indices) -> None:
         """Begin the next episodes in games of a step, whose last observations are not in use any more."""
         self._core.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
 
-    def _episode_seeds(self, index: NDArray[np.int64], wanted: ResetOptions) -> NDArray[np.uint64]:
-        """Of the episodes that begin in the games ``index``.
+    def _mask(self, index: Indices) -> Flags:
+        mask = np.zeros(self.num_envs, dtype=np.bool_)
+        mask[index] = True
+        return mask
 
-        Where each has a map of its own, those that follow are drawn as well, for the batch to prepare their maps.
-        """
+    def _last_of(self, ended: Indices, observations: Any) -> NDArray[Any]:
+        """(N,) copies of the observations of games that ended, as another step may write to them; None elsewhere."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for i in ended.tolist():
+            last[i] = deepcopy(self._core.of_game(observations, i))
+        return last
+
+    def _episode_seeds(self, index: Indices, wanted: ResetOptions) -> NDArray[np.uint64]:
+        """Where games have maps of their own, following ones are drawn as well, for the batch to prepare their maps."""
         batch = self.batch
         if wanted.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
             return wanted.seeds(index, self._generators)
@@ -135,7 +139,7 @@ def one_for_each(seed: Any, games: int) -> Sequence[int | None]:
     return seed  # type: ignore[return-value]
 
 
-def _chosen_games(mask: Any, games: int, name: str) -> NDArray[np.int64]:
+def _chosen_games(mask: Any, games: int, name: str) -> Indices:
     if not isinstance(mask, np.ndarray) or mask.shape != (games,) or mask.dtype != np.bool_:
         raise ValueError(f"{name} must be a bool array of shape ({games},)")
     if not mask.any():

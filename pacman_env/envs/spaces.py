@@ -69,11 +69,7 @@ def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float
 
 
 def checked_action(space: spaces.Space[Any], action: Any, agent: str = "") -> Any:
-    """An action of one game as the game takes it: an int64, or two float64 (v, omega), of any size.
-
-    Raises:
-        ValueError: it is not in the space.
-    """
+    """An action of one game as an int64, or as two float64 (v, omega) of any size; ValueError outside of the space."""
     if type(action) is int and isinstance(space, spaces.Discrete) and space.start <= action < space.start + space.n:
         return np.int64(action)
     if isinstance(space, spaces.Box):

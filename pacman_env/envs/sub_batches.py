@@ -12,12 +12,13 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from ..policies.base import Flags, Floats
 from .resets import one_for_each
 
 if TYPE_CHECKING:
     from .pacmanbot_vector import PacManBotVectorEnv
 
-Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
+Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]
 
 
 class SubBatches:
@@ -48,7 +49,7 @@ class SubBatches:
         self._started = True
 
     def send(self, actions: NDArray[Any], ids: NDArray[Any] | None) -> None:
-        """See the environment's method."""
+        """Step the sub-batch with these games, by default the one received last."""
         self._require_reset()
         number = self.last
         if ids is not None:
@@ -122,8 +123,7 @@ def _join_infos(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for key in dict.fromkeys(key for info in infos for key in info):
         like = next(info[key] for info in infos if key in info)
         if isinstance(like, dict):
-            each = [{**info.get(key, {}), "env_id": info["env_id"]} for info in infos]
-            result[key] = {name: array for name, array in _join_infos(each).items() if name != "env_id"}
+            result[key] = _join_infos([info.get(key, {}) for info in infos])
         else:
             nothing = np.full_like(like, None if like.dtype == object else 0)  # sub-batches are of equal size
             result[key] = np.concatenate([info.get(key, nothing) for info in infos])

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from pacman_env.config import Config, make_config
 from pacman_env.sim.observation.situation import HOLD, Situation
 
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Kinds = NDArray[np.int8]
+Indices = NDArray[np.int64]
 #: Per game, per candidate: named terms of the decision, plain Python values.
 Explanation = list[list[dict[str, float | bool | str]]]
 KIND_NAMES = ("pellet", "refuge", "hold")

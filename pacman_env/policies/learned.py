@@ -22,22 +22,21 @@ PRETRAINED = Path(__file__).parent / "pretrained" / "ppo.onnx"
 _FORBIDDEN = -1e7  # a network's logit below this means: may not be chosen
 #: Features that an explanation shows, in the units of ``sim/observation/planner_features.py``.
 _SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
-_INPUTS: dict[str, tuple[str, tuple[int | None, ...]]] = {  # type, sizes; None: any
-    "candidates": ("tensor(float)", (None, None, len(CANDIDATE_FEATURES))),
-    "globals": ("tensor(float)", (None, len(GLOBAL_FEATURES))),
-    "mask": ("tensor(bool)", (None, None)),
-}
-_OUTPUTS: dict[str, tuple[str, tuple[int | None, ...]]] = {
-    "logits": ("tensor(float)", (None, None)),
-    "values": ("tensor(float)", (None,)),
+_Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # type, sizes; None: any
+_NODES: dict[str, _Nodes] = {
+    "inputs": {
+        "candidates": ("tensor(float)", (None, None, len(CANDIDATE_FEATURES))),
+        "globals": ("tensor(float)", (None, len(GLOBAL_FEATURES))),
+        "mask": ("tensor(bool)", (None, None)),
+    },
+    "outputs": {"logits": ("tensor(float)", (None, None)), "values": ("tensor(float)", (None,))},
 }
 
 
 class LearnedPlanner(BasePolicy):
     """The candidate with the highest logit of a trained network; a copy reads the file again.
 
-    ``path``: an ONNX file with its metadata beside it (None: the package's own); ``threads``: of onnxruntime. Raises
-    ValueError for files that are not a planner for this version, ModuleNotFoundError without onnxruntime.
+    ``path``: an ONNX file with its metadata beside it (None: the package's own); ``threads``: of onnxruntime.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None, threads: int = 1) -> None:
@@ -79,7 +78,9 @@ class LearnedPlanner(BasePolicy):
 
         ``candidates`` (B, C, F) and ``whole`` (B, H) are as ``planner_features`` gives them.
         """
-        return _run(self._session, candidates, whole, mask)
+        inputs = {"candidates": candidates, "globals": whole, "mask": mask}
+        logits, values = self._session.run(list(_NODES["outputs"]), inputs)
+        return logits, values
 
     def _judge(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
         """Logits (N, C), values (N,) and the candidates' features (N, C, F).
@@ -101,13 +102,6 @@ class LearnedPlanner(BasePolicy):
         return logits, values, candidates
 
 
-def _run(
-    session: Any, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    logits, values = session.run(list(_OUTPUTS), {"candidates": candidates, "globals": whole, "mask": mask})
-    return logits, values
-
-
 def _session(model: bytes, path: Path, threads: int) -> Any:
     """An onnxruntime session of a planner's model, tried once."""
     try:
@@ -127,19 +121,18 @@ def _session(model: bytes, path: Path, threads: int) -> Any:
         session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no base class of their own
         raise ValueError(f"{path}: no model that onnxruntime can load: {error}") from None
-    for what, nodes, expected in (
-        ("inputs", session.get_inputs(), _INPUTS),
-        ("outputs", session.get_outputs(), _OUTPUTS),
-    ):
+    for what, expected in _NODES.items():
+        nodes = session.get_inputs() if what == "inputs" else session.get_outputs()
         found = {n.name: (n.type, tuple(s if isinstance(s, int) else None for s in n.shape)) for n in nodes}
         if found != expected:
             raise ValueError(f"{path}: {what}: found {found}, expected {expected}")
-    candidates, whole = (
-        np.zeros((1, 3, len(CANDIDATE_FEATURES)), np.float32),
-        np.zeros((1, len(GLOBAL_FEATURES)), np.float32),
-    )
+    inputs = {
+        "candidates": np.zeros((1, 3, len(CANDIDATE_FEATURES)), np.float32),
+        "globals": np.zeros((1, len(GLOBAL_FEATURES)), np.float32),
+        "mask": np.ones((1, 3), np.bool_),
+    }
     try:
-        outputs = _run(session, candidates, whole, np.ones((1, 3), np.bool_))
+        outputs = session.run(list(_NODES["outputs"]), inputs)
     except Exception as error:
         raise ValueError(f"{path}: the model does not run: {error}") from None
     shapes = [output.shape for output in outputs]

@@ -70,13 +70,11 @@ def dump(record: Any, path: Path) -> str:
 def parse(kind: type[T], text: bytes | str, path: Path) -> T:
     """The record ``kind`` from JSON with exactly its fields and types; else a ValueError names file, field and rule."""
     try:
-        found = json.loads(text, object_pairs_hook=_object)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: no JSON that can be read: {error}") from None
-    try:
-        result: T = convert(found, kind)
+        result: T = convert(json.loads(text, object_pairs_hook=_object), kind)
     except ConfigError as error:
         raise ValueError(f"{path}: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: no JSON that can be read: {error}") from None
     return result
 
 
@@ -115,7 +113,7 @@ def _content(path: Path, limit: int) -> bytes:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object whose names are all different."""
+    """A JSON object in which no name is given twice."""
     found = dict(pairs)
     if len(found) < len(pairs):
         raise ValueError(f"a name is given twice among {', '.join(name for name, _ in pairs)}")

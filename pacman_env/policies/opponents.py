@@ -18,11 +18,7 @@ _SHARES = 1 << 20  # a share is drawn so finely
 
 
 class BehaviourOpponent(BasePolicy):
-    """A behaviour of the environment (``wander``, ``arcade``, ``chase``), for a ghost that a policy moves.
-
-    Raises:
-        ValueError: there is none of that name.
-    """
+    """A behaviour (``wander``, ``arcade``, ``chase``) of a ghost that a policy moves; raises ValueError for another."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -35,14 +31,10 @@ class BehaviourOpponent(BasePolicy):
 
 
 class Opponents(BasePolicy):
-    """A pool: each round is played by one of several, drawn from the round's seed.
+    """A pool: each round is played by one of several members, drawn from the round's seed in proportion to ``shares``.
 
-    Args:
-        members: none may need to remember anything.
-        shares: of the rounds, in proportion.
-
-    Raises:
-        ValueError: no members, not a share for each, a negative one, or none above 0.
+    No member may need to remember anything. Raises ValueError for no members, not a share for each, a negative one, or
+    none above 0.
     """
 
     name = "opponents"
@@ -63,12 +55,12 @@ class Opponents(BasePolicy):
             member.reset(games, config)
 
     def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """(M,) number of the member who plays the round with each seed."""
+        """(M,) number of the member that plays the round with each seed."""
         share = (draw_below(seeds, _OPPONENT, _SHARES) + 0.5) / _SHARES
         return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the choice of the member whose round it is."""
+        """(N,) the choice of the member that the round belongs to."""
         numbers = self.drawn(situation.seed)
         chosen = np.empty(len(numbers), dtype=np.int64)
         for number in np.unique(numbers).tolist():

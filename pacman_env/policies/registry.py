@@ -30,12 +30,9 @@ policy_names = POLICIES.names
 def make_policy(spec: str, **parameters: Any) -> Policy:
     """A new policy by name, ``make_policy("clyde_aware:documented", replan_margin_m=0.5)``.
 
-    ``my_package.policies:Shy`` is one, too, and so is the file ``runs/mine.onnx``.
-
-    Raises:
-        ValueError: an unknown name, a parameter out of range, or a file that is no planner for this version.
-        TypeError: a parameter the policy does not have.
-        ModuleNotFoundError: a learned planner without onnxruntime.
+    ``my_package.policies:Shy`` is one, too, and so is the file ``runs/mine.onnx``. Raises ValueError for an unknown
+    name, a parameter out of range, or what is not of this version; TypeError for a parameter that the policy does not
+    have; ModuleNotFoundError for a learned planner without onnxruntime.
     """
     if spec.endswith(".onnx"):
         return LearnedPlanner(spec, **parameters)

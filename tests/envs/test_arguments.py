@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import itertools
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -103,9 +102,7 @@ def test_an_argument_of_0_10_is_refused_with_the_setting_that_replaces_it(
 
 
 def test_every_setting_that_replaces_an_argument_is_a_field() -> None:
-    names = {name for text in _FORMER.values() for name in re.findall(r"{'([\w.]+)'", text)}
-    assert len(names) == len(_FORMER) - 2
-    for name in names:
+    for name in _FORMER.values():
         make_config().value(name)
 
 

@@ -89,7 +89,7 @@ def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
         f"omega is -{c.robot.omega_radps} rad/s at -1 and {c.robot.omega_radps} rad/s at 1",
         f"`S = {o.grid_pixels}` pixels of {o.grid_pixel_m} m",
         f"Clyde {c.clyde.speed_step_mps} m/s faster",
-        f"to his corner within {c.clyde.arcade_distance_m} m",
+        f"to its corner within {c.clyde.arcade_distance_m} m",
         f"0 to {TEST_LEVEL - 1:,} to train, {TEST_LEVEL:,} to {TEST_LEVEL + TEST_LEVELS - 1:,} to test",
         f"Truncation: {c.time_limit_s:.0f} s (`time_limit_s`)",
         "`outcome` (" + ", ".join(f"`{outcome}`" for outcome in OUTCOMES) + ")",

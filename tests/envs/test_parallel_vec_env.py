@@ -12,9 +12,8 @@ import pytest
 
 import pacman_env
 from pacman_env.config import ConfigError
-from pacman_env.envs.agents import PACMAN, _within_half_a_turn
 from pacman_env.envs.core import EnvCore
-from pacman_env.envs.parallel_vec_env import PacManBotParallelVecEnv
+from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv, _within_half_a_turn
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from tests.envs.helpers import QUICK, nothing_returned_is_changed_later, same
 

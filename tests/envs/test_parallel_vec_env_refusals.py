@@ -11,7 +11,7 @@ import pytest
 
 import pacman_env
 from pacman_env.config import Config, ConfigError
-from pacman_env.envs.agents import PACMAN
+from pacman_env.envs.parallel_vec_env import PACMAN
 from tests.envs.helpers import same
 from tests.envs.test_parallel_vec_env import GAMES, actions_of, make
 
