@@ -44,7 +44,7 @@ def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisio
     for _ in range(WARM_UP + decisions):
         if ended:
             batch.reset(np.zeros(1, np.int64), seeds.integers(2**63, size=1, dtype=np.uint64))
-            policy.reset(np.ones(1, np.bool_))
+            policy.reset(np.ones(1, np.bool_), config)
         situation = batch.situation()
         began = time.perf_counter_ns()
         goal = policy.select(situation)

@@ -66,7 +66,9 @@ def parts(s: Situation, speed_mps: float, repeats: int) -> dict[str, float]:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    levels = {"num_levels": arguments.games} if arguments.map.startswith("generated") else {}
+    levels: dict[str, Any] = (
+        {"settings": {"num_levels": arguments.games}} if arguments.map.startswith("generated") else {}
+    )
     envs = [make_vector(arguments.games, arguments.map, observation=kinds, **levels) for kinds in KINDS]
     rng = np.random.default_rng(arguments.seed)
     measures = [partial(_rate, env, rng, arguments.steps) for env in envs]

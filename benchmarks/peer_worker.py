@@ -41,7 +41,7 @@ def ours(map_source: str) -> list[Task]:
     from pacman_env.config import make_config
 
     name = "pacman_env/PacManBotFlat-v0"
-    kind: dict[str, Any] = {"map": map_source, "decide": "tick"}
+    kind: dict[str, Any] = {"map": map_source, "settings": {"decisions.when": "tick"}}
     config, space = make_config(), gym.make(name, **kind).observation_space
     tick_s, step_s = config.execution.tick_s, config.physics_step_s
 

@@ -30,46 +30,13 @@ if TYPE_CHECKING:
     from .sim.observation.situation import HOLD, PELLET, REFUGE, Situation
     from .world.maps.occupancy import MapError, OccupancyMap, load_map
 
-__all__ = [
-    "HOLD",
-    "OUTCOMES",
-    "PELLET",
-    "REFUGE",
-    "BasePolicy",
-    "Behaviour",
-    "BehaviourOpponent",
-    "Config",
-    "ConfigError",
-    "GameBatch",
-    "GhostView",
-    "MapError",
-    "ObservationKind",
-    "ObservationPart",
-    "OccupancyMap",
-    "Opponents",
-    "PacManBotEnv",
-    "PacManBotParallelEnv",
-    "PacManBotParallelVecEnv",
-    "PacManBotVectorEnv",
-    "Policy",
-    "Situation",
-    "__version__",
-    "env",
-    "load_map",
-    "make_config",
-    "make_policy",
-    "paired_difference",
-    "parallel_env",
-    "parallel_vec_env",
-    "policy_names",
-    "register_envs",
-    "register_ghost",
-    "register_observation",
-    "register_policy",
-    "register_preset",
-    "render_frame",
-    "wilson",
-]
+__all__ = ["HOLD", "OUTCOMES", "PELLET", "REFUGE", "__version__"]
+__all__ += ["PacManBotEnv", "PacManBotParallelEnv", "PacManBotParallelVecEnv", "PacManBotVectorEnv", "register_envs"]
+__all__ += ["GameBatch", "Situation", "env", "parallel_env", "parallel_vec_env", "render_frame"]
+__all__ += ["BasePolicy", "BehaviourOpponent", "Opponents", "Policy", "make_policy", "policy_names", "register_policy"]
+__all__ += ["Behaviour", "GhostView", "ObservationKind", "ObservationPart", "register_ghost", "register_observation"]
+__all__ += ["Config", "ConfigError", "MapError", "OccupancyMap", "load_map", "make_config", "register_preset"]
+__all__ += ["paired_difference", "wilson"]
 
 #: By module, the names that it holds.
 _EXPORTS = {

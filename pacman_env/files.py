@@ -18,11 +18,7 @@ def shipped(in_package: str, in_checkout: str) -> Path:
 
 
 def prepare(path: Path) -> Path:
-    """Create the folder of a file that will be written later.
-
-    Raises:
-        ValueError: there cannot be such a file; found out before the work, not after it.
-    """
+    """Create the folder of a file that will be written later; raises ValueError before the work, not after it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -36,7 +32,7 @@ def prepare(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """A temporary file beside ``path``, with its suffix, that takes its place if the block succeeds."""
+    """A temporary file beside ``path``, with its suffix, that replaces it if the block succeeds."""
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         yield temporary

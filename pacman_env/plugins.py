@@ -1,7 +1,7 @@
 """Things that a user can add, by name: policies, ghosts, observation kinds, presets (docs/extending.md).
 
-A name means one of the package's own, else an entry point of an installed package, else ``module:attribute``. All that
-happens is an import of code that the user has installed: names are never paths, and nothing is evaluated.
+A name means one of the package's own, else an entry point of an installed package, else ``module:attribute``. Code that
+the user has installed is imported, no more: names are never paths, and nothing is evaluated.
 """
 
 from __future__ import annotations
@@ -27,24 +27,16 @@ class PluginError(ValueError):
 class Registry(Generic[T]):
     """Things of one sort by name."""
 
-    def __init__(self, sort: str, group: str, own: Mapping[str, T], others: str = "module:name") -> None:
-        """Begin with the package's own.
+    def __init__(self, sort: str, group: str, own: Mapping[str, T | str], others: str = "module:name") -> None:
+        """Begin with the package's ``own``: things, or references ``module:attribute`` that the first use loads.
 
-        Args:
-            sort: the sort in one word or two, for errors.
-            group: of entry points, under which installed packages add theirs.
-            own: by name.
-            others: what can be given beside names.
+        ``sort`` and ``others``, what can be given beside names, are for errors; ``group`` is that of entry points.
         """
         self.sort, self.group = sort, group
         self._own, self._others = dict(own), others
 
     def register(self, name: str, thing: T) -> None:
-        """Add one in this process.
-
-        Raises:
-            ValueError: the name is taken.
-        """
+        """Add one in this process; raises ValueError where the name is in use."""
         if name in self._own:
             raise ValueError(f"{self.sort} {name!r} is registered already")
         self._own[name] = thing
@@ -54,15 +46,12 @@ class Registry(Generic[T]):
         return [*self._own, *sorted(_entry_points(self.group).keys() - self._own.keys())]
 
     def find(self, name: str) -> T:
-        """The thing of that name.
-
-        Raises:
-            PluginError: nothing, or it cannot be imported.
-        """
-        if name in self._own:
-            return self._own[name]
+        """The thing of that name; raises PluginError where there is none, or it cannot be imported."""
+        own = self._own.get(name, name)
+        if not isinstance(own, str):
+            return own
         try:
-            thing: T = load(self.group, name)
+            thing: T = load(self.group, own)
         except LookupError:
             message = f"unknown {self.sort} {name!r}: choose one of {', '.join(self.names())}, or {self._others}"
             raise PluginError(message) from None
@@ -72,12 +61,7 @@ class Registry(Generic[T]):
 
 
 def load(group: str, name: str) -> Any:
-    """The object of an entry point of that name, or of ``module:attribute``.
-
-    Raises:
-        LookupError: there is neither.
-        Exception: whatever its import raises.
-    """
+    """The object of an entry point of that name, or of ``module:attribute``; LookupError where there is neither."""
     point = _entry_points(group).get(name)
     if point is not None:
         return point.load()

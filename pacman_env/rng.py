@@ -1,7 +1,7 @@
 """Random numbers for rules: SplitMix64, one independent stream per game and purpose.
 
 A stream is one uint64 of state; every draw returns the next state. Streams of one round come from its seed and a
-purpose number, so that Clyde walks the same way whatever the robot does.
+purpose number, so that Clyde walks alike whatever the robot does.
 """
 
 from __future__ import annotations

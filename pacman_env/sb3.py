@@ -1,16 +1,10 @@
-"""The native vector environment as a Stable-Baselines3 ``VecEnv``: one call steps all games.
-
-The only module that imports Stable-Baselines3 (the extra ``train``). What a game is and how it is stepped stays in
-:mod:`pacman_env.envs.pacmanbot_vector`; here results are laid out as SB3 expects them, episodes summed up as its
-``Monitor`` does.
-"""
+"""The native vector environment as a Stable-Baselines3 ``VecEnv`` (the extra ``train``)."""
 
 from __future__ import annotations
 
 import time
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +16,6 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from .envs.arguments import check_render_mode
 from .envs.pacmanbot_vector import PacManBotVectorEnv
-from .envs.registration import FLAT_DEFAULTS
 from .sim.observation.robot_features import Observation
 
 __all__ = ["PacManBotVecEnv"]
@@ -41,38 +34,26 @@ class PacManBotVecEnv(VecEnv):
     ```
 
     Equal to ``DummyVecEnv`` of single environments in ``Monitor``, step by step. ``infos[i]`` holds the single
-    environment's info and ``TimeLimit.truncated``; at the end of an episode, ``terminal_observation`` and
-    ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s since this object was made). The games of a
-    batch share their attributes, so an attribute can be set for all of them only. ``env_is_wrapped(Monitor)`` is true
-    because episodes are reported as by ``Monitor``; with ``monitor=False`` they are not, for SB3's ``VecMonitor``.
+    environment's info and ``TimeLimit.truncated``; at the end of an episode, ``terminal_observation`` and, unless
+    ``monitor`` is False for SB3's ``VecMonitor``, ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s
+    since this object was made). The games of a batch share their attributes, which can be set for all of them only.
 
-    With ``infos="ends"``, which saves time, ``infos[i]`` is empty but at the end of an episode, and holds no
-    ``terminal_observation`` then.
+    With ``observation.infos="ends"``, which saves time, ``infos[i]`` is empty but at the end of an episode, without
+    ``terminal_observation``.
     """
 
-    def __init__(
-        self, env: PacManBotVectorEnv | int = 64, *, flat: bool = False, monitor: bool = True, **arguments: Any
-    ) -> None:
-        """Take a vector environment, or make one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
+    def __init__(self, env: PacManBotVectorEnv | int = 64, *, monitor: bool = True, **arguments: Any) -> None:
+        """Wrap a vector environment, or one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
 
-        Args:
-            env: the environment, or the number of games.
-            flat: arguments that are not given are those of ``PacManBotFlat-v0``.
-            monitor: report ``episode`` at its end; False leaves that to a ``VecMonitor`` around this environment.
-            arguments: of ``PacManBotVectorEnv``.
-
-        Raises:
-            TypeError: ``env`` is neither, or arguments come with an environment that is made already.
-            ValueError: the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
+        Raises TypeError where ``env`` is neither, or arguments come with an environment that is made already, and
+        ValueError where the autoreset mode is not ``SAME_STEP``, or an argument cannot be played.
         """
         if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
-            defaults = {"autoreset_mode": AutoresetMode.SAME_STEP, **(FLAT_DEFAULTS if flat else {})}
-            env = PacManBotVectorEnv(int(env), **{**defaults, **arguments})
+            env = PacManBotVectorEnv(int(env), **{"autoreset_mode": AutoresetMode.SAME_STEP, **arguments})
         elif not isinstance(env, PacManBotVectorEnv):
             raise TypeError(f"env = {env!r}: must be a number of games or a PacManBotVectorEnv")
-        elif arguments or flat:
-            named = sorted(arguments | ({"flat": flat} if flat else {}))
-            raise TypeError(f"{named} given with an environment that is made already")
+        elif arguments:
+            raise TypeError(f"{sorted(arguments)} given with an environment that is made already")
         if env.autoreset_mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {env.autoreset_mode}: Stable-Baselines3 needs AutoresetMode.SAME_STEP")
         self.env = env
@@ -86,8 +67,7 @@ class PacManBotVecEnv(VecEnv):
     def reset(self) -> Observation:
         """Start new rounds in all games, with what ``seed`` and ``set_options`` have asked for since the last reset.
 
-        Raises:
-            ValueError: the options are not the same for all games, or ask for some games only.
+        Raises ValueError where the options are not the same for all games, or ask for some games only.
         """
         options = self._options[0]
         if any(other != options for other in self._options) or "reset_mask" in options:
@@ -107,9 +87,7 @@ class PacManBotVecEnv(VecEnv):
     def step_wait(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """One decision in every game; where a round ended, the observation is the first of the next one.
 
-        Raises:
-            ValueError: the actions do not fit the action space.
-            ResetNeeded: before the first reset.
+        Rewards and dones are (N,). Raises ValueError for actions that do not fit, ResetNeeded before the first reset.
         """
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         dones = terminated | truncated
@@ -124,7 +102,7 @@ class PacManBotVecEnv(VecEnv):
     def _end_episodes(
         self, ended: list[int], rows: list[dict[str, Any]], infos: dict[str, Any], cut: NDArray[np.bool_]
     ) -> None:
-        """Put the last info of the games that ended where the first of their next round is, and start new sums."""
+        """Replace the first info of the next round by the last of the one that ended, and start new sums."""
         final = _rows(infos["final_info"], **{"TimeLimit.truncated": cut})
         elapsed = round(time.time() - self._start, 6)
         for i in ended:
@@ -149,26 +127,18 @@ class PacManBotVecEnv(VecEnv):
         return self._of_games("render")
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute as each single environment has it; what games do not have of their own they share.
-
-        Raises:
-            AttributeError: there is none of this name.
-        """
+        """An attribute as each single environment has it; raises AttributeError where there is none of this name."""
         chosen = self._indices(indices)
         if attr_name in _METHODS:
             getattr(self.env, attr_name)  # velocity actions have no masks
-            return [partial(self._of_game, attr_name, i) for i in chosen]
+            return [lambda i=i: self._of_games(attr_name)[i] for i in chosen]
         value = getattr(self.env, _SPACES.get(attr_name, attr_name))
         if attr_name == "situation":
             return [value.rows(np.array([i])) for i in chosen]
         return [value] * len(chosen)
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the vector environment, for all games.
-
-        Raises:
-            ValueError: for some games only, or a render mode that the environment does not have.
-        """
+        """Set an attribute for all games; raises ValueError for some games only, or a render mode that there is not."""
         if set(self._indices(indices)) != set(range(self.num_envs)):
             raise ValueError(f"{attr_name}: the games of a batch share it, it cannot be set for some of them only")
         if attr_name == "render_mode":
@@ -180,11 +150,7 @@ class PacManBotVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call ``action_masks`` or ``render`` for games: masks are computed once for all.
-
-        Raises:
-            AttributeError: another method.
-        """
+        """Call ``action_masks`` or ``render`` for games; raises AttributeError for another method."""
         if method_name not in _METHODS:
             raise AttributeError(f"games of a batch have no method {method_name!r}, only {sorted(_METHODS)}")
         results = self._of_games(method_name, *method_args, **method_kwargs)
@@ -197,9 +163,6 @@ class PacManBotVecEnv(VecEnv):
     def _of_games(self, method: str, *arguments: Any, **named: Any) -> Sequence[Any]:
         results = getattr(self.env, method)(*arguments, **named)
         return [None] * self.num_envs if results is None else results
-
-    def _of_game(self, method: str, game: int) -> Any:
-        return self._of_games(method)[game]
 
     def _indices(self, indices: VecEnvIndices) -> list[int]:
         chosen = np.arange(self.num_envs)

@@ -29,7 +29,7 @@ def decisions(policy: str) -> dict[str, Any]:
     batch.reset(np.arange(GAMES), np.arange(GAMES, dtype=np.uint64))
     situation = batch.situation()
     planner = make_policy(policy)
-    planner.reset(np.ones(GAMES, dtype=np.bool_))
+    planner.reset(np.ones(GAMES, dtype=np.bool_), config)
     scores = planner.scores(situation)
     return {"choices": planner.select(situation).tolist(), "scores": scores.tolist()}
 

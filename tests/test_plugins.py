@@ -135,7 +135,7 @@ def test_the_example_is_played_in_gymnasium(example: None) -> None:
     observations, _ = vector.reset(seed=2)
     observation, _ = env.reset(seed=2 + 1)
     policy = make_policy("shy")
-    policy.reset(np.ones(3, dtype=np.bool_))
+    policy.reset(np.ones(3, dtype=np.bool_), env.config)
     for _ in range(30):
         np.testing.assert_array_equal(observations["compass"][1], observation["compass"])
         goals = policy.select(vector.situation)

@@ -128,7 +128,7 @@ def test_recorded_rounds_are_the_same_games_on_the_robots_side(policy: str, ghos
     n = ROUNDS
     batch = GameBatch(map_assets("house", config), config, n)
     chooser = make_policy(policy)
-    chooser.reset(np.ones(n, np.bool_))
+    chooser.reset(np.ones(n, np.bool_), config)
     recorded = Recorded(batch)
     batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
     while (batch.games["end"] == RUNNING).any():
@@ -170,16 +170,14 @@ def test_by_events_the_robots_planner_is_asked_when_the_simulators_is(policy: st
     envs = PacManBotVectorEnv(
         n,
         map="house",
-        execution=execution,
-        decide="event",
         ghosts=("arcade", "wander"),
-        settings=changes,
+        settings={**changes, "execution.rules": execution, "decisions.when": "event"},
         autoreset_mode=AutoresetMode.DISABLED,
     )
     batch, games, chooser = envs.batch, envs.batch.games, make_policy(policy)
     recorded = Recorded(batch)
     envs.reset(seed=0)
-    chooser.reset(np.ones(n, np.bool_))
+    chooser.reset(np.ones(n, np.bool_), envs.config)
     asked: list[set[float]] = [set() for _ in range(n)]
     while (games["end"] == RUNNING).any():
         for i in np.flatnonzero(games["end"] == RUNNING).tolist():

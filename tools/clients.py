@@ -71,10 +71,10 @@ CLIENTS = (
     Client("sb3_ppo", "stable_baselines3", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW),
     Client("sb3_maskable_ppo", "sb3_contrib", HERE, "sb3", "`PacManBotVecEnv(8, flat=True)`", _FEW),
     Client("cleanrl_ppo", "torch", HERE, "cleanrl", "masked with `logits.masked_fill(~mask, -1e8)`", _FEW),
-    Client("torchrl_ppo", "torchrl", "torchrl", "torchrl", '`mask="beside"`, `DTypeCastTransform` of the mask', _FEW),
-    Client("tianshou_ppo", "tianshou", "tianshou", "tianshou", 'unmodified; masked with `mask="beside"` and an actor'),
+    Client("torchrl_ppo", "torchrl", "torchrl", "torchrl", 'mask `"beside"`, `DTypeCastTransform` of the mask', _FEW),
+    Client("tianshou_ppo", "tianshou", "tianshou", "tianshou", 'unmodified; masked with mask `"beside"`, an actor'),
     Client("rllib_ppo", "ray", "rllib", "rllib", "`pacman_env:` before the id; masked with a wrapper that renames"),
-    Client("supersuit_vec", "supersuit", "farama", "supersuit", '`mask="info"`'),
+    Client("supersuit_vec", "supersuit", "farama", "supersuit", 'mask `"info"`'),
     Client("minari_dataset", "minari", "farama", "minari", "unmodified; `grid` with `jpeg_encoding=False`"),
 )
 

@@ -41,7 +41,7 @@ def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments:
     env = PacManBotEnv(**arguments)
     env.reset(seed=seed)
     selector = make_policy(policy)
-    selector.reset(np.ones(1, dtype=np.bool_))
+    selector.reset(np.ones(1, dtype=np.bool_), env.config)
     for _ in range(decisions):
         _, _, terminated, truncated, _ = env.step(int(selector.select(env.situation)[0]))
         if terminated or truncated:

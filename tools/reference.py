@@ -62,7 +62,9 @@ def _values(unit: str, kind: Any) -> str:
         return f"{_values(unit, inner[0])} or `None`"
     if origin is typing.Literal:
         return " or ".join(map(_code, inner))
-    return f"{unit} (low, high)".strip() if origin is tuple else unit or _KINDS.get(kind, "")
+    if origin is tuple:
+        return f"{unit} (low, high)".strip() if len(inner) == 2 else f"{len(inner)} numbers"
+    return unit or _KINDS.get(kind, "")
 
 
 def _plugged(field: str) -> str:
@@ -96,11 +98,11 @@ def configuration() -> str:
 def presets() -> str:
     """Fields that presets and executions set, with the value under each."""
     result = ""
-    for kind, known in (("preset", config.PRESETS), ("execution", config.EXECUTIONS)):
+    for kind, known in (("preset", config.PRESETS), ("execution.rules", config.EXECUTIONS)):
         names = sorted({name for changes in known.values() for name in changes})
-        made = [make_config(**{kind: one}) for one in known]
+        made = [make_config(**{"execution" if kind != "preset" else kind: one}) for one in known]
         rows = [[f"`{name}`", *(_code(operator.attrgetter(name)(one)) for one in made)] for name in names]
-        result += ("\n" if result else "") + table(("Field", *(f'`{kind}="{one}"`' for one in known)), rows)
+        result += ("\n" if result else "") + table(("Field", *(f'`{kind}` `"{one}"`' for one in known)), rows)
     return result
 
 
@@ -141,12 +143,13 @@ def actions() -> str:
     """The action spaces on the map ``house``."""
     rows = []
     for action, unit in (("goal", False), ("velocity", False), ("velocity", True)):
-        space = PacManBotEnv("house", action=action, action_range="unit" if unit else None).action_space
+        settings = {"action_range": "unit"} if unit else {}
+        space = PacManBotEnv("house", action=action, settings=settings).action_space
         if isinstance(space, spaces.Box):
             names = ("v", "omega") if unit else ("v, m/s", "omega, rad/s")
             limits = zip(space.low.tolist(), space.high.tolist(), names, strict=True)
             bounds = ", ".join(f"{name}: {_number(low)} to {_number(high)}" for low, high, name in limits)
-            given = f'action="{action}"' + (', action_range="unit"' if unit else "")
+            given = f'action="{action}"' + (f", settings={settings}".replace("'", '"') if unit else "")
             rows.append([f"`{given}`", f"`Box`, shape {space.shape}, {space.dtype}", bounds])
         else:
             rows.append([f'`action="{action}"`', f"`Discrete({space.n})`", "number of a candidate, the last is hold"])

@@ -172,10 +172,10 @@ def _play(arguments: argparse.Namespace) -> int:
         "endless": arguments.endless or None,
     }
     settings = {name: value for name, value in given.items() if value is not None} | parse_settings(arguments.set)
-    kind = arguments.map, arguments.preset, arguments.execution
+    settings = {"execution.rules": arguments.execution} | settings
     try:
         window.require_screen()
-        env = PacManBotEnv(*kind, settings=settings, render_mode="rgb_array")
+        env = PacManBotEnv(arguments.map, preset=arguments.preset, settings=settings, render_mode="rgb_array")
         play(Player(env, seed=arguments.seed, speed=arguments.speed), window, fps=arguments.fps)
     finally:
         window.close()

@@ -81,23 +81,20 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
 
 
 def _learners_env() -> None:
-    from pacman_env.envs.registration import FLAT_DEFAULTS
-
-    defaults: dict[str, Any] = FLAT_DEFAULTS
-    _play(**defaults)
+    _play(flat=True)
 
 
 def _every_argument() -> None:
     _play(observation=_KINDS)
     _play(observation=_KINDS, ghosts=_GHOSTS)
     _play(action="velocity", observation="scan")
-    _play(action="velocity", observation=("scan", "flat"), normalize=True)
-    _play(preset="ideal", execution="as_built", candidates="nearest")
-    _play(_EVENTFUL, endless=True)
+    _play({**_SHORT, "observation.normalize": True}, action="velocity", observation=("scan", "flat"))
+    _play({**_SHORT, "execution.rules": "as_built", "observation.candidates": "nearest"}, preset="ideal")
+    _play({**_EVENTFUL, "endless": True})
 
 
 def _generated_houses() -> None:
-    _play(map="generated", num_levels=1)
+    _play({**_SHORT, "num_levels": 1}, map="generated")
 
 
 def _policies() -> None:
@@ -110,7 +107,7 @@ def _policies() -> None:
     env.reset(seed=0)
     for name in policy_names():
         policy = make_policy(name)
-        policy.reset(np.ones(1, np.bool_))
+        policy.reset(np.ones(1, np.bool_), env.config)
         policy.select(env.situation)
         policy.explain(env.situation)
 
@@ -118,7 +115,7 @@ def _policies() -> None:
 def _two_players() -> None:
     from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 
-    env = PacManBotParallelEnv(settings=_SHORT, rewards="separate")
+    env = PacManBotParallelEnv(settings={**_SHORT, "zero_sum": False})
     observations, _ = env.reset(seed=0)
     for _ in range(_STEPS):
         if not env.agents:

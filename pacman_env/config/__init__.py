@@ -2,14 +2,15 @@
 
 from .composition import Config as Config
 from .composition import differences as differences
-from .presets import EXECUTIONS as EXECUTIONS
 from .presets import PRESETS as PRESETS
 from .presets import make_config as make_config
 from .presets import parse_settings as parse_settings
 from .presets import preset_names as preset_names
+from .sections import EXECUTIONS as EXECUTIONS
 from .sections import MAX_SPEED_MPS as MAX_SPEED_MPS
 from .sections import ClydeConfig as ClydeConfig
 from .sections import ExecutionConfig as ExecutionConfig
+from .sections import LocalizationConfig as LocalizationConfig
 from .sections import Nav2Config as Nav2Config
 from .sections import ObservationConfig as ObservationConfig
 from .sections import PelletConfig as PelletConfig

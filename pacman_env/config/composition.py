@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Self
 
 from . import sections
-from .validation import AtLeastOne, Checked, ConfigError, Positive, kinds, require
+from .validation import AtLeastOne, Checked, ConfigError, Count, Number, Positive, kinds, require
 
 MAX_BLIND_M = 0.8  # the farthest a robot may drive between two plans
 
@@ -50,6 +50,15 @@ class Config(Checked):
     #: -robot.omega_radps to robot.omega_radps.
     action_range: Literal["physical", "unit"] = "physical"
     endless: bool = False  # round follows round, Clyde faster each time, until the robot is caught
+    #: The end at the time limit: a truncation, or a termination, after which no learner adds the value of what follows.
+    timeout: Literal["truncation", "termination"] = "truncation"
+    max_cycles: AtLeastOne | None = None  # environments with several agents: truncation after so many decisions
+    zero_sum: bool = True  # ghosts that are agents share the negative of the robot's reward; False: ghost_reward
+    start_level: Count | None = None  # first of the generated houses that are played; None: the first of the split
+    num_levels: Count | None = None  # so many generated houses are played; 0 or None: all of the split
+    #: x, y (m) and heading (rad) of the home pose on a map that is not generated; None: (0, 0, 0) where the robot can
+    #: stand there, else the roomiest place of the largest part.
+    home: tuple[Number, Number, Number] | None = None
     physics_step_s: Positive = 0.05  # Nav2's controller rate, 20 Hz
     time_limit_s: Positive = 600.0  # of a round: truncation
     max_pellets: AtLeastOne | None = None  # slots for pellets in the observation; None: as many as the map has
@@ -93,6 +102,11 @@ class Config(Checked):
         Raises:
             ConfigError: an unknown name, or a value out of range.
         """
+        rules = changes.get("execution.rules")
+        if isinstance(rules, str):
+            if rules not in sections.EXECUTIONS:
+                raise ConfigError(f"unknown execution {rules!r}: choose one of {sorted(sections.EXECUTIONS)}")
+            changes = sections.EXECUTIONS[rules] | changes
         top: dict[str, Any] = {}
         groups: dict[str, dict[str, Any]] = {}
         for name, value in changes.items():
@@ -112,6 +126,11 @@ class Config(Checked):
         """One field by its dotted name; a ConfigError for an unknown one."""
         kind_of(name)
         return operator.attrgetter(name)(self)
+
+    def as_settings(self) -> dict[str, Any]:
+        """All fields by dotted name, as ``settings`` take them."""
+        groups = {name.rpartition(".")[0] for name in FIELDS}
+        return {name: self.value(name) for name in FIELDS if name not in groups}
 
     def as_dict(self) -> dict[str, Any]:
         """All fields as nested plain data, as JSON has it, for results and logs."""

@@ -1,4 +1,4 @@
-"""Fields by dotted name: two presets of the robot and its surroundings, two executions of Algorithm 4, and text."""
+"""Fields by dotted name: two presets of the robot and its surroundings, those of other packages, and text."""
 
 import typing
 from collections.abc import Iterable, Mapping
@@ -7,20 +7,6 @@ from typing import Any
 from ..plugins import PluginError, Registry
 from .composition import FIELDS, Config, kind_of
 from .validation import ConfigError, convert
-
-AS_BUILT: dict[str, Any] = {
-    "execution.pose_source": "amcl",
-    "execution.on_abort": "lose_pellet",
-    "execution.switch": "cancel_then_send",
-    "execution.min_dwell_s": 0.0,
-}
-ROBUST: dict[str, Any] = {
-    "execution.pose_source": "tf",
-    "execution.on_abort": "back_off",
-    "execution.switch": "preempt",
-    "execution.min_dwell_s": 1.0,
-}
-EXECUTIONS = {"as_built": AS_BUILT, "robust": ROBUST}
 
 #: What the ten real trials had: measured speed, AMCL's cadence and error, Nav2's delays.
 _ROBOT: dict[str, Any] = {"robot.speed_mps": 0.256}  # driving speed in the logs [M]
@@ -39,7 +25,7 @@ preset_names = _ALL_PRESETS.names
 register_preset = _ALL_PRESETS.register
 
 
-def make_config(preset: str = "robot", execution: str = "robust", **changes: Any) -> Config:
+def make_config(preset: str = "robot", execution: str | None = None, **changes: Any) -> Config:
     """Compose a preset, an execution and single fields given by dotted name.
 
     Raises:
@@ -51,9 +37,8 @@ def make_config(preset: str = "robot", execution: str = "robust", **changes: Any
         raise ConfigError(str(error)) from error
     if not (isinstance(fields, Mapping) and all(isinstance(name, str) for name in fields)):
         raise ConfigError(f"unknown preset {preset!r}: must be the name of values by the dotted names of fields")
-    if not isinstance(execution, str) or execution not in EXECUTIONS:
-        raise ConfigError(f"unknown execution {execution!r}: choose one of {sorted(EXECUTIONS)}")
-    return Config().with_fields(**{**fields, **EXECUTIONS[execution], **changes})
+    rules = {} if execution is None else {"execution.rules": execution}
+    return Config().with_fields(**{**fields, **rules, **changes})
 
 
 def parse_settings(texts: Iterable[str]) -> dict[str, Any]:

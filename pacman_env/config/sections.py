@@ -107,6 +107,9 @@ class ClydeConfig(Checked, group="clyde"):
 class ExecutionConfig(Checked, group="execution"):
     """Algorithm 4: what is done with Nav2's answers and which pose is believed."""
 
+    #: As the original executor was, or corrected: sets pose_source, on_abort, switch and min_dwell_s, each of which can
+    #: be set by itself as well.
+    rules: Literal["robust", "as_built"] = "robust"
     tick_s: Positive = 0.5  # decision period: the planner's timer, original
     check_period_s: Positive = 0.5  # pick-up and death are tested this often; original: at each tick
     pickup_radius_m: Positive = 0.25  # original
@@ -122,6 +125,23 @@ class ExecutionConfig(Checked, group="execution"):
     # A success counts this far beyond nav2.goal_tolerance_m (as_built: anywhere): Nav2's pose arrives there before the
     # received pose does.
     success_margin_m: NotNegative = 0.1
+
+
+#: What `execution.rules` sets.
+EXECUTIONS: dict[str, dict[str, object]] = {
+    "as_built": {
+        "execution.pose_source": "amcl",
+        "execution.on_abort": "lose_pellet",
+        "execution.switch": "cancel_then_send",
+        "execution.min_dwell_s": 0.0,
+    },
+    "robust": {
+        "execution.pose_source": "tf",
+        "execution.on_abort": "back_off",
+        "execution.switch": "preempt",
+        "execution.min_dwell_s": 1.0,
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -222,6 +242,10 @@ class ObservationConfig(Checked, group="observation"):
     #: Where the action mask is: among the arrays, in the info, only a method (which there is always), or beside the
     #: observation: a dictionary of `observation` and `action_mask`.
     mask: Literal["observation", "info", "method", "beside"] = "observation"
+    numeric_info: bool = False  # info["outcome"] is its number (pacman_env.OUTCOMES), not a word
+    #: Of vector environments that reset in the same step: of every game at each step, or only the last infos of games
+    #: that ended, which saves time.
+    infos: Literal["all", "ends"] = "all"
     scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = 360  # RPLIDAR A1: one per degree
     scan_minimum_m: Positive = 0.15  # RPLIDAR A1
     scan_maximum_m: Positive = 12.0  # RPLIDAR A1

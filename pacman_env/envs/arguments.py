@@ -14,7 +14,7 @@ import numpy as np
 from ..config import Config, ConfigError, make_config
 from ..game.ghosts import GHOST_NAMES, POLICY, behaviour_names
 from ..plugins import PluginError
-from ..policies.base import Policy
+from ..policies.base import Policy, check_reset
 from ..policies.registry import make_policy, policy_names
 from ..sim.maps.assets import MapSource, map_assets
 from ..sim.maps.generated import GeneratedMaps
@@ -22,8 +22,37 @@ from ..sim.maps.level_source import FixedMap, LevelSource
 from ..sim.observation.kinds import FLAT, KINDS
 from ..world.maps.occupancy import OccupancyMap
 
-#: How many wander, or for each a behaviour or a policy of his own.
+#: How many wander, or for each a behaviour or a policy of its own.
 Ghosts = int | str | Policy | Sequence[str | Policy]
+
+#: Settings under ``flat=True``, of environments with several agents, which all decide at each tick ...
+_FLAT_OF_SEVERAL: dict[str, Any] = {
+    "observation.kinds": ("features",),
+    "observation.flat": True,
+    "observation.normalize": True,
+    "observation.mask": "beside",
+    "observation.numeric_info": True,
+    "timeout": "termination",
+}
+#: ... and of environments with one.
+_FLAT: dict[str, Any] = {
+    **_FLAT_OF_SEVERAL,
+    "observation.kinds": ("planner",),
+    "observation.mask": "method",
+    "observation.candidates": "nearest",
+    "decisions.when": "event",
+}
+
+#: The settings that replace arguments of 0.10, and arguments of another name.
+_FORMER = {
+    **{name: name for name in ("action_range", "endless", "home", "max_cycles", "num_levels", "start_level")},
+    **{name: f"observation.{name}" for name in ("candidates", "infos", "mask", "normalize", "numeric_info")},
+    "decide": "decisions.when",
+    "execution": "execution.rules",
+    "rewards": "zero_sum",
+    "timeout": "timeout",
+}
+_RENAMED = {"autoreset": "autoreset_mode='SameStep' or 'Disabled'", "config": "settings=config"}
 
 
 @dataclass(frozen=True)
@@ -31,87 +60,53 @@ class EnvArguments:
     """All environments take these; :class:`~pacman_env.envs.pacmanbot.PacManBotEnv` describes each."""
 
     map: MapSource = "house"
-    preset: str = "robot"
-    execution: str = "robust"
     _: KW_ONLY
     ghosts: Ghosts | None = None
     observation: str | Sequence[str] | None = None
-    candidates: str | None = None
-    normalize: bool | None = None
-    mask: str | None = None
-    decide: str | None = None
-    numeric_info: bool = False
-    timeout: str = "truncation"
     action: str | None = None
-    action_range: str | None = None
-    endless: bool | None = None
-    start_level: int | None = None
-    num_levels: int | None = None
-    settings: Mapping[str, Any] | None = None
-    config: Config | None = None
-    home: tuple[float, float, float] | None = None
+    preset: str = "robot"
+    settings: Mapping[str, Any] | Config | None = None
     render_mode: str | None = None
+    flat: bool = False
 
-    def make_config(self) -> tuple[Config, dict[int, Policy]]:
-        """The configuration, and the policies by the ghost's number.
-
-        Raises:
-            ConfigError: ``config`` together with what it replaces, an unknown name, or a value out of range.
-        """
-        config, settings = self.config, self.settings or {}
-        if config is not None and not isinstance(config, Config):
-            raise ConfigError(f"config = {config!r}: must be a Config")
-        if not (isinstance(settings, Mapping) and all(isinstance(key, str) for key in settings)):
-            raise ConfigError(f"settings = {settings!r}: must be values by the dotted names of fields")
+    def make_config(self, *, several: bool = False) -> tuple[Config, dict[int, Policy]]:
+        """The configuration, of an environment with several agents or one, and the policies by the ghost's number."""
+        settings = {} if self.settings is None else self.settings
         behaviours, policies = _behaviours(self.ghosts)
-        changes: dict[str, Any] = {} if self.observation is None else _kinds(self.observation)
-        given = {"clyde.ghosts": behaviours, "action": self.action, "endless": self.endless}
-        given |= {"decisions.when": self.decide, "observation.candidates": self.candidates}
-        given |= {"observation.normalize": self.normalize, "observation.mask": self.mask}
-        given |= {"action_range": self.action_range}
-        changes |= {name: value for name, value in given.items() if value is not None}
-        if config is not None:
-            if settings or changes or (self.preset, self.execution) != ("robot", "robust"):
-                raise ConfigError("give either config or the arguments that make one, not both")
-            return config, policies
+        changes = {} if self.observation is None else _kinds(self.observation)
+        changes |= {} if behaviours is None else {"clyde.ghosts": behaviours}
+        changes |= {} if self.action is None else {"action": self.action}
+        if isinstance(settings, Config):
+            if changes or self.preset != "robot" or self.flat:
+                raise ConfigError("settings is a Config: ghosts, observation, action, preset and flat are part of it")
+            return settings, policies
+        if not (isinstance(settings, Mapping) and all(isinstance(key, str) for key in settings)):
+            raise ConfigError(f"settings = {settings!r}: must be values by the dotted names of fields, or a Config")
         for name in sorted(changes.keys() & settings.keys()):
             raise ConfigError(f"{name} is given twice: as an argument and in settings")
-        return make_config(self.preset, self.execution, **changes, **settings), policies
-
-    def timeout_ends(self) -> bool:
-        """Whether a time-out is an end of the game's own, by its reward, and not a cut from outside.
-
-        Raises:
-            ConfigError: it is neither.
-        """
-        if self.timeout not in ("truncation", "termination"):
-            raise ConfigError(f"timeout = {self.timeout!r}: choose truncation or termination")
-        return self.timeout == "termination"
+        if not isinstance(self.flat, bool):
+            raise ConfigError(f"flat = {self.flat!r}: must be True or False")
+        defaults = dict(_FLAT_OF_SEVERAL if several else _FLAT) if self.flat else {}
+        if self.observation is not None:
+            defaults.pop("observation.flat", None)  # "flat" is among the kinds or not
+        if several and self.ghosts is None:
+            defaults["clyde.ghosts"] = ("policy",)
+        return make_config(self.preset, **{**defaults, **changes, **settings}), policies
 
     def make_source(self, config: Config) -> LevelSource:
-        """The maps: ``generated`` ones, ``generated:test``, or one map.
-
-        Raises:
-            ConfigError: levels of a map that has none, or levels out of range.
-            MapError: the map cannot be read or played on.
-        """
+        """The maps: ``generated`` ones, ``generated:test``, or one map."""
         if not isinstance(self.map, (str, os.PathLike, OccupancyMap)):
             raise ConfigError(f"map = {self.map!r}: must be a name, a YAML file or an OccupancyMap")
         name = os.fspath(self.map) if isinstance(self.map, (str, os.PathLike)) else ""
         if name.partition(":")[0] == "generated":
-            if self.home is not None:
-                raise ConfigError("home: generated houses have home poses of their own")
-            return GeneratedMaps.named(name, config, self.start_level, self.num_levels)
-        if self.start_level is not None or self.num_levels is not None:
+            return GeneratedMaps.named(name, config)
+        if config.start_level is not None or config.num_levels is not None:
             raise ConfigError("start_level and num_levels are for map='generated'")
-        return FixedMap(map_assets(self.map, config, self.home), config)
+        return FixedMap(map_assets(self.map, config), config)
 
 
 def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
-    """``__init__`` of an environment, called with the fields of :class:`EnvArguments` in place of ``arguments``.
-
-    Its signature names them all, so that ``help`` shows them.
-    """
+    """``__init__`` with the fields of :class:`EnvArguments` in its signature, in place of ``arguments``."""
     shared = inspect.signature(EnvArguments).parameters
     own = inspect.signature(init)
     parameters = [*(p for name, p in own.parameters.items() if name != "arguments"), *shared.values()]
@@ -119,6 +114,10 @@ def takes_env_arguments(init: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(init)
     def wrapper(*given: Any, **named: Any) -> None:
+        for name in named:
+            now = f"settings={{{_FORMER[name]!r}: ...}}" if name in _FORMER else _RENAMED.get(name)
+            if now is not None:
+                raise TypeError(f"the argument {name} is replaced since 1.0: {now}")
         bound = signature.bind(*given, **named).arguments
         arguments = EnvArguments(**{name: bound.pop(name) for name in shared if name in bound})
         init(**bound, arguments=arguments)
@@ -144,6 +143,7 @@ def _behaviours(ghosts: Ghosts | None) -> tuple[tuple[str, ...] | None, dict[int
         if isinstance(one, str):
             names.append(one)
         elif hasattr(one, "select") and hasattr(one, "reset") and not isinstance(one, type):
+            check_reset(one, f"ghosts[{number}] = {one!r}")
             names.append(POLICY)
             policies[number] = one
         else:
@@ -174,8 +174,13 @@ def check_render_mode(render_mode: str | None, known: Sequence[str]) -> None:
         raise ValueError(f"render_mode = {render_mode!r}: choose one of {known} or None")
 
 
+def is_count(value: Any) -> bool:
+    """Whether it is a whole number of at least 1."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 1)
+
+
 def checked_games(num_envs: Any) -> int:
     """How many games; raises ValueError for what is no such number."""
-    if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
+    if not is_count(num_envs):
         raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
     return int(num_envs)

@@ -13,7 +13,7 @@ from ..render.display import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .core import CoreEnv
-from .reset_options import ResetOptions
+from .resets import Options, ResetOptions
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
@@ -43,7 +43,7 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     With `action="velocity"` it is `Box(2,)` of float32 instead: v from 0 to 0.306 m/s (`robot.wheel_speed_mps`) and
     omega from -1.9 to 1.9 rad/s, counter-clockwise, held until the next decision; Nav2 has no part in it. Velocities
     beyond the limits are cut to them, and v to what the wheels have left: turning keeps its share. There is no mask.
-    With `action_range="unit"` both are -1 to 1, as most learners expect: v is 0 at -1 and 0.306 m/s at 1, omega is
+    With the setting `action_range` `"unit"` both are -1 to 1, as most learners expect: v is 0 at -1 and 0.306 m/s at 1, omega is
     -1.9 rad/s at -1 and 1.9 rad/s at 1, both linear in between.
 
     ## Observation Space
@@ -69,8 +69,8 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     no ray ends at them, and none shows a pellet. So the bearings come with it, and with features and planner features
     where actions are velocities: these have path lengths, not where to steer. Seen from the believed pose, they
     are the directions of `K = 4` pellets (`observation.nearest_pellets`), and of the places 0.5 m on along the shortest
-    paths to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose: `S = 64` pixels of 0.1 m, the robot in the middle,
-    its heading up.
+    paths to them, and of all ghosts. Rows without a pellet are zero. The grid is drawn around the believed pose:
+    `S = 64` pixels of 0.1 m, the robot in the middle, its heading up.
 
     ## Rewards
     Per decision, all configurable (`config.reward`): +1 for each pellet collected, -0.002 for the time, -10 when
@@ -79,17 +79,17 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     episode does not depend on what was done, so the best policy stays the best.
 
     ## Starting State
-    The robot stands at the home pose; Clyde stands on a cell drawn uniformly from his cells, at least 1.5 m away
-    (`clyde.spawn_distance_m`), by default in the part of the map that connects to the robot's (`clyde.spawn`). So does
+    The robot stands at the home pose; Clyde stands on a cell drawn uniformly from its cells, at least 1.5 m away
+    (`clyde.spawn_distance_m`), by default where the map connects to the robot's place (`clyde.spawn`). So does
     every other ghost. All that is drawn follows from the episode's seed, `info["round_seed"]`.
 
     ## Episode End
     - Termination: the believed pose is within 0.25 m of Clyde or another ghost (`caught`); every pellet is collected
-      (`complete`); no pellet is left but some were lost (`cleared`, only with `execution="as_built"`).
+      (`complete`); no pellet is left but some were lost (`cleared`, only with `execution.rules="as_built"`).
     - Truncation: 600 s (`time_limit_s`).
 
-    With `endless=True` a completed round gives its reward and is followed by the next: from the home pose, with all
-    pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode is terminated when the robot is caught,
+    With the setting `endless` a completed round gives its reward and is followed by the next: from the home pose, with
+    all pellets and a time limit of its own, Clyde 0.05 m/s faster. The episode is terminated when the robot is caught,
     and truncated by the time limit of a round.
 
     ## Information
@@ -100,59 +100,39 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
 
     ## Arguments
     ```python
-    gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot", execution="robust",
+    gymnasium.make("pacman_env/PacManBot-v0", map="house", preset="robot",
                    settings={"clyde.speed_mps": 0.35}, render_mode="rgb_array")
     ```
-    - `map`: a shipped map's name, a map_server YAML file, or an `OccupancyMap`; `"generated"` or `"generated:test"`:
-      a new house for each episode, its level drawn uniformly from the episode's seed.
-    - `preset`: `robot` (measured speed, AMCL's cadence and error, Nav2's delays), `ideal` (perfect localization), or
-      one of your own.
-    - `execution`: `robust`, or `as_built` as the original executor was.
+    - `map`: a shipped map's name, a map_server YAML file, an `OccupancyMap`; `"generated"` or `"generated:test"`: a new
+      house for each episode, its level drawn uniformly from the episode's seed.
     - `ghosts`: how many wander (1 to 4), or one for each: `"wander"` (Algorithm 2), `"chase"` (the robot), `"arcade"`
-      (chases from afar, turns to his corner within 2.0 m), or a policy, its name or the object, asked at every tick.
+      (chases from afar, turns to its corner within 2.0 m), or a policy, its name or the object, asked at every tick.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"`
       (the numbers of `sim/observation/planner_features.py`), or a kind of your own (`docs/extending.md`).
       With `"flat"` among them all are one array.
-    - `candidates`: `"all"` (the default), or `"nearest"`: the actions are the 4 nearest pellets, the 2 nearest refuges
-      (`observation.nearest_pellets`, `nearest_refuges`) in the order of the robot's path lengths to them, and hold. Spaces are
-      then the same on every map.
-    - `normalize`: all numbers of the observation in [-1, 1]. A length, an age or a count x becomes x / (|x| + c) with
-      c = 3 m, 3 s or 10, everything else is divided by a constant (`sim/observation/scales.py`). Planner features and
-      the scan are divided by their bounds, which most planner features are far within: the median of their standard
-      deviations is 0.03. A learner that needs a spread of 1 wants `NormalizeObservation` or `VecNormalize` as well.
-    - `mask`: where the action mask is: in the `"observation"` (the default), in the `"info"`, only a `"method"`, or
-      `"beside"` the observation: `{"observation": ..., "action_mask": ...}`. It is int8 there, as
-      `action_space.sample(mask)` takes it; `action_masks()` is bool, as sb3-contrib takes it.
-    - `decide`: `"tick"` (the default): at every decision of 0.5 s; or `"event"`: a step lasts until the goal has ended,
-      a pellet was collected, a ghost has come within 2 m (then it lasts 1 s at most), or 4 s have passed
-      (`config.decisions`). Rewards are summed up (`decisions.discount_per_s`), `info["elapsed_s"]` is the duration.
-    - `numeric_info`: `outcome` is its number (`pacman_env.OUTCOMES`), not a word.
-    - `timeout`: the time limit is a `"truncation"` (the default), or a `"termination"`: its reward of -5 is an end, and
-      no learner adds the value of what would have followed.
     - `action`: `"goal"` (the default) or `"velocity"`.
-    - `action_range`: of velocities, `"physical"` (m/s and rad/s, the default) or `"unit"` (both -1 to 1).
-    - `endless`: round follows round.
-    - `start_level`, `num_levels`: which levels of generated houses are played, by default all of the split: 0 to
-      999,999 to train, 1,000,000 to 1,000,999 to test.
-    - `settings`: single fields of the configuration by dotted name; or `config`: a whole `Config`. With
-      `{"randomize.speed_mps": (0.2, 0.3)}` and its like a value is drawn uniformly for each episode.
-    - `home`: x, y, heading of the home pose; by default (0, 0, 0) where the robot can stand there, else the roomiest
-      place of the largest part.
+    - `preset`: `robot` (as measured), `ideal` (perfect localization), or one of your own.
+    - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window.
+    - `flat`: the settings of `pacman_env/PacManBotFlat-v0`, below your own.
+
+    ## Settings
+    Every number of the game is one (`docs/configuration.md`). With `{"randomize.speed_mps": (0.2, 0.3)}` and its like a
+    value is drawn uniformly for each episode. These change how the environment is used, as a table in
+    `docs/environments/pacmanbot.md` says in detail: `execution.rules` (the original's faults), `decisions.when` (a step
+    is a tick, or lasts until something is to be decided), `observation.candidates` (all of the map, or the nearest),
+    `observation.normalize`, `observation.mask` (where the mask is), `observation.numeric_info`, `timeout` (truncation
+    or termination), `action_range`, `endless`, `start_level` and `num_levels` (which of the
+    generated houses: 0 to 999,999 to train, 1,000,000 to 1,000,999 to test), `home`.
 
     ## Reset
     `reset(seed=..., options=...)`: `options` may hold, for the episode that begins, `round_seed` (as in
     `info["round_seed"]`: the same episode once more), `level` (of generated maps) and `settings` (fields of the
-    configuration that leave the spaces as they are: `{"clyde.speed_mps": 0.4}`). All else in it is an error.
-
-    ## Copies
-    `copy.deepcopy` and `pickle` give an environment that goes on exactly as this one: the round is played again from
-    its seed and its decisions, which takes up to some tens of ms.
+    configuration that leave the spaces as they are: `{"clyde.speed_mps": 0.4}`). All else in it is an error. A copy by
+    `copy.deepcopy` or `pickle` plays the round again from its seed and decisions, and goes on as this environment does.
 
     ## Version History
-    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with other defaults:
-      `decide="event"`, `candidates="nearest"`, `observation=("planner", "flat")`, `normalize=True`, `mask="method"`,
-      `numeric_info=True`, `timeout="termination"`.
+    - v0: first version. `pacman_env/PacManBotFlat-v0` (`PacManBot-v1` before 1.0) is the same game with `flat=True`.
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
@@ -163,21 +143,13 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
     def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_core(1, arguments)
-        self.observation_space = self._core.observation_space()
-        self.action_space = self._core.action_space()
+        self.observation_space = self._core.observation_space
+        self.action_space = self._core.action_space
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start a new episode; its own seed is drawn from the environment's generator.
+    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
+        """Start a new episode; ``seed`` is of the generator that draws the episode's own, None: it goes on.
 
-        Args:
-            seed: of the generator; None: it goes on.
-            options: for this episode: ``round_seed``, in place of one that is drawn; ``level``, of generated maps;
-                ``settings``, fields of the configuration by dotted name that leave the spaces as they are.
-
-        Raises:
-            ValueError: options that there are not, or that cannot be played.
+        ``options`` are described in the class. Raises ValueError for those that are unknown or cannot be played.
         """
         wanted = ResetOptions.of(options, 1)
         levels = wanted.levels(self.batch.source, _ONE)
@@ -186,26 +158,23 @@ class PacManBotEnv(CoreEnv, Display, gym.Env[Any, Any]):
         self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), self._info()
+        return self._observed()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive towards a candidate, or at given velocities, until the next decision.
 
-        Raises:
-            ValueError: the action is no element of the action space (a velocity beyond the limits is cut to them).
-            ResetNeeded: before the first reset, or after the end of an episode.
+        Raises ValueError for an action that is not in the action space, but velocities are cut to its limits; and
+        ResetNeeded before the first reset, or after the end of an episode.
         """
-        self._core.require_running()
+        self._core.require_reset(running=True)
         reward, terminated, truncated = self._core.step(checked_action(self.action_space, action)[None])
         if self.render_mode == "human":
             self.render()
-        return self._observation(), float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info()
+        observation, info = self._observed()
+        return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def _masks(self) -> NDArray[np.bool_]:
         return self._core.masks()[0]
 
-    def _observation(self) -> Any:
-        return self._core.of_game(self._core.observe(), 0)
-
-    def _info(self) -> dict[str, Any]:
-        return self._core.info_of_game()
+    def _observed(self) -> tuple[Observation, dict[str, Any]]:
+        return self._core.of_game(self._core.observe(), 0), self._core.info_of_game()

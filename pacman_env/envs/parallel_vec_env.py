@@ -1,48 +1,114 @@
-"""Many games of several agents at once: what all of them see and get, as arrays."""
+"""Games of several agents: what all such environments share, and many of them at once, as arrays."""
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from ..config import ConfigError
+from ..game.ghosts import GHOST_NAMES
 from ..render.display import RENDER_FPS
 from ..sim.observation.kinds import MASK
-from .agents import PACMAN, Observations, Rewards, SeveralAgents
+from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .episode_seeds import EpisodeSeeds
-from .reset_options import ResetOptions, chosen_games
+from .core import CoreEnv
+from .outcome import Ends
+from .resets import ManyGames, Options, Seeds
+from .spaces import state_limits
+from .sub_batches import Step
 
-_NOTHING_WANTED = ResetOptions()
+PACMAN = "pacman"
+Observations = dict[str, Any]  # an agent's: a dictionary of arrays, or one array
+_TURN = 2 * np.pi
 
 
-class PacManBotParallelVecEnv(SeveralAgents):
+class SeveralAgents(CoreEnv):
+    """``pacman`` and the ghosts that are agents, in N games."""
+
+    def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
+        self._make_core(n, arguments, ghost_agents=True, **more)
+        core = self._core
+        if self.config.decisions.when == "event" or self.config.observation.candidates == "nearest":
+            forbidden = "decisions.when='event' and observation.candidates='nearest'"
+            raise ConfigError(f"{forbidden} are for one agent: here all decide at each tick")
+        self._ghosts = {GHOST_NAMES[k]: k for k in core.ghost_agents}
+        if not self._ghosts:
+            raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
+        self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, of the last observations
+        self.possible_agents = [PACMAN, *self._ghosts]
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.observation_space}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: core.action_space}
+        for name in self._ghosts:
+            self.observation_spaces[name] = core.ghost_observation_space()
+            self.action_spaces[name] = spaces.Discrete(self.batch.candidates)
+        low, high = np.array(list(state_limits(self.batch).values())).T
+        self.state_space = spaces.Box(low, high, dtype=np.float64)
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent, in one game; the same object each time."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent, in one game; the same object each time."""
+        return self.action_spaces[agent]
+
+    @property
+    def state_names(self) -> list[str]:
+        """The names of the numbers of ``state()``."""
+        return list(state_limits(self.batch))
+
+    def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
+        """One decision of every agent, whose actions (N,) are checked; rewards are (N, A)."""
+        choices = {number: actions[name] for name, number in self._ghosts.items()}
+        reward, terminated, truncated = self._core.step(actions[PACMAN], choices)
+        of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._core.ghost_reward()
+        return np.stack([reward, *[of_ghosts] * len(self._ghosts)], axis=1), terminated, truncated
+
+    def _observed(self) -> Observations:
+        """Of all agents in all games, (N, ...); their masks are kept."""
+        core = self._core
+        situations = {name: self.batch.situation(number) for name, number in self._ghosts.items()}
+        self._ghost_masks = {name: situation.mask for name, situation in situations.items()}
+        return {PACMAN: core.observe()} | {name: core.observe_ghost(one) for name, one in situations.items()}
+
+    def _states(self) -> NDArray[np.float64]:
+        """(N, S) the games as they truly are; the numbers are named by ``state_names``."""
+        believed, batch = self.situation.robot, self.batch
+        g, ghosts = batch.games, batch.ghosts
+        turns = (g["right"] - g["left"]) / batch.config.robot.wheel_base_m
+        columns = [g["x"], g["y"], _within_half_a_turn(g["heading"])]
+        columns += [*believed.T, 0.5 * (g["left"] + g["right"]), turns]
+        for ghost in ghosts.T:
+            velocity = [np.clip(ghost[name], -FAST_MPS, FAST_MPS) for name in ("vx", "vy")]
+            columns += [ghost["x"], ghost["y"], *velocity, np.minimum(ghost["speed"], FAST_MPS), ghost["place"]]
+        columns += [*batch.alive.T, g["pursued"], g["tick"] * batch.config.execution.tick_s, g["round"], g["score"]]
+        return np.stack(columns, axis=1).astype(np.float64)
+
+
+class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     """Many games of :class:`~pacman_env.envs.pettingzoo_env.PacManBotParallelEnv` at once.
 
     ```python
-    env = pacman_env.parallel_vec_env(64, map="generated", observation="flat", normalize=True, mask="beside")
+    env = pacman_env.parallel_vec_env(64, map="generated", flat=True)
     observations, infos = env.reset(seed=0)
     actions = {agent: np.zeros(64, dtype=np.int64) for agent in env.agents}  # or an array (64, A)
     observations, rewards, terminated, truncated, infos = env.step(actions)
     ```
 
-    Agents, spaces, rewards and arguments are those of the PettingZoo environment; game i with seed s equals a
-    PettingZoo environment with seed s, bit for bit. Spaces are of one game. Observations are a dictionary by agent, of
-    arrays (N, ...) or of dictionaries of such. ``rewards`` are float64 (N, A), agents in the order of
-    ``possible_agents``; ``terminated`` and ``truncated`` bool (N,), since a game ends for all agents at once. ``infos``
-    are arrays (N,) by name; with ``mask="info"`` the masks there are int8 (N, A, C).
+    Agents, spaces (of one game), rewards and arguments are those of the PettingZoo environment; game i with seed s is
+    one with seed s, bit for bit. Observations are a dictionary by agent, of arrays (N, ...) or of dictionaries of such.
+    ``rewards`` are float64 (N, A), agents in the order of ``possible_agents``; ``terminated`` and ``truncated`` bool
+    (N,); ``infos`` arrays (N,) by name; with ``observation.mask`` ``"info"`` the masks there are int8 (N, A, C).
 
-    ``autoreset=True``: a game that ends begins anew in the same step, so that observations and infos are those of the
-    new episode. ``infos["final_observation"]`` (N,) then holds the last observations by agent of each game that ended,
-    and None elsewhere; ``final_info`` the last infos and ``final_state`` (N, S) the last states, 0 in the others. All
-    three have a mask ``_final_observation`` and so on, and are there only after a step in which a game ended.
-    ``autoreset=False``: a game that is over stands still, with no reward and its flags as they were, until
+    ``autoreset_mode`` ``SAME_STEP``: a game that ends begins anew in the same step. ``infos["final_observation"]`` (N,)
+    then holds the last observations by agent, None in games that did not end; ``final_info`` the last infos and
+    ``final_state`` (N, S) the last states, 0 in the others; each with a mask ``_final_...``.
+    ``DISABLED``: a game that is over stands still, with no reward and its flags as they were, until
     ``reset(mask=...)`` begins it anew.
 
     ``num_threads`` share the games (0: one for each core); nothing else depends on it.
@@ -56,23 +122,20 @@ class PacManBotParallelVecEnv(SeveralAgents):
         num_envs: int = 64,
         *,
         arguments: EnvArguments,
-        rewards: Rewards = "zero_sum",
-        max_cycles: int | None = None,
-        autoreset: bool = True,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         num_threads: int = 1,
     ) -> None:
         """See the PettingZoo environment; raises ConfigError or MapError for arguments that cannot be played."""
         self.num_envs = checked_games(num_envs)
-        if not isinstance(autoreset, bool):
-            raise ConfigError(f"autoreset = {autoreset!r}: must be True or False")
-        self._make_agents(self.num_envs, arguments, rewards, max_cycles, num_threads=num_threads)
-        self.autoreset = autoreset
-        self._seeds = EpisodeSeeds(self.num_envs)
-        self._all = np.arange(self.num_envs)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            raise ValueError(f"autoreset_mode = {autoreset_mode}: must be AutoresetMode.SAME_STEP or DISABLED")
+        self._make_agents(self.num_envs, arguments, num_threads=num_threads)
+        self._make_generators()
 
     @property
     def agents(self) -> list[str]:
-        """All of ``possible_agents``: nobody leaves before the others."""
+        """All of ``possible_agents``: none leaves before the others."""
         return list(self.possible_agents)
 
     @property
@@ -81,67 +144,37 @@ class PacManBotParallelVecEnv(SeveralAgents):
         return len(self.possible_agents)
 
     def reset(
-        self,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-        mask: NDArray[np.bool_] | None = None,
+        self, seed: Seeds = None, options: Options = None, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Start new episodes, in all games or those of the mask; what is returned is of all games.
+        """Start new episodes, in all games or those of the mask, bool (N,); what is returned is of all games.
 
-        Args:
-            seed: one seed s (game i gets s + i), one per game, or None: the generators go on.
-            options: may hold what the single environment's may: ``round_seed`` and ``level``, one for all games or one
-                for each, for the episodes that begin now; ``settings``, for all games and until the next reset of all.
-            mask: bool (N,); None: all.
-
-        Raises:
-            ValueError: the seeds, the mask or the options do not fit the games; nothing has been changed then.
-            ResetNeeded: the first reset is not of all games.
+        ``seed`` and ``options`` are those of :class:`~pacman_env.envs.pacmanbot_vector.PacManBotVectorEnv`. Nothing has
+        been changed where it raises: ValueError for what does not fit, ResetNeeded where the first reset is not of all.
         """
-        index = self._all if mask is None else chosen_games(mask, self.num_envs, "mask")
-        every = len(index) == self.num_envs
-        if not self.started and not every:
-            raise gym.error.ResetNeeded("the first reset() must be of all games")
-        wanted = ResetOptions.of(options, self.num_envs)
-        levels = wanted.levels(self.batch.source, index)
-        if wanted.settings and not every:
-            raise ValueError("options['settings'] are for all games, which are not all reset")
-        generators = self._seeds.generators(seed, index)
-        if every:
-            self._play_by(wanted.settings)
-        self._seeds.take(generators)
-        self._begin(index, self._seeds.of(index, wanted, self.batch), levels)
+        self._reset_games(seed, options, mask, "mask")
         return self._observed(), self._infos()
 
-    def step(
-        self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]
-    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]) -> Step:
         """One decision of every agent in every game.
 
-        Args:
-            actions: integers (N, A), agents in the order of ``possible_agents``; or by agent (N,), velocities of
-                ``pacman`` as numbers (N, 2), v and omega.
-
-        Raises:
-            ValueError: actions that are not of these shapes, or not in an agent's space (velocities beyond the limits
-                are cut to them); nothing has been changed then.
-            ResetNeeded: before the first reset.
+        Actions are integers (N, A), agents in the order of ``possible_agents``; or by agent (N,), velocities of
+        ``pacman`` as numbers (N, 2), v and omega, cut to the limits. Raises ValueError for others, before anything has
+        been changed, and ResetNeeded before the first reset.
         """
         self._core.require_reset()
         rewards, terminated, truncated = self._decide(self._checked(actions))
         observations, final = self._observed(), {}
         ended = np.flatnonzero(terminated | truncated)
-        if self.autoreset and len(ended):
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and len(ended):
             final = self._final(ended, observations)
-            self._begin(ended, self._seeds.of(ended, _NOTHING_WANTED, self.batch))
+            self._follow(ended)
             observations = self._observed()
         return observations, rewards, terminated, truncated, {**self._infos(), **final}
 
     def action_masks(self) -> Any:
         """Which actions are allowed now: bool (N, A, C), or with velocities (N, C) by the ghost's name.
 
-        Raises:
-            ResetNeeded: before the first reset.
+        Raises ResetNeeded before the first reset.
         """
         self._core.require_reset()
         if self.config.action != "goal":
@@ -149,44 +182,38 @@ class PacManBotParallelVecEnv(SeveralAgents):
         return np.stack([self._core.masks(), *self._ghost_masks.values()], axis=1)
 
     def state(self) -> NDArray[np.float64]:
-        """(N, S) the games as they truly are; the numbers are named by ``state_names``.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """(N, S) the games as they truly are, numbers by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()
 
     def stacked(self, observations: Observations) -> Any:
-        """Observations of all agents in one: arrays (N, A, ...).
+        """Observations of all agents in one: arrays (N, A, ...), or a dictionary of such.
 
-        With ``mask="beside"`` a dictionary of such.
-
-        Raises:
-            ValueError: those of two agents differ in their arrays or in the shape of one.
+        Raises ValueError where those of two agents differ in their arrays or in the shape of one.
         """
-        missing = [agent for agent in self.possible_agents if agent not in observations]
-        if missing:
-            raise ValueError(f"no observation of {', '.join(missing)}")
-        return _stacked({agent: observations[agent] for agent in self.possible_agents}, "")
+        return _stacked(self._by_agent(observations, "observation"), "")
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """One picture per game, in mode ``rgb_array``."""
+        """One picture (H, W, 3) per game, in mode ``rgb_array``."""
         self._core.require_reset()
         return self._pictures([self._core])
 
     def close(self) -> None:
-        """Nothing is open; for those who close what they use."""
+        """Do nothing: nothing is open."""
+
+    def _by_agent(self, given: Mapping[str, Any], what: str) -> dict[str, Any]:
+        missing = [agent for agent in self.possible_agents if agent not in given]
+        if missing:
+            raise ValueError(f"no {what} of {', '.join(missing)}")
+        return {agent: given[agent] for agent in self.possible_agents}
 
     def _checked(self, actions: Any) -> dict[str, NDArray[Any]]:
         """By agent, as the games take them."""
         if isinstance(actions, Mapping):
-            missing = [agent for agent in self.possible_agents if agent not in actions]
-            if missing:
-                raise ValueError(f"no actions of {', '.join(missing)}")
-            unknown = [str(agent) for agent in actions if agent not in self.possible_agents]
+            by_agent = self._by_agent(actions, "actions")
+            unknown = [str(agent) for agent in actions if agent not in by_agent]
             if unknown:
                 raise ValueError(f"actions of {', '.join(unknown)}: the agents are {', '.join(self.possible_agents)}")
-            return {agent: self._checked_of(agent, np.asarray(actions[agent])) for agent in self.possible_agents}
+            return {agent: self._checked_of(agent, np.asarray(given)) for agent, given in by_agent.items()}
         if self.config.action == "velocity":
             raise ValueError(f"actions must be by agent, with velocities of {PACMAN}: {{{PACMAN!r}: (N, 2), ...}}")
         array, shape = np.asarray(actions), (self.num_envs, self.num_agents)
@@ -195,22 +222,19 @@ class PacManBotParallelVecEnv(SeveralAgents):
         return {agent: self._checked_of(agent, array[:, k]) for k, agent in enumerate(self.possible_agents)}
 
     def _checked_of(self, agent: str, given: NDArray[Any]) -> NDArray[Any]:
-        space, got = self.action_spaces[agent], f"got {given.dtype} of shape {given.shape}"
-        if isinstance(space, spaces.Box):
-            if given.shape != (self.num_envs, 2) or given.dtype.kind not in "fiu":
-                raise ValueError(f"actions of {agent} must be {self.num_envs} pairs of v and omega, {got}")
-            bad = np.flatnonzero(~np.isfinite(given).all(axis=1))
-            if len(bad):
-                action = given[bad[0]].tolist()
-                raise ValueError(f"action {action} of {agent} in game {bad[0]}: must be two finite numbers")
-            return given.astype(np.float64)
-        assert isinstance(space, spaces.Discrete)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise ValueError(f"actions of {agent} must be {self.num_envs} integers, {got}")
-        bad = np.flatnonzero((given < 0) | (given >= space.n))
-        if len(bad):
-            raise ValueError(f"action {given[bad[0]]} of {agent} in game {bad[0]}: must be 0 to {space.n - 1}")
-        return np.ascontiguousarray(given, dtype=np.int64)
+        space = self.action_spaces[agent]
+        goals = isinstance(space, spaces.Discrete)
+        shape: tuple[int, ...] = (self.num_envs,) if goals else (self.num_envs, 2)
+        if given.shape != shape or given.dtype.kind not in ("iu" if goals else "fiu"):
+            wanted = f"{self.num_envs} {'integers' if goals else 'pairs of v and omega'}"
+            raise ValueError(f"actions of {agent} must be {wanted}, got {given.dtype} of shape {given.shape}")
+        if isinstance(space, spaces.Discrete):
+            bad, rule = (given < 0) | (given >= space.n), f"must be 0 to {space.n - 1}"
+        else:
+            bad, rule = ~np.isfinite(given).all(axis=1), "must be two finite numbers"
+        for game in np.flatnonzero(bad)[:1].tolist():
+            raise ValueError(f"action {given[game].tolist()} of {agent} in game {game}: {rule}")
+        return np.ascontiguousarray(given, dtype=np.int64 if goals else np.float64)
 
     def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = self._core.infos()
@@ -220,16 +244,12 @@ class PacManBotParallelVecEnv(SeveralAgents):
 
     def _final(self, ended: NDArray[np.int64], observations: Observations) -> dict[str, Any]:
         """Last observations, infos and states of the games that have just ended."""
-        last = np.full(self.num_envs, None, dtype=object)
-        for i in ended.tolist():
-            last[i] = copy.deepcopy(self._core.of_game(observations, i))  # not to keep those of all games in memory
-        others = np.ones(self.num_envs, dtype=np.bool_)
-        others[ended] = False
-        infos, states = self._infos(), self._states()
+        present, infos, states = self._mask(ended), self._infos(), self._states()
         for array in (*infos.values(), states):
-            array[others] = None if array.dtype == object else 0
+            array[~present] = None if array.dtype == object else 0
+        last = self._last_of(ended, observations)
         final = {"final_observation": last, "final_info": infos, "final_state": states}
-        return final | {f"_{name}": ~others for name in final}
+        return final | {f"_{name}": present.copy() for name in final}
 
 
 parallel_vec_env = PacManBotParallelVecEnv
@@ -240,8 +260,14 @@ def _stacked(by_agent: dict[str, Any], where: str) -> Any:
     for agent, other in by_agent.items():
         ours, theirs = (sorted(one) if isinstance(one, dict) else one.shape for one in (seen, other))
         if ours != theirs:
-            what = f"observations{where}"
-            raise ValueError(f"{what} of {first} and {agent} differ, so they cannot be stacked: {ours} and {theirs}")
+            differ = f"observations{where} of {first} and {agent} differ"
+            raise ValueError(f"{differ}, so they cannot be stacked: {ours} and {theirs}")
     if isinstance(seen, dict):
         return {key: _stacked({agent: one[key] for agent, one in by_agent.items()}, f"[{key!r}]") for key in seen}
     return np.stack(list(by_agent.values()), axis=1)
+
+
+def _within_half_a_turn(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) the same angles from -pi to pi, without rounding: ``math.remainder`` of each."""
+    rest = np.fmod(angles, _TURN)
+    return np.where(np.abs(rest) > np.pi, rest - np.copysign(_TURN, rest), rest)

@@ -14,62 +14,37 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from ..render.display import RENDER_FPS, Display
 from ..sim.observation.kinds import MASK
-from .agents import PACMAN as PACMAN
-from .agents import Observations, Rewards, SeveralAgents
 from .arguments import EnvArguments, takes_env_arguments
-from .reset_options import ResetOptions
+from .parallel_vec_env import PACMAN as PACMAN
+from .parallel_vec_env import Observations, SeveralAgents
+from .resets import Options, ResetOptions
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
+Infos = dict[str, dict[str, Any]]  # by agent
 
 
 class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, Any], Any]):
-    """
-    ## Description
-    The game of `pacman_env/PacManBot-v0` for two players and more: `pacman` names the robot's next goal, `clyde` the
-    place he goes to himself. Both decide at the same time, every 0.5 s. With `ghosts=("policy", "policy")` there is
-    an agent `blinky` too, then `pinky` and `inky`; ghosts with another behaviour play by themselves.
+    """The game of `pacman_env/PacManBot-v0` for two players and more, agents deciding at the same time, every 0.5 s.
 
     ```python
-    env = pacman_env.parallel_env(map="house", rewards="zero_sum")
+    env = pacman_env.parallel_env(map="house", settings={"clyde.speed_mps": 0.35})
     observations, infos = env.reset(seed=0)
     actions = {agent: env.action_space(agent).sample(observations[agent]["action_mask"]) for agent in env.agents}
     observations, rewards, terminations, truncations, infos = env.step(actions)
     ```
 
-    `pacman_env.env(...)` is the same game agent by agent (AEC). Both are in PettingZoo's registry (1.27 and later):
-    `pettingzoo.make("parallel", "pacman_env/PacManBot-v0")`, or `"aec"`. `PacManBotFlat-v0` is the same with the shapes
-    that learners take: `observation="flat"`, `normalize=True`, `mask="beside"`, `numeric_info=True`,
-    `timeout="termination"`.
+    - Agents: `pacman`, and the ghosts whose behaviour is `"policy"`: `clyde`, `blinky`, `pinky`, `inky` in this order.
+    - Actions: of `pacman` as in the Gymnasium environment; of a ghost `Discrete(C)`, the candidate to whose place it
+      goes, the last one to wander on. What the mask forbids makes the robot hold and the ghost wander on.
+    - Observations: of `pacman` as in the Gymnasium environment; of a ghost the features with itself as Clyde, in the
+      robot's frame. Settings of the observation hold for all agents.
+    - Rewards: of `pacman` as in the Gymnasium environment; the ghosts share its negative, or with the setting
+      `zero_sum` False each has `config.ghost_reward`. Episodes end for all agents at once.
+    - Arguments: those of the Gymnasium environment; `ghosts` is `("policy",)` by default. The setting `max_cycles`
+      truncates an episode after so many decisions. With `flat=True` the mask is beside the flat observation.
 
-    ## Action Spaces
-    - `pacman`: as in the Gymnasium environment.
-    - a ghost: `Discrete(C)`: the robot's candidates are places that he can go to, as far as he fits in; the last one
-      is to wander on: he goes where he is going, and then draws his own targets as the original Clyde does.
-
-    What the mask forbids makes the robot hold and the ghost wander on.
-
-    ## Observation Spaces
-    `pacman` sees what the Gymnasium environment shows. A ghost sees the features with himself as Clyde, in the robot's
-    frame: `path_clyde` are its own path lengths, `is_current` is the place it was sent to, a candidate is a pellet as
-    long as one lies there. `action_mask` is in both. `observation="flat"`, `normalize` and `mask` hold for all agents:
-    with `mask="beside"` each sees `{"observation": ..., "action_mask": ...}`, as in PettingZoo's own games with masks.
-
-    ## Rewards
-    `pacman` gets the Gymnasium environment's reward. `rewards="zero_sum"`: the ghosts share its negative (each gets an
-    equal part). `"separate"`: each ghost gets 10 when the robot is caught, -0.002 for the time, -5 when it completes
-    the round or the time is over (`config.ghost_reward`).
-
-    ## State
-    `state()`: float64, see `state_names`: true and believed pose of the robot, its velocities, for each ghost where he
-    is, his velocity, speed and the place he was sent to, which pellets are left, the robot's goal, time, round, score.
-
-    ## Episode End
-    For all agents at once, as in the Gymnasium environment.
-
-    ## Arguments
-    Those of the Gymnasium environment, `rewards`, and `max_cycles`: truncation after so many decisions, as a time
-    limit outside of the game. `ghosts` is `("policy",)` by default.
+    `docs/environments/pettingzoo.md` has all of this in detail, and how it is found in PettingZoo's registry.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -80,24 +55,20 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     }
 
     @takes_env_arguments
-    def __init__(
-        self, *, arguments: EnvArguments, rewards: Rewards = "zero_sum", max_cycles: int | None = None
-    ) -> None:
+    def __init__(self, *, arguments: EnvArguments) -> None:
         """See the class; raises ConfigError or MapError for arguments that cannot be played."""
-        self._make_agents(1, arguments, rewards, max_cycles)
+        self._make_agents(1, arguments)
         self.agents: list[str] = []
         self._generator: np.random.Generator | None = None
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observations, dict[str, dict[str, Any]]]:
+    def reset(self, seed: int | None = None, options: Options = None) -> tuple[Observations, Infos]:
         """Start a new episode; seed and options are as the Gymnasium environment's."""
-        wanted = ResetOptions.of(options, 1, "options")  # by this name PettingZoo's judge asks for nothing
+        wanted = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects nothing of it
         levels = wanted.levels(self.batch.source, _ONE)
         self._play_by(wanted.settings)
         if seed is not None:
             self._generator, _ = seeding.np_random(seed)
-        self._begin(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
+        self._core.reset(_ONE, wanted.seeds(_ONE, [self.np_random]), levels)
         self.agents = list(self.possible_agents)
         if self.render_mode == "human":
             self.render()
@@ -105,12 +76,11 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     def step(
         self, actions: dict[str, Any]
-    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """One decision of every agent.
 
-        Raises:
-            ValueError: an agent has no action, or one that :meth:`checked` refuses; nothing has been changed then.
-            ResetNeeded: before the first reset.
+        Raises ValueError, before anything has been changed, where an agent has no action or one that is not in its
+        space, and ResetNeeded before the first reset.
         """
         self._core.require_reset()
         if not self.agents:
@@ -127,13 +97,8 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         if self.render_mode == "human":
             self.render()
         observations, infos = self._seen()
-        return (
-            observations,
-            rewards,
-            dict.fromkeys(agents, bool(terminated[0])),
-            dict.fromkeys(agents, bool(truncated[0])),
-            infos,
-        )
+        ends, cuts = (dict.fromkeys(agents, bool(flags[0])) for flags in (terminated, truncated))
+        return observations, rewards, ends, cuts, infos
 
     @property
     def np_random(self) -> np.random.Generator:
@@ -143,23 +108,14 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         return self._generator
 
     def checked(self, agent: str, action: Any) -> Any:
-        """The action as the game takes it.
-
-        Raises:
-            ValueError: it is not in the agent's space; but velocities beyond the limits are cut to them.
-        """
+        """The action as the game needs it; raises ValueError outside of the space, but velocities are cut to it."""
         return checked_action(self.action_spaces[agent], action, f" of {agent}")
 
     def state(self) -> NDArray[np.float64]:
-        """The whole game as it truly is; the numbers are named by ``state_names``.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """(S,) the game as it truly is, numbers by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()[0]
 
-    def _seen(self) -> tuple[Observations, dict[str, dict[str, Any]]]:
-        """Observations and infos of all agents."""
+    def _seen(self) -> tuple[Observations, Infos]:
         observations, info = self._observed(), self._core.info_of_game()
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
@@ -169,7 +125,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
 
 class _InTurn(parallel_to_aec_wrapper):
-    """PettingZoo's own, but a wrong action is refused when it is made, not when the last agent has made his."""
+    """PettingZoo's own, but a wrong action is refused when it is made, not when the last agent has made its own."""
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection
@@ -182,10 +138,7 @@ parallel_env = PacManBotParallelEnv
 
 
 def env(*arguments: Any, **named: Any) -> AECEnv[str, Any, Any]:
-    """The same game agent by agent: Pac-Man names his goal, then the ghosts; the world moves after the last.
-
-    The arguments are those of :class:`PacManBotParallelEnv`.
-    """
+    """:class:`PacManBotParallelEnv` agent by agent: ``pacman``, then the ghosts; the world moves after the last."""
     return OrderEnforcingWrapper(_InTurn(PacManBotParallelEnv(*arguments, **named)))
 
 

@@ -1,7 +1,7 @@
 """Registers the environments with Gymnasium and PettingZoo: at once where they are imported already, else then.
 
-Neither library loads plug-ins by entry points, and importing this package must load neither of them: a robot's node
-does without their 8 MB. So a finder in ``sys.meta_path`` waits for their import.
+Importing this package must load neither, as a robot's node does without their 8 MB, and neither loads plug-ins by entry
+points. The standard library has no public hook for the end of an import, so a finder in ``sys.meta_path`` waits for it.
 """
 
 from __future__ import annotations
@@ -14,27 +14,10 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 ENV_ID = "pacman_env/PacManBot-v0"
-#: The same game for stock learners; its arguments are those of ``ENV_ID`` with these for defaults.
+#: The same game for stock learners: with ``flat=True``.
 FLAT_ID = "pacman_env/PacManBotFlat-v0"
-FLAT_DEFAULTS = {
-    "decide": "event",
-    "candidates": "nearest",
-    "observation": ["planner", "flat"],  # a list, as it comes back from an EnvSpec in JSON
-    "normalize": True,
-    "mask": "method",
-    "numeric_info": True,
-    "timeout": "termination",
-}
-#: Of the environments of several agents, who all decide at each tick.
-FLAT_DEFAULTS_OF_SEVERAL = {
-    "observation": "flat",
-    "normalize": True,
-    "mask": "beside",
-    "numeric_info": True,
-    "timeout": "termination",
-}
-#: Of ``FLAT_ID`` before 1.0. The spec under it is named ``FLAT_ID``: another version of PacManBot would make v0 out of
-#: date.
+_IDS: dict[str, dict[str, Any]] = {ENV_ID: {}, FLAT_ID: {"flat": True}}
+#: Of ``FLAT_ID`` before 1.0; its spec is named ``FLAT_ID``, as another version of PacManBot would make v0 out of date.
 FORMER_FLAT_ID = "pacman_env/PacManBot-v1"
 
 
@@ -42,13 +25,13 @@ def register_envs() -> None:
     """Register ``PacManBot-v0`` and ``PacManBotFlat-v0`` with Gymnasium; a second call changes nothing."""
     import gymnasium as gym
 
-    for name, defaults in ((ENV_ID, {}), (FLAT_ID, FLAT_DEFAULTS)):
+    for name, kwargs in _IDS.items():
         if name not in gym.registry:
             gym.register(
                 name,
                 entry_point="pacman_env.envs.pacmanbot:PacManBotEnv",
                 vector_entry_point="pacman_env.envs.pacmanbot_vector:PacManBotVectorEnv",
-                kwargs=dict(defaults),
+                kwargs=dict(kwargs),
             )
     refuse = f"{__name__}:refuse_former_id"
     former = gym.envs.registration.EnvSpec(FLAT_ID, entry_point=refuse, vector_entry_point=refuse)
@@ -63,18 +46,14 @@ def register_parallel_envs() -> None:
         return
     for kind, known in (("parallel", pettingzoo.parallel_registry), ("aec", pettingzoo.aec_registry)):
         entry_point = f"pacman_env:{'parallel_env' if kind == 'parallel' else 'env'}"
-        for name, defaults in ((ENV_ID, {}), (FLAT_ID, FLAT_DEFAULTS_OF_SEVERAL)):
+        for name, kwargs in _IDS.items():
             if name not in known:
-                pettingzoo.register(kind, name, entry_point, kwargs=dict(defaults))
+                pettingzoo.register(kind, name, entry_point, kwargs=dict(kwargs))
         known.setdefault(FORMER_FLAT_ID, pettingzoo.EnvSpec(FLAT_ID, entry_point=refuse_former_id))
 
 
 def refuse_former_id(**_: Any) -> NoReturn:
-    """The entry point of ``FORMER_FLAT_ID``.
-
-    Raises:
-        gymnasium.error.DeprecatedEnv: always.
-    """
+    """The entry point of ``FORMER_FLAT_ID``."""
     from gymnasium.error import DeprecatedEnv
 
     raise DeprecatedEnv(f"{FORMER_FLAT_ID} is {FLAT_ID} since 1.0")
@@ -90,7 +69,7 @@ def register_when_imported() -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Finds a module as the other finders do, and calls ``then`` when it is loaded, not when it is only looked up."""
+    """Finds a module as the other finders do, and calls ``then`` when it is loaded, not when it is only searched."""
 
     def __init__(self, module: str, then: Callable[[], None]) -> None:
         self._module, self._then = module, then

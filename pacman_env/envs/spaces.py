@@ -1,4 +1,4 @@
-"""Gymnasium spaces of the environments, from the parts of their observation kinds."""
+"""Gymnasium spaces of the environments, and actions checked against them."""
 
 from __future__ import annotations
 
@@ -20,23 +20,19 @@ _MANY = 1e9  # rounds, or pellets over all rounds
 
 
 def observation_space(parts: Mapping[str, ObservationPart], beside: int | None = None) -> spaces.Dict | spaces.Box:
-    """Of one game, from its parts; of a flat one, the one array's.
-
-    ``beside``: so many candidates have their mask beside it, as PettingZoo's games have it.
-    """
+    """Of one game; with the mask of ``beside`` candidates beside it, as PettingZoo's games have it."""
     if beside is not None:
         mask = spaces.Box(0, 1, (beside,), np.int8)
         return spaces.Dict({OBSERVATION: observation_space(parts), MASK: mask})
     if FLAT in parts:
         part = parts[FLAT]
         return spaces.Box(part.low, part.high, part.shape, np.float32)
-    return spaces.Dict({key: _space(key, part) for key, part in parts.items()})
-
-
-def _space(key: str, part: ObservationPart) -> spaces.Space[Any]:
-    if key == MASK:
-        return spaces.MultiBinary(*part.shape)
-    return spaces.Box(part.low, part.high, part.shape, part.dtype)
+    return spaces.Dict(
+        {
+            key: spaces.MultiBinary(*p.shape) if key == MASK else spaces.Box(p.low, p.high, p.shape, p.dtype)
+            for key, p in parts.items()
+        }
+    )
 
 
 def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Discrete | spaces.Box:
@@ -65,37 +61,22 @@ def state_limits(batch: GameBatch) -> dict[str, tuple[float, float]]:
 
 
 def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float64]:
-    """(N, 2) v in m/s and omega in rad/s from actions in the configured range.
-
-    Of the unit range, -1 and 1 are standing and the wheels' speed, and turning right and left. What is beyond them
-    stays beyond the limits of the base: the game cuts it.
-    """
+    """(N, 2) v in m/s and omega in rad/s from actions in the configured range; the game cuts them to its limits."""
     if config.action_range == "physical":
         return actions
     v, omega = actions.T
     return np.stack([(v + 1.0) / 2.0 * config.robot.wheel_speed_mps, omega * config.robot.omega_radps], axis=1)
 
 
-def checked_action(space: spaces.Space[Any], action: Any, who: str = "") -> Any:
-    """An action as the game takes it: an int64, or two float64 (v, omega).
-
-    Raises:
-        ValueError: it is not in the space; but velocities beyond the limits are cut to them by the game.
-    """
+def checked_action(space: spaces.Space[Any], action: Any, agent: str = "") -> Any:
+    """An action of one game as an int64, or as two float64 (v, omega) of any size; ValueError outside of the space."""
     if type(action) is int and isinstance(space, spaces.Discrete) and space.start <= action < space.start + space.n:
         return np.int64(action)
     if isinstance(space, spaces.Box):
         velocities = np.asarray(action)
         if velocities.shape != (2,) or velocities.dtype.kind not in "fiu" or not np.isfinite(velocities).all():
-            raise ValueError(f"action {action!r}{who}: must be two finite numbers, v and omega")
+            raise ValueError(f"action {action!r}{agent}: must be two finite numbers, v and omega")
         return velocities.astype(np.float64)
-    if not space.contains(action) and not (
-        isinstance(action, np.ndarray) and action.shape == () and space.contains(action[()])
-    ):
-        raise ValueError(f"action {action!r}{who} is not in {space}")
+    if not space.contains(action):
+        raise ValueError(f"action {action!r}{agent} is not in {space}")
     return np.int64(action)
-
-
-def ghost_action_space(batch: GameBatch) -> spaces.Discrete:
-    """Of one ghost: the candidate to whose place he goes, or to wander on."""
-    return spaces.Discrete(batch.candidates)

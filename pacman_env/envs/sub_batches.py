@@ -6,37 +6,25 @@ import collections
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from .core import EnvCore
+from ..policies.base import Flags, Floats
+from .resets import one_for_each
 
-Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
+if TYPE_CHECKING:
+    from .pacmanbot_vector import PacManBotVectorEnv
 
-
-class SubBatch(Protocol):
-    """A vector environment of its own."""
-
-    num_envs: int
-    _core: EnvCore
-
-    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """New rounds in all games."""
-
-    def step(self, actions: NDArray[Any]) -> Step:
-        """One decision in every game."""
-
-    def check(self, actions: NDArray[Any]) -> NDArray[Any]:
-        """Actions as :meth:`step` takes them; raises ValueError for those that are none."""
+Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]
 
 
 class SubBatches:
     """Sub-batches of equal size; each is stepped by its own thread and received in the order in which it was sent."""
 
-    def __init__(self, envs: Sequence[SubBatch]) -> None:
+    def __init__(self, envs: Sequence[PacManBotVectorEnv]) -> None:
         self.envs = envs
         self._size = envs[0].num_envs
         self._sent: collections.deque[tuple[int, Future[Step]]] = collections.deque()
@@ -49,65 +37,53 @@ class SubBatches:
             raise RuntimeError(f"{len(self._sent)} sub-batches are being stepped: recv() them before a copy is made")
         return {**self.__dict__, "_pool": None}
 
-    def ids(self, part: int) -> NDArray[np.int64]:
-        """The numbers of its games."""
-        return np.arange(part * self._size, (part + 1) * self._size)
+    def _ids(self, number: int) -> NDArray[np.int64]:
+        return np.arange(number * self._size, (number + 1) * self._size)
 
-    def reset(self, seeds: Sequence[int | None], options: dict[str, Any] | None) -> None:
+    def reset(self, seed: Any, options: dict[str, Any] | None) -> None:
         """Begin new rounds in all sub-batches, as if they had been sent. Steps that run are waited for and dropped."""
+        seeds = one_for_each(seed, len(self.envs) * self._size)
         self.close()
         for k, env in enumerate(self.envs):
-            mine = [seeds[i] for i in self.ids(k)]
-            self._submit(k, partial(_begun, env, mine, options))
+            self._submit(k, partial(_begun, env, [seeds[i] for i in self._ids(k)], options))
         self._started = True
 
     def send(self, actions: NDArray[Any], ids: NDArray[Any] | None) -> None:
-        """Step the sub-batch with these games, by default the one received last.
-
-        Raises:
-            ResetNeeded: before the first reset.
-            ValueError: they are no sub-batch, it is being stepped, or an action is none; nothing is stepped then.
-        """
+        """Step the sub-batch with these games, by default the one received last."""
         self._require_reset()
-        part = self.last
+        number = self.last
         if ids is not None:
             first = np.asarray(ids).ravel()[:1]
-            part = int(first[0]) // self._size if len(first) else -1
-            if not 0 <= part < len(self.envs) or not np.array_equal(ids, self.ids(part)):
+            number = int(first[0]) // self._size if len(first) else -1
+            if not 0 <= number < len(self.envs) or not np.array_equal(ids, self._ids(number)):
                 raise ValueError(f"env_id = {ids!r}: must be the games of one sub-batch, as in the info of recv()")
-        if any(part == other for other, _ in self._sent):
-            raise ValueError(f"games {self.ids(part)[[0, -1]].tolist()} are being stepped: recv() them first")
-        env = self.envs[part]
-        actions = env.check(actions).copy()  # whoever sent them may write to his own
-        self._submit(part, partial(env.step, actions))
+        if any(number == other for other, _ in self._sent):
+            raise ValueError(f"games {self._ids(number)[[0, -1]].tolist()} are being stepped: recv() them first")
+        env = self.envs[number]
+        self._submit(number, partial(env.step, env.check(actions).copy()))  # the caller may write to its own
 
     def receive(self) -> Step:
-        """What came of the sub-batch that was sent first; its info has ``env_id``, the numbers of its games.
-
-        Raises:
-            ValueError: nothing was sent.
-        """
+        """What came of the sub-batch that was sent first; its info has ``env_id``, the numbers of its games."""
         if not self._sent:
             raise ValueError("nothing is being stepped: send() first")
-        part, future = self._sent.popleft()
+        number, future = self._sent.popleft()
         observation, reward, terminated, truncated, info = future.result()
-        self.last = part
-        return observation, reward, terminated, truncated, {**info, "env_id": self.ids(part)}
+        self.last = number
+        return observation, reward, terminated, truncated, {**info, "env_id": self._ids(number)}
 
     def all(self, actions: NDArray[Any]) -> Step:
         """A step of every sub-batch; none may be being stepped."""
         self._require_reset()
         if self._sent:
             raise ValueError(f"{len(self._sent)} sub-batches are being stepped: recv() them before step()")
-        checked = [env.check(actions[self.ids(k)]) for k, env in enumerate(self.envs)]
+        checked = [env.check(actions[self._ids(k)]) for k, env in enumerate(self.envs)]
         for k, env in enumerate(self.envs):
             self._submit(k, partial(env.step, checked[k]))
         return self.received()
 
     def received(self) -> Step:
         """All sub-batches, in the order of their games."""
-        steps = [self.receive() for _ in self.envs]
-        observations, *numbers, infos = zip(*steps, strict=True)
+        observations, *numbers, infos = zip(*[self.receive() for _ in self.envs], strict=True)
         reward, terminated, truncated = map(np.concatenate, numbers)
         return _join(observations), reward, terminated, truncated, _join_infos(infos)
 
@@ -123,13 +99,13 @@ class SubBatches:
         if not self._started:
             raise gym.error.ResetNeeded("call async_reset() first")
 
-    def _submit(self, part: int, work: Callable[[], Step]) -> None:
+    def _submit(self, number: int, work: Callable[[], Step]) -> None:
         if self._pool is None:
             self._pool = ThreadPoolExecutor(len(self.envs), thread_name_prefix="pacman_env-sub-batch")
-        self._sent.append((part, self._pool.submit(work)))
+        self._sent.append((number, self._pool.submit(work)))
 
 
-def _begun(env: SubBatch, seeds: Sequence[int | None], options: dict[str, Any] | None) -> Step:
+def _begun(env: PacManBotVectorEnv, seeds: Sequence[int | None], options: dict[str, Any] | None) -> Step:
     observation, info = env.reset(seed=seeds, options=options)
     nothing = np.zeros(env.num_envs, dtype=np.bool_)
     return observation, np.zeros(env.num_envs), nothing, nothing.copy(), info
@@ -144,14 +120,11 @@ def _join(values: Sequence[Any]) -> Any:
 def _join_infos(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Gymnasium's layout; a key that only some sub-batches have is empty in the others, and its mask False."""
     result: dict[str, Any] = {}
-    sizes = [len(info["env_id"]) for info in infos]
     for key in dict.fromkeys(key for info in infos for key in info):
         like = next(info[key] for info in infos if key in info)
         if isinstance(like, dict):
-            parts = [{**info.get(key, {}), "env_id": info["env_id"]} for info in infos]
-            result[key] = {name: array for name, array in _join_infos(parts).items() if name != "env_id"}
+            result[key] = _join_infos([info.get(key, {}) for info in infos])
         else:
-            empty = (np.zeros((n, *like.shape[1:]), like.dtype) for n in sizes)
-            empty = (np.full_like(a, None) if a.dtype == object else a for a in empty)
-            result[key] = np.concatenate([info.get(key, none) for info, none in zip(infos, empty, strict=True)])
+            nothing = np.full_like(like, None if like.dtype == object else 0)  # sub-batches are of equal size
+            result[key] = np.concatenate([info.get(key, nothing) for info in infos])
     return result

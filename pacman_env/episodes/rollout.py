@@ -73,7 +73,7 @@ def play(
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
-    Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with ``decide="event"``.
+    Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with that setting.
 
     Args:
         source: the map, or levels of which each seed draws one.
@@ -114,14 +114,14 @@ def play_in(
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
     policy, other = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
-    clock = _DecisionClock(other)
+    clock = _DecisionClock(other, batch.config)
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
     before_s = np.zeros(n)  # the rounds before the one that a slot plays
     players = [policy] if ghost is None else [policy, ghost]
     batch.reset(np.arange(n), seeds[:n])
     for player in players:
-        player.reset(np.ones(n, dtype=np.bool_))
+        player.reset(np.ones(n, dtype=np.bool_), batch.config)
     started = n
     while (episode >= 0).any():
         situation = batch.situation()
@@ -133,7 +133,7 @@ def play_in(
         if follows.any():
             before_s += round_s
             for player in players:
-                player.reset(follows)
+                player.reset(follows, batch.config)
         over = (batch.games["end"] != RUNNING) | (batch.games["round"] > MOST_ROUNDS)
         ended = np.flatnonzero(over & (episode >= 0))
         if len(ended) == 0:
@@ -146,7 +146,7 @@ def play_in(
             before_s[again] = 0.0
             batch.reset(again, seeds[episode[again]])
             for player in players:
-                player.reset(np.isin(np.arange(n), again))
+                player.reset(np.isin(np.arange(n), again), batch.config)
             started += len(again)
         if on_end is not None:
             on_end(len(ended))
@@ -207,9 +207,9 @@ def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.fl
 class _DecisionClock:
     """Times single decisions of a policy object of its own, so that the games do not notice."""
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: Policy, config: Config) -> None:
         self.times_ms: list[float] = []
-        self._policy = policy
+        self._policy, self._config = policy, config
         self._steps = 0
 
     def look(self, situation: Situation, games: NDArray[np.int64]) -> None:
@@ -224,7 +224,7 @@ class _DecisionClock:
         self.times_ms.append(self._decide(row))
 
     def _decide(self, row: Situation) -> float:
-        self._policy.reset(np.ones(1, dtype=np.bool_))
+        self._policy.reset(np.ones(1, dtype=np.bool_), self._config)
         start = time.perf_counter_ns()
         self._policy.select(row)
         return (time.perf_counter_ns() - start) / 1e6

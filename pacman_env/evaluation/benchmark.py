@@ -150,7 +150,7 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     del by_threads
 
     featured = make_vector(64, map_source, observation="planner")
-    same_houses = make_vector(64, "generated", num_levels=64)
+    same_houses = make_vector(64, "generated", settings={"num_levels": 64})
     more_steps = max(4, steps // 4)
     features = [vector_rate(featured, rng, more_steps) for _ in range(rounds)]
     at_once = [vector_rate(same_houses, rng, more_steps) / vector_rate(env, rng, more_steps) for _ in range(rounds)]

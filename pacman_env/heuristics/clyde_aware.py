@@ -7,21 +7,15 @@ chosen.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
-from pacman_env.game.goal_cost import (
-    SAFE,
-    SKIPPED,
-    TOTAL,
-    ScorerParameters,
-    is_threatening,
-    score_situation,
-)
-from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation
+from pacman_env.game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is_threatening, score_situation
+from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation, Flags, Floats, Indices, Kinds
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
 #: Names of the terms of a candidate in an explanation, in the order of their columns.
@@ -30,17 +24,11 @@ _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipp
 
 @kernel
 def choose_batch(
-    terms: NDArray[np.float64],
-    kind: NDArray[np.int8],
-    mask: NDArray[np.bool_],
-    current: NDArray[np.int64],
-    prefer_safe: NDArray[np.bool_],
-    margin_m: float,
-    goal: NDArray[np.int64],
+    terms: Floats, kind: Kinds, mask: Flags, current: Indices, safe_first: Flags, margin_m: float, goal: Indices
 ) -> None:
     """The goal (N,) of every game: a pellet, else HOLD, else -1. The first of equals wins.
 
-    Order: the cheapest safe pellet if ``prefer_safe``, the cheapest not skipped, the cheapest of all. The
+    Order: the cheapest safe pellet if ``safe_first``, the cheapest not skipped, the cheapest of all. The
     current pellet is kept unless the new one costs less by more than the margin.
     """
     for n in range(len(goal)):
@@ -59,7 +47,7 @@ def choose_batch(
                 best = c
             if terms[n, c, SAFE] and (safe < 0 or cost < terms[n, safe, TOTAL]):
                 safe = c
-        chosen = safe if prefer_safe[n] and safe >= 0 else best if best >= 0 else fallback
+        chosen = safe if safe_first[n] and safe >= 0 else best if best >= 0 else fallback
         k = current[n]
         pursued = chosen >= 0 and 0 <= k < terms.shape[1] and kind[n, k] == PELLET and mask[n, k]
         if pursued and terms[n, k, TOTAL] <= terms[n, chosen, TOTAL] + margin_m:
@@ -69,20 +57,19 @@ def choose_batch(
 
 @kernel
 def rate_batch(
-    robot: NDArray[np.float64],
-    clyde: NDArray[np.float64],
-    closing_speed: NDArray[np.float64],
-    position: NDArray[np.float64],
-    was_threatened: NDArray[np.bool_],
+    robot: Floats,
+    clyde: Floats,
+    closing_speed: Floats,
+    position: Floats,
     documented: bool,
     p: ScorerParameters,
-    terms: NDArray[np.float64],
-    threatened: NDArray[np.bool_],
+    terms: Floats,
+    threatened: Flags,
 ) -> None:
-    """Terms (N, C, 6) and threat flag (N,) of every game."""
+    """Terms (N, C, 6) and threat flag (N,) of every game; ``threatened`` holds that of the decision before."""
     for n in range(len(robot)):
         distance = math.hypot(clyde[n, 0] - robot[n, 0], clyde[n, 1] - robot[n, 1])
-        threatened[n] = is_threatening(distance, closing_speed[n], was_threatened[n], p)
+        threatened[n] = is_threatening(distance, closing_speed[n], threatened[n], p)
         score_situation(robot[n], clyde[n], position[n], threatened[n], documented, p, terms[n])
 
 
@@ -92,11 +79,8 @@ class ClydeAware(BasePolicy):
     ``deployed`` is what the robot ran: the direction term is the cosine at the robot between Clyde and the
     pellet and spares pellets in a safe direction; while threatened the best safe pellet wins; pellets within
     the death radius of Clyde are left for last. ``documented`` is the milestone's text: the dot product (m2)
-    and nothing else. With ``threat_exit_margin_m`` above 0 each game remembers that it was threatened.
-
-    Raises:
-        ValueError: an unknown form, or a parameter that is negative or not finite.
-        TypeError: an unknown parameter; the known ones are the fields of ``ScorerParameters``.
+    and nothing else. With ``threat_exit_margin_m`` above 0 each game remembers that it was threatened. Parameters are
+    the fields of ``ScorerParameters``; a death radius that is not given is the game's.
     """
 
     def __init__(self, form: Literal["deployed", "documented"] = "deployed", **parameters: float) -> None:
@@ -107,43 +91,36 @@ class ClydeAware(BasePolicy):
                 raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(ScorerParameters._fields)}")
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0")
-        self.parameters = ScorerParameters(**{name: float(value) for name, value in parameters.items()})
+        self._given = {name: float(value) for name, value in parameters.items()}
+        self.parameters = ScorerParameters(**self._given)
         self.form = form
         self.name = "clyde_aware" if form == "deployed" else f"clyde_aware:{form}"
-        self._threatened: NDArray[np.bool_] | None = None
+        self._threatened: Flags | None = None
 
-    def reset(self, games: NDArray[np.bool_]) -> None:
+    def reset(self, games: Flags, config: Config) -> None:
         """Forget the threat in these games; another number of games forgets all."""
+        super().reset(games, config)
+        game = {"death_radius_m": config.execution.death_radius_m}
+        self.parameters = ScorerParameters(**{**game, **self._given})
         if self._threatened is None or len(self._threatened) != len(games):
             self._threatened = np.zeros(len(games), np.bool_)
         else:
             self._threatened = self._threatened & ~games
 
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
+    def scores(self, situation: Situation) -> Floats:
         """-J for pellets that may be chosen, else -inf."""
         terms, _ = self._rate(situation)
         allowed = situation.mask & (situation.kind == PELLET)
         return np.where(allowed, -terms[..., TOTAL], -np.inf)
 
-    def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) goal; HOLD where no pellet may be chosen.
-
-        Raises:
-            ValueError: the number of games changed without a reset while games are remembered.
-        """
+    def select(self, situation: Situation) -> Indices:
+        """(N,) goal; HOLD where no pellet may be chosen."""
         terms, threatened = self._rate(situation)
         if self.parameters.threat_exit_margin_m > 0:
             self._threatened = threatened
-        goal = np.empty(len(terms), np.int64)
-        choose_batch(
-            terms,
-            situation.kind,
-            situation.mask,
-            situation.current,
-            threatened & (self.form == "deployed"),
-            self.parameters.replan_margin_m,
-            goal,
-        )
+        goal, s = np.empty(len(terms), np.int64), situation
+        safe_first = threatened & (self.form == "deployed")
+        choose_batch(terms, s.kind, s.mask, s.current, safe_first, self.parameters.replan_margin_m, goal)
         return goal
 
     def explain(self, situation: Situation) -> Explanation:
@@ -157,24 +134,18 @@ class ClydeAware(BasePolicy):
                 reason["threatening"] = flag
         return reasons
 
-    def _rate(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _rate(self, situation: Situation) -> tuple[Floats, Flags]:
         """Terms (N, C, 6) and threat flag (N,)."""
         games, candidates = situation.mask.shape
-        was = self._threatened
-        if was is None or self.parameters.threat_exit_margin_m == 0:
-            was = np.zeros(games, np.bool_)
-        elif len(was) != games:
-            raise ValueError(f"{games} games, but {len(was)} are remembered: call reset first")
-        terms, threatened = np.empty((games, candidates, 6)), np.empty(games, np.bool_)
-        rate_batch(
-            situation.robot,
-            situation.clyde,
-            situation.closing_speed,
-            situation.position,
-            was,
-            self.form == "documented",
-            self.parameters,
-            terms,
-            threatened,
-        )
+        threatened, remembered = np.zeros(games, np.bool_), self._threatened
+        if remembered is not None and self.parameters.threat_exit_margin_m > 0:
+            if len(remembered) != games:
+                raise ValueError(f"{games} games, but {len(remembered)} are remembered: call reset first")
+            threatened[:] = remembered
+        terms = np.empty((games, candidates, 6))
+        s, documented = situation, self.form == "documented"
+        rate_batch(s.robot, s.clyde, s.closing_speed, s.position, documented, self.parameters, terms, threatened)
         return terms, threatened
+
+
+documented = partial(ClydeAware, form="documented")

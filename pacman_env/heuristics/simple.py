@@ -8,17 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.engine.jit import kernel
-from pacman_env.policies.base import BasePolicy
+from pacman_env.policies.base import BasePolicy, Flags, Floats, Indices, Kinds
 from pacman_env.rng import POLICY, stream, uniform
 from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class Nearest(BasePolicy):
-    """The pellet with the shortest way from the robot; another one only if nearer by the margin.
-
-    Raises:
-        ValueError: a negative or not finite margin.
-    """
+    """The pellet with the shortest path from the robot; another one only if nearer by the margin."""
 
     name = "nearest"
 
@@ -27,12 +23,12 @@ class Nearest(BasePolicy):
             raise ValueError(f"replan_margin_m = {replan_margin_m!r}: must be a finite number of at least 0")
         self.replan_margin_m = replan_margin_m
 
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
+    def scores(self, situation: Situation) -> Floats:
         """Minus the path length, m."""
         allowed = situation.mask & (situation.kind == PELLET)
         return np.where(allowed, -situation.path_robot, -np.inf)
 
-    def select(self, situation: Situation) -> NDArray[np.int64]:
+    def select(self, situation: Situation) -> Indices:
         """The nearest pellet, the first of equals; the current one unless beaten by the margin."""
         goal = super().select(situation)
         scores = self.scores(situation)
@@ -44,12 +40,7 @@ class Nearest(BasePolicy):
 
 @kernel
 def random_scores(
-    seed: NDArray[np.uint64],
-    tick: NDArray[np.int64],
-    current: NDArray[np.int64],
-    kind: NDArray[np.int8],
-    mask: NDArray[np.bool_],
-    out: NDArray[np.float64],
+    seed: NDArray[np.uint64], tick: Indices, current: Indices, kind: Kinds, mask: Flags, out: Floats
 ) -> None:
     """Per allowed pellet a number in [0, 1) from (seed, tick, candidate), 1 for the current; else -inf."""
     for n in range(out.shape[0]):
@@ -70,7 +61,7 @@ class Random(BasePolicy):
 
     name = "random"
 
-    def scores(self, situation: Situation) -> NDArray[np.float64]:
+    def scores(self, situation: Situation) -> Floats:
         """Independent uniform numbers, and 1 for the pellet pursued now."""
         out = np.empty(situation.mask.shape)
         random_scores(situation.seed, situation.tick, situation.current, situation.kind, situation.mask, out)

@@ -1,17 +1,20 @@
-"""The one protocol of everything that picks goals, and a base class with the parts most policies share.
-
-No policy lives here, and nothing that steps a simulator or speaks ROS.
-"""
+"""The one protocol of everything that picks goals, and a base class with what most policies share."""
 
 from __future__ import annotations
 
-from typing import Protocol
+import inspect
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config import Config, make_config
 from pacman_env.sim.observation.situation import HOLD, Situation
 
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Kinds = NDArray[np.int8]
+Indices = NDArray[np.int64]
 #: Per game, per candidate: named terms of the decision, plain Python values.
 Explanation = list[list[dict[str, float | bool | str]]]
 KIND_NAMES = ("pellet", "refuge", "hold")
@@ -22,8 +25,8 @@ class Policy(Protocol):
 
     name: str
 
-    def reset(self, games: NDArray[np.bool_]) -> None:
-        """Forget the state of the games that are True; ``games`` is (N,)."""
+    def reset(self, games: NDArray[np.bool_], config: Config) -> None:
+        """Forget the state of the games that are True, which are played by ``config``; ``games`` is (N,)."""
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """(N, C), higher is better, -inf: never. Leaves the policy's state alone."""
@@ -33,6 +36,14 @@ class Policy(Protocol):
 
     def explain(self, situation: Situation) -> Explanation:
         """Why: the terms of each candidate's score. Leaves the policy's state alone."""
+
+
+def check_reset(policy: Any, name: str) -> None:
+    """Raise a ValueError, which names the policy, where ``reset`` is that of 0.10."""
+    try:
+        inspect.signature(policy.reset).bind("games", "config")
+    except TypeError:
+        raise ValueError(f"{name}: since 1.0 a policy has reset(self, games, config), add the argument") from None
 
 
 def hold_index(situation: Situation) -> NDArray[np.int64]:
@@ -45,9 +56,11 @@ class BasePolicy:
     """A policy without state: a subclass gives ``name`` and ``scores``; N games, C candidates as in :class:`Policy`."""
 
     name: str
+    config = make_config()  #: of the games, from the last reset on
 
-    def reset(self, games: NDArray[np.bool_]) -> None:
-        """Nothing to forget, whichever of the games (N,) begin anew."""
+    def reset(self, games: NDArray[np.bool_], config: Config) -> None:
+        """Keep the configuration; there is nothing to forget, whichever of the games (N,) begin anew."""
+        self.config = config
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """(N, C), higher is better, -inf: never; here it raises NotImplementedError."""
@@ -63,15 +76,8 @@ class BasePolicy:
 
     def explain(self, situation: Situation) -> Explanation:
         """Kind, mask and score of each candidate."""
+        columns = situation.kind.tolist(), situation.mask.tolist(), self.scores(situation).tolist()
         return [
-            [
-                {"kind": KIND_NAMES[kind], "allowed": allowed, "score": score}
-                for kind, allowed, score in zip(*row, strict=True)
-            ]
-            for row in zip(
-                situation.kind.tolist(),
-                situation.mask.tolist(),
-                self.scores(situation).tolist(),
-                strict=True,
-            )
+            [{"kind": KIND_NAMES[kind], "allowed": may, "score": score} for kind, may, score in zip(*row, strict=True)]
+            for row in zip(*columns, strict=True)
         ]

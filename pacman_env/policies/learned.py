@@ -1,7 +1,6 @@
 """The learned planner as a policy: an ONNX file run by onnxruntime alone, on the planner features.
 
-What belongs to such a file is read and checked in :mod:`pacman_env.policies.metadata`; training and export are not
-part of the package. onnxruntime is imported when the first planner is made.
+onnxruntime is imported when the first planner is made.
 """
 
 from __future__ import annotations
@@ -23,29 +22,21 @@ PRETRAINED = Path(__file__).parent / "pretrained" / "ppo.onnx"
 _FORBIDDEN = -1e7  # a network's logit below this means: may not be chosen
 #: Features that an explanation shows, in the units of ``sim/observation/planner_features.py``.
 _SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
-_INPUTS: dict[str, tuple[str, tuple[int | None, ...]]] = {  # type, sizes; None: any
-    "candidates": ("tensor(float)", (None, None, len(CANDIDATE_FEATURES))),
-    "globals": ("tensor(float)", (None, len(GLOBAL_FEATURES))),
-    "mask": ("tensor(bool)", (None, None)),
-}
-_OUTPUTS: dict[str, tuple[str, tuple[int | None, ...]]] = {
-    "logits": ("tensor(float)", (None, None)),
-    "values": ("tensor(float)", (None,)),
+_Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # type, sizes; None: any
+_NODES: dict[str, _Nodes] = {
+    "inputs": {
+        "candidates": ("tensor(float)", (None, None, len(CANDIDATE_FEATURES))),
+        "globals": ("tensor(float)", (None, len(GLOBAL_FEATURES))),
+        "mask": ("tensor(bool)", (None, None)),
+    },
+    "outputs": {"logits": ("tensor(float)", (None, None)), "values": ("tensor(float)", (None,))},
 }
 
 
 class LearnedPlanner(BasePolicy):
-    """The candidate with the highest logit of a trained network.
+    """The candidate with the highest logit of a trained network; a copy reads the file again.
 
-    A copy, by ``copy`` or ``pickle``, reads the file again.
-
-    Args:
-        path: an ONNX file with its metadata beside it, as ``training.export`` writes them; None: the package's own.
-        threads: of onnxruntime.
-
-    Raises:
-        ValueError: no pretrained planner in the package, or files that are not a planner for this version.
-        ModuleNotFoundError: onnxruntime is missing.
+    ``path``: an ONNX file with its metadata beside it (None: the package's own); ``threads``: of onnxruntime.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None, threads: int = 1) -> None:
@@ -63,15 +54,11 @@ class LearnedPlanner(BasePolicy):
         return type(self), self._arguments
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) logits, -inf for what may not be chosen.
-
-        Raises:
-            ValueError: the situation has no maps.
-        """
+        """(N, C) logits, -inf for what may not be chosen; raises ValueError where the situation has no maps."""
         return self._judge(situation)[0]
 
     def explain(self, situation: Situation) -> Explanation:
-        """Logit, probability, the value of the situation, and what was seen of each candidate that may be chosen."""
+        """Logit, probability, the value of the situation, and the features of each candidate that may be chosen."""
         logits, values, candidates = self._judge(situation)
         best = logits.max(axis=1, keepdims=True, initial=-1e30)  # finite where nothing may be chosen
         odds = np.exp(logits - best)
@@ -87,14 +74,13 @@ class LearnedPlanner(BasePolicy):
     def run(
         self, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The network itself: logits (B, C), -1e8 for what may not be chosen, and values (B,).
+        """The network itself: logits (B, C), -1e8 where ``mask`` (B, C) forbids, and values (B,).
 
-        Args:
-            candidates: (B, C, F) as ``planner_features`` gives them.
-            whole: (B, H) likewise.
-            mask: (B, C) may be chosen.
+        ``candidates`` (B, C, F) and ``whole`` (B, H) are as ``planner_features`` gives them.
         """
-        return _run(self._session, candidates, whole, mask)
+        inputs = {"candidates": candidates, "globals": whole, "mask": mask}
+        logits, values = self._session.run(list(_NODES["outputs"]), inputs)
+        return logits, values
 
     def _judge(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
         """Logits (N, C), values (N,) and the candidates' features (N, C, F).
@@ -116,25 +102,13 @@ class LearnedPlanner(BasePolicy):
         return logits, values, candidates
 
 
-def _run(
-    session: Any, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    logits, values = session.run(list(_OUTPUTS), {"candidates": candidates, "globals": whole, "mask": mask})
-    return logits, values
-
-
 def _session(model: bytes, path: Path, threads: int) -> Any:
-    """An onnxruntime session of a planner's model, tried once.
-
-    Raises:
-        ValueError: no such model.
-        ModuleNotFoundError: onnxruntime is missing.
-    """
+    """An onnxruntime session of a planner's model, tried once."""
     try:
         import onnxruntime
     except ModuleNotFoundError:
-        message = f"{path}: a learned planner needs onnxruntime: pip install onnxruntime"
-        raise ModuleNotFoundError(message, name="onnxruntime") from None
+        needed = "a learned planner needs onnxruntime: pip install onnxruntime"
+        raise ModuleNotFoundError(f"{path}: {needed}", name="onnxruntime") from None
     if b"location" in model:  # the key under which external data has its file's name, in every encoding
         raise ValueError(f"{path}: weights: found external data (a key 'location'), expected all in one file")
     onnxruntime.disable_telemetry_events()
@@ -147,24 +121,21 @@ def _session(model: bytes, path: Path, threads: int) -> Any:
         session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no base class of their own
         raise ValueError(f"{path}: no model that onnxruntime can load: {error}") from None
-    for what, nodes, expected in (
-        ("inputs", session.get_inputs(), _INPUTS),
-        ("outputs", session.get_outputs(), _OUTPUTS),
-    ):
+    for what, expected in _NODES.items():
+        nodes = session.get_inputs() if what == "inputs" else session.get_outputs()
         found = {n.name: (n.type, tuple(s if isinstance(s, int) else None for s in n.shape)) for n in nodes}
         if found != expected:
             raise ValueError(f"{path}: {what}: found {found}, expected {expected}")
-    count = 3
+    inputs = {
+        "candidates": np.zeros((1, 3, len(CANDIDATE_FEATURES)), np.float32),
+        "globals": np.zeros((1, len(GLOBAL_FEATURES)), np.float32),
+        "mask": np.ones((1, 3), np.bool_),
+    }
     try:
-        outputs = _run(
-            session,
-            np.zeros((1, count, len(CANDIDATE_FEATURES)), np.float32),
-            np.zeros((1, len(GLOBAL_FEATURES)), np.float32),
-            np.ones((1, count), np.bool_),
-        )
+        outputs = session.run(list(_NODES["outputs"]), inputs)
     except Exception as error:
         raise ValueError(f"{path}: the model does not run: {error}") from None
     shapes = [output.shape for output in outputs]
-    if shapes != [(1, count), (1,)] or not all(np.isfinite(output).all() for output in outputs):
-        raise ValueError(f"{path}: outputs: found {shapes}, expected {[(1, count), (1,)]} and finite")
+    if shapes != [(1, 3), (1,)] or not all(np.isfinite(output).all() for output in outputs):
+        raise ValueError(f"{path}: outputs: found {shapes}, expected {[(1, 3), (1,)]} and finite")
     return session

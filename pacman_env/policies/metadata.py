@@ -1,8 +1,4 @@
-"""What a learned planner's ONNX file says about itself: the JSON file beside it, read strictly, and its checks.
-
-The file is data: nothing in it is evaluated. How the network is run is decided in :mod:`pacman_env.policies.learned`,
-how the pair of files is written in ``pacman_env.training.export``.
-"""
+"""The metadata of a learned planner: the JSON file beside its ONNX file, read strictly; nothing in it is evaluated."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ from pacman_env.config.validation import ConfigError, Number, Positive, convert,
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 FORMAT: Literal[1] = 1
-#: The name of the scaling that ``planner_features`` has built in, as the first planners' files say it.
+#: The name of the scaling that ``planner_features`` has built in, as the first planners' files have it.
 NORMALISATION = "pacman_env.sim.features.planner_features"
 MAX_BYTES = 16 << 20  # of the ONNX file; a planner of width 64 has 0.1 MB
 _MAX_METADATA_BYTES = 1 << 20
@@ -26,7 +22,7 @@ T = TypeVar("T")
 
 
 class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a planner was trained on: where it may be trusted to know its way."""
+    """What a planner was trained on."""
 
     clyde_speeds_mps: tuple[Number, Number]  # lowest, highest
     robot_speeds_mps: tuple[Number, Number]  # lowest, highest
@@ -62,11 +58,7 @@ def metadata_path(path: Path) -> Path:
 
 
 def dump(record: Any, path: Path) -> str:
-    """A record as the text that :func:`parse` reads back.
-
-    Raises:
-        ValueError: a field of another type than it should have; names ``path``, the file it would go to.
-    """
+    """A record as the text that :func:`parse` reads back; raises ValueError, which names ``path``, for a wrong type."""
     try:
         text = json.dumps(msgspec.to_builtins(record, builtin_types=(bytes,)), indent=2) + "\n"
     except TypeError as error:
@@ -76,28 +68,18 @@ def dump(record: Any, path: Path) -> str:
 
 
 def parse(kind: type[T], text: bytes | str, path: Path) -> T:
-    """The record ``kind`` from JSON with exactly its fields, each of exactly its type.
-
-    Raises:
-        ValueError: anything else; names the file, the field, its value and the rule.
-    """
+    """The record ``kind`` from JSON with exactly its fields and types; else a ValueError names file, field and rule."""
     try:
-        found = json.loads(text, object_pairs_hook=_object)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: no JSON that can be read: {error}") from None
-    try:
-        result: T = convert(found, kind)
+        result: T = convert(json.loads(text, object_pairs_hook=_object), kind)
     except ConfigError as error:
         raise ValueError(f"{path}: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: no JSON that can be read: {error}") from None
     return result
 
 
 def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
-    """The metadata and the content of an ONNX file that this version of the features can feed.
-
-    Raises:
-        ValueError: a file is missing or too large, or the metadata or the hash is not what is expected.
-    """
+    """The metadata and the content of an ONNX file; raises ValueError where this version cannot run it."""
     model = _content(path, MAX_BYTES)
     beside = metadata_path(path)
     metadata = parse(PlannerMetadata, _content(beside, _MAX_METADATA_BYTES), beside)
@@ -131,7 +113,7 @@ def _content(path: Path, limit: int) -> bytes:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object whose names are all different."""
+    """A JSON object in which no name is given twice."""
     found = dict(pairs)
     if len(found) < len(pairs):
         raise ValueError(f"a name is given twice among {', '.join(name for name, _ in pairs)}")

@@ -1,4 +1,4 @@
-"""Policies for ghosts: a pool that gives each round one of many, and the behaviours of the environment as members."""
+"""Policies for ghosts: a pool that gives each round one of several, and the environment's behaviours as members."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config import Config
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.core.parameters import draw_below
@@ -17,11 +18,7 @@ _SHARES = 1 << 20  # a share is drawn so finely
 
 
 class BehaviourOpponent(BasePolicy):
-    """A behaviour of the environment (``wander``, ``arcade``, ``chase``), for a ghost that a policy moves.
-
-    Raises:
-        ValueError: there is none of that name.
-    """
+    """A behaviour (``wander``, ``arcade``, ``chase``) of a ghost that a policy moves; raises ValueError for another."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -34,14 +31,10 @@ class BehaviourOpponent(BasePolicy):
 
 
 class Opponents(BasePolicy):
-    """A pool: each round is played by one of several, drawn from the round's seed.
+    """A pool: each round is played by one of several members, drawn from the round's seed in proportion to ``shares``.
 
-    Args:
-        members: none may need to remember anything.
-        shares: of the rounds, in proportion.
-
-    Raises:
-        ValueError: no members, not a share for each, a negative one, or none above 0.
+    No member may need to remember anything. Raises ValueError for no members, not a share for each, a negative one, or
+    none above 0.
     """
 
     name = "opponents"
@@ -55,13 +48,19 @@ class Opponents(BasePolicy):
         self.members = tuple(members)
         self._limits = np.cumsum(weights) / weights.sum()
 
+    def reset(self, games: NDArray[np.bool_], config: Config) -> None:
+        """Give each member the configuration of the games (N,)."""
+        super().reset(games, config)
+        for member in self.members:
+            member.reset(games, config)
+
     def drawn(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """(M,) number of the member who plays the round with each seed."""
+        """(M,) number of the member that plays the round with each seed."""
         share = (draw_below(seeds, _OPPONENT, _SHARES) + 0.5) / _SHARES
         return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """(N,) the choice of the member whose round it is."""
+        """(N,) the choice of the member that the round belongs to."""
         numbers = self.drawn(situation.seed)
         chosen = np.empty(len(numbers), dtype=np.int64)
         for number in np.unique(numbers).tolist():

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
-from pacman_env.heuristics.clyde_aware import ClydeAware
-from pacman_env.heuristics.lookahead import Lookahead
-from pacman_env.heuristics.simple import Nearest, Random
 from pacman_env.plugins import Registry
-from pacman_env.policies.base import Policy
+from pacman_env.policies.base import Policy, check_reset
 from pacman_env.policies.learned import LearnedPlanner
 
 #: What makes each policy, called with its parameters; other packages add theirs as entry points.
@@ -18,12 +14,12 @@ POLICIES: Registry[Callable[..., Policy]] = Registry(
     "policy",
     "pacman_env.policies",
     {
-        "clyde_aware": ClydeAware,
-        "clyde_aware:documented": partial(ClydeAware, form="documented"),
-        "lookahead": Lookahead,
-        "nearest": Nearest,
+        "clyde_aware": "pacman_env.heuristics.clyde_aware:ClydeAware",
+        "clyde_aware:documented": "pacman_env.heuristics.clyde_aware:documented",
+        "lookahead": "pacman_env.heuristics.lookahead:Lookahead",
+        "nearest": "pacman_env.heuristics.simple:Nearest",
         "ppo": LearnedPlanner,
-        "random": Random,
+        "random": "pacman_env.heuristics.simple:Random",
     },
     "module:Class, or an .onnx file",
 )
@@ -34,12 +30,9 @@ policy_names = POLICIES.names
 def make_policy(spec: str, **parameters: Any) -> Policy:
     """A new policy by name, ``make_policy("clyde_aware:documented", replan_margin_m=0.5)``.
 
-    ``my_package.policies:Shy`` is one, too, and so is the file ``runs/mine.onnx``.
-
-    Raises:
-        ValueError: an unknown name, a parameter out of range, or a file that is no planner for this version.
-        TypeError: a parameter the policy does not have.
-        ModuleNotFoundError: a learned planner without onnxruntime.
+    ``my_package.policies:Shy`` is one, too, and so is the file ``runs/mine.onnx``. Raises ValueError for an unknown
+    name, a parameter out of range, or what is not of this version; TypeError for a parameter that the policy does not
+    have; ModuleNotFoundError for a learned planner without onnxruntime.
     """
     if spec.endswith(".onnx"):
         return LearnedPlanner(spec, **parameters)
@@ -50,14 +43,11 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     missing = [name for name in ("reset", "scores", "select", "explain", "name") if not hasattr(policy, name)]
     if missing:
         raise ValueError(f"policy {spec!r}: {policy!r} is none, it has no {', '.join(missing)}")
+    check_reset(policy, f"policy {spec!r}")
     return policy
 
 
 def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
-    """Behaviours by ghost, ``policy`` where an .onnx file moves him, and those policies by his number.
-
-    Raises:
-        ValueError: a file is no planner for this version.
-    """
+    """Behaviours by ghost, ``policy`` where an .onnx file moves it, and those policies by the ghost's number."""
     policies = {number: make_policy(name) for number, name in enumerate(ghosts) if name.endswith(".onnx")}
     return tuple("policy" if number in policies else name for number, name in enumerate(ghosts)), policies

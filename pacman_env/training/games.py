@@ -129,19 +129,18 @@ def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None)
     count = min(_SUB_BATCHES, hyper.games, hyper.levels)
     levels, games = (np.linspace(0, total, count + 1).astype(int).tolist() for total in (hyper.levels, hyper.games))
     settings = game_settings(arguments, clyde_limit(arguments, segment))
+    settings |= {"execution.rules": arguments.execution, "observation.infos": "ends"}
     wide = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m}
     made = [
         PacManBotVecEnv(
             games[k + 1] - games[k],
             map="generated:wide" if k == _SUB_BATCHES - 1 else "generated",
-            start_level=first + levels[k],
-            num_levels=levels[k + 1] - levels[k],
             preset=arguments.preset,
-            execution=arguments.execution,
-            settings=settings | (wide if k == _SUB_BATCHES - 1 else {}),
+            settings=settings
+            | {"start_level": first + levels[k], "num_levels": levels[k + 1] - levels[k]}
+            | (wide if k == _SUB_BATCHES - 1 else {}),
             ghosts=ghosts,
             num_threads=max(threads // 2, 1),
-            infos="ends",
         )
         for k in range(count)
     ]

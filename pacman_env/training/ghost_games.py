@@ -46,7 +46,7 @@ class GhostEnv(gym.Env[Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Observation, dict[str, Any]]:
         _, infos = self.game.reset(seed)
-        self._robot.reset(np.ones(1, dtype=np.bool_))
+        self._robot.reset(np.ones(1, dtype=np.bool_), self.game.config)
         return self._observation(), infos[CLYDE]
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -88,17 +88,17 @@ def make_ghost_games(arguments: Arguments, segment: int, robot: Callable[[], Pol
     each = max(hyper.levels // hyper.games, 1)
     first = segment % (VALIDATION_LEVEL // (each * hyper.games)) * each * hyper.games
     # The robot's policy reads the situation: its agent's observation is not needed.
-    settings = game_settings(arguments) | {"observation.kinds": ("features",)}
+    settings = game_settings(arguments) | {
+        "execution.rules": arguments.execution,
+        "observation.kinds": ("features",),
+        "zero_sum": True,
+    }
     envs = [
         PacManBotParallelEnv(
             "generated",
-            arguments.preset,
-            arguments.execution,
-            rewards="zero_sum",
+            preset=arguments.preset,
             ghosts=("policy",),
-            start_level=first + i * each,
-            num_levels=each,
-            settings=settings,
+            settings={**settings, "start_level": first + i * each, "num_levels": each},
         )
         for i in range(hyper.games)
     ]

@@ -38,7 +38,8 @@ from pacman_env.sb3 import PacManBotVecEnv
 OBSERVATIONS: dict[str, tuple[dict[str, Any], str]] = {
     "planner": ({}, "MlpPolicy"),
     "features": ({"observation": ("features", "flat")}, "MlpPolicy"),
-    "grid": ({"observation": ("features", "grid"), "normalize": False}, "MultiInputPolicy"),  # SB3 scales pictures
+    # Stable-Baselines3 scales pictures itself.
+    "grid": ({"observation": ("features", "grid"), "settings": {"observation.normalize": False}}, "MultiInputPolicy"),
 }
 DECIDE = ("event", "tick")
 LEARNERS = {
@@ -59,7 +60,9 @@ def environment(combination: str, map_name: str) -> PacManBotVecEnv:
     if kind not in OBSERVATIONS or decide not in DECIDE:
         known = " ".join(f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE)
         raise ValueError(f"combination {combination!r}: choose among {known}")
-    return PacManBotVecEnv(GAMES, flat=True, map=map_name, decide=decide, **OBSERVATIONS[kind][0])
+    given: dict[str, Any] = {"settings": {}, **OBSERVATIONS[kind][0]}
+    given["settings"] = {**given["settings"], "decisions.when": decide}
+    return PacManBotVecEnv(GAMES, flat=True, map=map_name, **given)
 
 
 def rounds_played(model: Any, learner: str, test: PacManBotVecEnv, rounds: int) -> dict[int, bool]:

@@ -38,13 +38,14 @@ class _SubBatch:
         self.games.step_async(actions)
         result = self.games.step_wait()
         for teacher in self._teachers.values():
-            teacher.reset(result[2])
+            teacher.reset(result[2], self.games.env.config)
         return result
 
     def choices(self, policy: str) -> NDArray[np.int64]:
         if policy not in self._teachers:
             self._teachers[policy] = make_policy(policy)
-            self._teachers[policy].reset(np.ones(self.games.num_envs, dtype=np.bool_))
+            every = np.ones(self.games.num_envs, dtype=np.bool_)
+            self._teachers[policy].reset(every, self.games.env.config)
         return self._teachers[policy].select(self.games.env.situation)
 
 

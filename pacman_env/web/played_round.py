@@ -150,7 +150,7 @@ class PlayedRound:
     def _begin(self) -> None:
         self.batch.reset(_ONE, np.array([self.seed], dtype=np.uint64))
         for policy in (*self._policies, *self._ghosts.values()):
-            policy.reset(_ALL)
+            policy.reset(_ALL, self.config)
         batch = self.batch
         self.assets = batch.assets_of(0)
         self._numbers = np.array(  # of the batch's candidates, by the page's number
@@ -211,7 +211,7 @@ class PlayedRound:
             self._baseline = GameBatch(self._made_from, self.config, 1)
             self._baseline.reset(_ONE, np.array([self.seed], dtype=np.uint64))
             self._baseline_policy = make_policy(self.names[0])
-            self._baseline_policy.reset(_ALL)
+            self._baseline_policy.reset(_ALL, self.config)
             self._baseline_ghosts = {k: copy.deepcopy(policy) for k, policy in self._ghosts.items()}
             self.snapshots = [self._snapshot()]
 
@@ -327,7 +327,7 @@ class PlayedRound:
             raise IndexError(tick)
         asked = [make_policy(name) for name in self.names]
         for policy in asked:
-            policy.reset(_ALL)
+            policy.reset(_ALL, self.config)
             for before in self.situations[:tick]:
                 policy.select(before)
         return self._terms(situation, asked, self.choices[tick][0] if tick < self.ticks else -1)

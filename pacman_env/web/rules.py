@@ -145,14 +145,9 @@ class Choices:
             changes["clyde.speed_mps"] = clyde_mps
         test = rules.level is not None and rules.level >= TEST_LEVEL
         source: Any = self._maps.get(rules.map, f"{GENERATED}:test" if test else GENERATED)
-        arguments = EnvArguments(
-            source,
-            rules.preset,
-            ghosts=rules.ghosts,
-            settings=changes,
-            start_level=rules.level,
-            num_levels=None if rules.level is None else 1,
-        )
+        if rules.level is not None:
+            changes |= {"start_level": rules.level, "num_levels": 1}
+        arguments = EnvArguments(source, preset=rules.preset, ghosts=rules.ghosts, settings=changes)
         try:
             config, policies = arguments.make_config()
             return config, arguments.make_source(config), policies

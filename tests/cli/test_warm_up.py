@@ -35,12 +35,18 @@ def compiled():
 for work in PARTS.values():
     work()
 before = compiled()
+AS_BUILT = {"execution.rules": "as_built"}
+NUMBERS = {"observation.numeric_info": True, "timeout": "termination"}
+HOUSES = {"num_levels": 1, "observation.normalize": True, "observation.mask": "info"}
+FLAT = {"observation.candidates": "nearest", "decisions.when": "event", "observation.mask": "beside"}
 games = [
-    dict(map="loop", preset="ideal", execution="as_built", endless=True, ghosts=4, observation=("features", "flat")),
-    dict(map="generated:test", num_levels=1, observation=("scan", "planner"), normalize=True, mask="info"),
-    dict(candidates="nearest", decide="event", mask="beside", settings={"randomize.speed_mps": (0.2, 0.3)}),
+    dict(
+        map="loop", preset="ideal", settings=AS_BUILT | {"endless": True}, ghosts=4, observation=("features", "flat")
+    ),
+    dict(map="generated:test", settings=HOUSES, observation=("scan", "planner")),
+    dict(settings=FLAT | {"randomize.speed_mps": (0.2, 0.3)}),
     dict(action="velocity", observation="grid", map="maze", ghosts=("chase", "arcade")),
-    dict(ghosts=("wander", make_policy("lookahead")), numeric_info=True, timeout="termination"),
+    dict(ghosts=("wander", make_policy("lookahead")), settings=NUMBERS),
 ]
 for arguments in games:
     for env in (PacManBotEnv(**arguments), PacManBotVectorEnv(3, **arguments)):
@@ -53,9 +59,9 @@ envs = PacManBotVectorEnv(3)
 envs.reset(seed=1)
 for name in ("clyde_aware", "lookahead", "nearest", "ppo", "random"):
     policy = make_policy(name)
-    policy.reset(np.ones(3, np.bool_))
+    policy.reset(np.ones(3, np.bool_), envs.config)
     envs.step(policy.select(envs.situation))
-two = PacManBotParallelEnv(ghosts=("policy", "policy"), rewards="separate")
+two = PacManBotParallelEnv(ghosts=("policy", "policy"), settings={"zero_sum": False})
 two.reset(seed=1)
 two.step({agent: 0 for agent in two.agents})
 print(*sorted(compiled() - before), sep="\\n")

@@ -21,7 +21,7 @@ AXES: dict[str, tuple[Any, ...]] = {
     "endless": (False, True),
     "map": ("house", "maze", "generated"),
     "preset": ("robot", "ideal"),
-    "execution": ("robust", "as_built"),
+    "execution.rules": ("robust", "as_built"),
     "randomize": (False, True),
 }
 CROSSED = ("observation", "action", "ghosts", "endless")  # COVERING has every combination of these
@@ -54,8 +54,9 @@ def arguments(combination: Combination, **changes: Any) -> dict[str, Any]:
     chosen = dict(combination)
     settings = {**SMALL, **(RANGES if chosen.pop("randomize") else {}), **changes}
     chosen.pop("autoreset_mode", None)
-    levels = {"num_levels": 2} if chosen["map"] == "generated" else {}
-    return {**chosen, **levels, "settings": settings}
+    settings |= {name: chosen.pop(name) for name in ("endless", "execution.rules")}
+    settings |= {"num_levels": 2} if chosen["map"] == "generated" else {}
+    return {**chosen, "settings": settings}
 
 
 def name(combination: Combination) -> str:

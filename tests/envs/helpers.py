@@ -41,6 +41,14 @@ def make_vector(num_envs: int, **arguments: Any) -> PacManBotVectorEnv:
     return env
 
 
+def joined(*several: dict[str, Any]) -> dict[str, Any]:
+    """Arguments of an environment: of an argument or a setting that is in several, the last."""
+    arguments: dict[str, Any] = {}
+    for one in several:
+        arguments = {**arguments, **one, "settings": {**arguments.get("settings", {}), **one.get("settings", {})}}
+    return arguments
+
+
 def same(a: Any, b: Any) -> bool:
     """Equal in types, dtypes, shapes, keys and every bit; the order of keys aside."""
     if isinstance(a, dict):

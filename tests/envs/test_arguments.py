@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 from collections.abc import Callable
 from typing import Any
@@ -10,9 +11,13 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.envs.arguments import _FORMER
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from tests.envs.helpers import QUICK, make
+from pacman_env.envs.parallel_vec_env import parallel_vec_env
+from pacman_env.envs.pettingzoo_env import env, parallel_env
+from pacman_env.sb3 import PacManBotVecEnv
+from tests.envs.helpers import make
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"observation": "pictures"}, r"observation = 'pictures'.*features.*scan.*grid"),
@@ -20,12 +25,24 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"observation": ("scan", 3)}, r"observation = \('scan', 3\)"),
     ({"observation": 5}, "observation = 5"),
     ({"action": "fly"}, r"action = 'fly'.*goal.*velocity"),
-    ({"action_range": "unit"}, "action_range = 'unit': must be physical where actions are goals"),
-    ({"action": "velocity", "action_range": "metric"}, r"action_range = 'metric'.*physical.*unit"),
-    ({"action": "velocity", "mask": "info"}, "observation.mask = 'info': velocities have no mask"),
-    ({"action": "velocity", "mask": "beside"}, "observation.mask = 'beside': velocities have no mask"),
-    ({"action": "velocity", "candidates": "nearest"}, "observation.candidates = 'nearest': velocities choose no"),
-    ({"action": "velocity", "decide": "event"}, "decisions.when = 'event': must be tick where actions are velocities"),
+    ({"settings": {"action_range": "unit"}}, "action_range = 'unit': must be physical where actions are goals"),
+    ({"action": "velocity", "settings": {"action_range": "metric"}}, r"action_range = 'metric'.*physical.*unit"),
+    (
+        {"action": "velocity", "settings": {"observation.mask": "info"}},
+        "observation.mask = 'info': velocities have no mask",
+    ),
+    (
+        {"action": "velocity", "settings": {"observation.mask": "beside"}},
+        "observation.mask = 'beside': velocities have no mask",
+    ),
+    (
+        {"action": "velocity", "settings": {"observation.candidates": "nearest"}},
+        "observation.candidates = 'nearest': velocities choose no",
+    ),
+    (
+        {"action": "velocity", "settings": {"decisions.when": "event"}},
+        "decisions.when = 'event': must be tick where actions are velocities",
+    ),
     ({"ghosts": 0}, "ghosts = 0.*1 to 4"),
     ({"ghosts": 5}, "ghosts = 5.*1 to 4"),
     ({"ghosts": True}, "ghosts = True"),
@@ -33,14 +50,14 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"ghosts": ("wander", 3)}, r"ghosts\[1\] = 3"),
     ({"ghosts": ()}, r"ghosts = \(\).*one to four"),
     ({"ghosts": "policy"}, r"ghosts\[0\] = 'policy'"),
-    ({"endless": "yes"}, "endless = 'yes'"),
-    ({"num_levels": 3}, "num_levels are for map='generated'"),
-    ({"map": "generated", "home": (0.0, 0.0, 0.0)}, "home: generated"),
-    ({"map": "generated", "num_levels": 2.5}, r"num_levels = 2\.5"),
-    ({"map": "generated", "start_level": "a"}, "start_level = 'a'"),
-    ({"config": Config(), "settings": QUICK}, "config or the arguments"),
-    ({"config": Config(), "observation": "scan"}, "config or the arguments"),
-    ({"config": {"time_limit_s": 3.0}}, "config = .*must be a Config"),
+    ({"settings": {"endless": "yes"}}, "endless = 'yes'"),
+    ({"settings": {"num_levels": 3}}, "num_levels are for map='generated'"),
+    ({"map": "generated", "settings": {"home": (0.0, 0.0, 0.0)}}, "home: generated"),
+    ({"map": "generated", "settings": {"num_levels": 2.5}}, r"num_levels = 2\.5"),
+    ({"map": "generated", "settings": {"start_level": "a"}}, "start_level = 'a'"),
+    ({"settings": Config(), "observation": "scan"}, "settings is a Config"),
+    ({"settings": Config(), "flat": True}, "settings is a Config"),
+    ({"flat": 1}, "flat = 1: must be True or False"),
     ({"settings": [1]}, r"settings = \[1\]"),
     ({"action": "goal", "settings": {"action": "velocity"}}, "action is given twice"),
     ({"settings": {"randomize.speed_mps": (0.3, 0.2)}}, r"speed_mps = \(0\.3, 0\.2\).*\(low, high\)"),
@@ -52,7 +69,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"settings": {"clyde.speed_mps": 6.0}}, r"speed_mps = 6\.0.*at most 5"),
     ({"map": 3}, "map = 3: must be a name"),
     ({"preset": ["robot"]}, r"unknown preset \['robot'\]"),
-    ({"execution": {}}, r"unknown execution {}"),
+    ({"settings": {"execution.rules": {}}}, r"execution.rules = {}: must be"),
 ]
 
 
@@ -65,8 +82,52 @@ def test_what_cannot_be_played_is_one_error_that_names_the_field(
         build(**chosen)
 
 
+@pytest.mark.parametrize(
+    ("former", "now"),
+    [
+        ({"decide": "event"}, r"the argument decide is replaced since 1\.0: settings={'decisions\.when': \.\.\.}"),
+        ({"config": Config()}, "config is replaced since 1.0: settings=config"),
+        ({"map": "loop", "execution": "as_built"}, "execution is replaced .*'execution.rules'"),
+        ({"rewards": "separate"}, "rewards is replaced .*'zero_sum'"),
+        ({"autoreset": False}, "autoreset is replaced .*autoreset_mode='SameStep' or 'Disabled'"),
+    ],
+)
+@pytest.mark.parametrize("build", [PacManBotEnv, PacManBotVectorEnv, parallel_env, parallel_vec_env, PacManBotVecEnv])
+def test_an_argument_of_0_10_is_refused_with_the_setting_that_replaces_it(
+    former: dict[str, Any], now: str, build: Callable[..., Any]
+) -> None:
+    with pytest.raises(TypeError, match=now) as refusal:
+        build(**former)
+    assert "\n" not in str(refusal.value)
+
+
+def test_every_setting_that_replaces_an_argument_is_a_field() -> None:
+    for name in _FORMER.values():
+        make_config().value(name)
+
+
+def test_no_environment_takes_more_than_the_shared_arguments_and_those_of_its_kind() -> None:
+    shared = {"map", "ghosts", "observation", "action", "preset", "settings", "render_mode", "flat"}
+    vector = {"num_envs", "num_threads", "autoreset_mode", "batch_size", "copy", "max_episode_steps"}
+    for build, more in ((PacManBotEnv, set()), (PacManBotVectorEnv, vector), (parallel_env, set()), (env, set())):
+        assert set(inspect.signature(build).parameters) == shared | more
+    assert set(inspect.signature(parallel_vec_env).parameters) <= shared | vector
+    with pytest.raises(TypeError, match="unexpected keyword argument 'nothing'"):
+        PacManBotEnv(nothing=1)  # type: ignore[call-arg]
+
+
+def test_flat_is_below_the_settings_of_the_user() -> None:
+    flat = make(flat=True).config
+    assert (flat.decisions.when, flat.observation.kinds, flat.observation.flat) == ("event", ("planner",), True)
+    own = make(flat=True, observation="scan", settings={"decisions.when": "tick", "timeout": "truncation"}).config
+    assert (own.decisions.when, own.timeout, own.observation.mask) == ("tick", "truncation", "method")
+    assert (own.observation.kinds, own.observation.flat) == (("scan",), False)
+    several = parallel_env(flat=True).config
+    assert (several.decisions.when, several.observation.mask, several.observation.flat) == ("tick", "beside", True)
+
+
 def test_arguments_and_settings_say_the_same() -> None:
-    by_arguments = make(observation=("scan", "features"), action="velocity", ghosts=2, endless=True)
+    by_arguments = make(observation=("scan", "features"), action="velocity", ghosts=2, settings={"endless": True})
     settings = {
         "observation.kinds": ["features", "scan"],
         "action": "velocity",

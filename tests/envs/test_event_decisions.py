@@ -17,6 +17,7 @@ from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.game.decisions import HOLD, decision_due, decision_rules
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.registry import make_policy
+from tests.envs.helpers import joined
 
 EPISODES = int(os.environ.get("PACMAN_ENV_EVENT_EPISODES", "12"))  # 10,000 for the contract
 GHOSTS: tuple[Any, ...] = (None, ("chase",), ("arcade", "wander"))
@@ -50,12 +51,12 @@ class Repeats:
 
 def play(seed: int, policy: str, **arguments: Any) -> None:
     """One episode on both, bit for bit."""
-    ticks, events = Repeats(**arguments), PacManBotEnv(decide="event", **arguments)
+    ticks, events = Repeats(**arguments), PacManBotEnv(**joined(arguments, {"settings": {"decisions.when": "event"}}))
     rng = np.random.default_rng(seed)
     observation, _ = events.reset(seed=seed)
     same, _ = ticks.env.reset(seed=seed)
     chooser = make_policy(policy)
-    chooser.reset(np.ones(1, dtype=np.bool_))
+    chooser.reset(np.ones(1, dtype=np.bool_), events.config)
     over = False
     while not over:
         for key, array in observation.items():
@@ -77,11 +78,12 @@ def play(seed: int, policy: str, **arguments: Any) -> None:
 def test_a_game_of_events_is_the_game_of_ticks_with_choices_repeated(policy: str, execution: str) -> None:
     for seed in range(max(1, EPISODES // 4)):
         settings = {"clyde.speed_mps": 0.1 + 0.05 * (seed % 8), "time_limit_s": 120.0, "decisions.discount_per_s": 0.99}
-        play(seed, policy, map="house", execution=execution, ghosts=GHOSTS[seed % 3], settings=settings)
+        settings["execution.rules"] = execution
+        play(seed, policy, map="house", ghosts=GHOSTS[seed % 3], settings=settings)
 
 
 def test_a_game_among_others_of_different_durations_is_the_game_alone() -> None:
-    arguments: dict[str, Any] = {"map": "generated", "decide": "event", "settings": {"time_limit_s": 60.0}}
+    arguments: dict[str, Any] = {"map": "generated", "settings": {"time_limit_s": 60.0, "decisions.when": "event"}}
     many = PacManBotVectorEnv(5, **arguments)
     alone = [PacManBotEnv(**arguments) for _ in range(5)]
     many.reset(seed=3)
@@ -104,7 +106,7 @@ def test_a_game_among_others_of_different_durations_is_the_game_alone() -> None:
 
 
 def test_a_copy_goes_on_as_the_environment() -> None:
-    env = PacManBotEnv(map="house", decide="event")
+    env = PacManBotEnv(map="house", settings={"decisions.when": "event"})
     env.reset(seed=0)
     for _ in range(5):
         env.step(int(np.flatnonzero(env.action_masks())[0]))
@@ -117,10 +119,10 @@ def test_a_copy_goes_on_as_the_environment() -> None:
 
 
 def test_an_endless_game_asks_when_a_round_follows() -> None:
-    env = PacManBotEnv(map="loop", decide="event", endless=True, settings={"clyde.speed_mps": 0.01})
+    env = PacManBotEnv(map="loop", settings={"clyde.speed_mps": 0.01, "decisions.when": "event", "endless": True})
     env.reset(seed=1)
     policy = make_policy("nearest")
-    policy.reset(np.ones(1, dtype=np.bool_))
+    policy.reset(np.ones(1, dtype=np.bool_), env.config)
     rounds = [1]
     for _ in range(200):
         *_, terminated, truncated, info = env.step(int(policy.select(env.situation)[0]))
@@ -132,5 +134,5 @@ def test_an_endless_game_asks_when_a_round_follows() -> None:
 
 
 def test_agents_that_decide_together_decide_at_each_tick() -> None:
-    with pytest.raises(ConfigError, match="decide='event'"):
-        PacManBotParallelEnv(map="house", decide="event")
+    with pytest.raises(ConfigError, match=r"decisions\.when='event'"):
+        PacManBotParallelEnv(map="house", settings={"decisions.when": "event"})

@@ -15,7 +15,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from pacman_env.config import ConfigError
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.envs.registration import FLAT_DEFAULTS, FLAT_ID
+from pacman_env.envs.registration import FLAT_ID
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.observation.situation import PELLET
@@ -31,7 +31,13 @@ def make(**arguments: Any) -> PacManBotEnv:
 
 @pytest.mark.filterwarnings("error", "ignore:Your observation .* has an unconventional shape")
 @pytest.mark.parametrize(
-    "arguments", [{}, {"mask": "info"}, {"observation": "features"}, {"observation": ("flat", "planner", "scan")}]
+    "arguments",
+    [
+        {},
+        {"settings": {"observation.mask": "info"}},
+        {"observation": "features"},
+        {"observation": ("flat", "planner", "scan")},
+    ],
 )
 def test_the_judges_have_nothing_to_say(arguments: dict[str, Any]) -> None:
     env = make(map="loop", **arguments)
@@ -42,9 +48,9 @@ def test_the_judges_have_nothing_to_say(arguments: dict[str, Any]) -> None:
 @pytest.mark.parametrize("normalize", [True, False])
 def test_spaces_are_the_same_on_every_map_and_for_every_time_limit(normalize: bool) -> None:
     kinds = ("features", "planner", "scan", "flat")
-    known = make(map="house", observation=kinds, normalize=normalize)
+    known = make(map="house", observation=kinds, settings={"observation.normalize": normalize})
     for name in MAPS:
-        env = make(map=name, observation=kinds, normalize=normalize, settings={"time_limit_s": 300.0})
+        env = make(map=name, observation=kinds, settings={"time_limit_s": 300.0, "observation.normalize": normalize})
         assert env.observation_space == known.observation_space
         assert env.action_space == known.action_space
 
@@ -69,11 +75,11 @@ def test_an_action_is_a_place_in_the_list() -> None:
 
 
 def test_the_first_of_the_list_is_the_policy_nearest() -> None:
-    env, other = make(map="house"), PacManBotEnv(map="house", decide="event")
+    env, other = make(map="house"), PacManBotEnv(map="house", settings={"decisions.when": "event"})
     env.reset(seed=2)
     other.reset(seed=2)
     policy = make_policy("nearest")
-    policy.reset(np.ones(1, dtype=np.bool_))
+    policy.reset(np.ones(1, dtype=np.bool_), env.config)
     for _ in range(10):
         one, two = env.step(0), other.step(int(policy.select(other.situation)[0]))
         assert one[1:3] == two[1:3]
@@ -95,7 +101,7 @@ def test_a_place_where_nobody_is_makes_the_robot_hold_for_a_tick() -> None:
 
 
 def test_infos_are_numbers() -> None:
-    env = make(map="loop", mask="info", ghosts=("chase",))
+    env = make(map="loop", settings={"observation.mask": "info"}, ghosts=("chase",))
     _, info = env.reset(seed=0)
     assert info["action_mask"].dtype == np.int8
     terminated = False
@@ -115,10 +121,10 @@ def test_a_time_out_is_an_end_with_its_reward() -> None:
 
 @pytest.mark.filterwarnings("ignore:You are trying to run PPO on the GPU")
 def test_a_model_that_was_trained_on_generated_houses_plays_on_any_map(tmp_path: Path) -> None:
-    envs = PacManBotVecEnv(2, map="generated", **FLAT_DEFAULTS)
+    envs = PacManBotVecEnv(2, map="generated", flat=True)
     PPO("MlpPolicy", envs, n_steps=8, batch_size=16, n_epochs=1, seed=0).learn(16).save(tmp_path / "model.zip")
     for name in ("house", "maze"):
-        games = PacManBotVecEnv(2, map=name, **FLAT_DEFAULTS)
+        games = PacManBotVecEnv(2, map=name, flat=True)
         model = PPO.load(tmp_path / "model.zip", env=games, device="cpu")
         actions, _ = model.predict(games.reset(), deterministic=True)
         games.step(actions)
@@ -136,13 +142,13 @@ def test_gymnasium_s_vector_environment_takes_the_same_arguments() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"timeout": "never"}, "timeout = 'never': choose truncation or termination"),
-        ({"candidates": "some"}, "observation.candidates"),
-        ({"mask": "nowhere"}, "observation.mask"),
-        ({"decide": "soon"}, "decisions.when"),
+        ({"settings": {"timeout": "never"}}, "timeout = 'never': must be one of .'truncation', 'termination'"),
+        ({"settings": {"observation.candidates": "some"}}, "observation.candidates"),
+        ({"settings": {"observation.mask": "nowhere"}}, "observation.mask"),
+        ({"settings": {"decisions.when": "soon"}}, "decisions.when"),
         ({"observation": ("flat", "grid")}, "'grid'"),
         ({"action": "velocity"}, "velocit"),
-        ({"action": "velocity", "decide": "tick"}, "velocities choose no candidate"),
+        ({"action": "velocity", "settings": {"decisions.when": "tick"}}, "velocities choose no candidate"),
         ({"observation": ("flat", "nothing")}, "nothing"),
     ],
 )
@@ -160,9 +166,9 @@ def test_a_wrong_action_is_refused() -> None:
 
 @pytest.mark.parametrize("candidates", ["nearest", "all"])
 def test_a_policy_of_the_package_plays_by_the_actions_that_stand_for_its_choices(candidates: str) -> None:
-    env = make(map="house", candidates=candidates)
+    env = make(map="house", settings={"observation.candidates": candidates})
     policy = make_policy("nearest")
-    policy.reset(np.ones(1, dtype=bool))
+    policy.reset(np.ones(1, dtype=bool), env.config)
     env.reset(seed=3)
     info: dict[str, Any] = {"outcome": 0}
     while info["outcome"] == 0:
@@ -176,4 +182,9 @@ def test_a_policy_of_the_package_plays_by_the_actions_that_stand_for_its_choices
     assert info["collected"] > 3
     assert env.action_of(np.array([env.batch.hold])).tolist() == [env.action_space.n - 1]
     with pytest.raises(AttributeError, match="velocity actions choose no candidate"):
-        make(map="loop", action="velocity", candidates="all", decide="tick", observation="scan").action_of(chosen)
+        make(
+            map="loop",
+            action="velocity",
+            settings={"observation.candidates": "all", "decisions.when": "tick"},
+            observation="scan",
+        ).action_of(chosen)

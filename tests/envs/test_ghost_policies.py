@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pacman_env
-from pacman_env.config import ConfigError
+from pacman_env.config import Config, ConfigError
 from pacman_env.envs.pettingzoo_env import PACMAN
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
@@ -28,7 +28,7 @@ class Sentinel:
         self.seen: list[Situation] = []
         self.resets: list[list[bool]] = []
 
-    def reset(self, games: np.ndarray) -> None:
+    def reset(self, games: np.ndarray, config: Config) -> None:
         self.resets.append(games.tolist())
 
     def select(self, situation: Situation) -> np.ndarray:
@@ -51,6 +51,15 @@ def test_a_policy_sees_the_game_from_its_ghosts_seat() -> None:
         if env.batch.games["end"][0] or told[-1] == seen.mask.shape[1] - 1:
             break
     assert len(told) > 10
+
+
+def test_a_policy_of_0_10_is_refused_with_what_to_do() -> None:
+    class Former(Sentinel):
+        def reset(self, games: np.ndarray) -> None:  # type: ignore[override]
+            """Takes no configuration."""
+
+    with pytest.raises(ValueError, match=r"ghosts\[0\] = .*: since 1.0 a policy has reset\(self, games, config\)"):
+        make(ghosts=[Former()])  # type: ignore[list-item]
 
 
 def test_a_policy_is_told_of_every_new_episode() -> None:

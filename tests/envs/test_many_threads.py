@@ -19,7 +19,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.situation import Situation
 from tests.envs.configurations import RANGES, SMALL
-from tests.envs.helpers import same
+from tests.envs.helpers import joined, same
 
 DECISIONS = int(os.environ.get("PACMAN_ENV_THREADS_DECISIONS", "60"))  # 1,000 for the contract
 N, COMPARED = 14, (0, 5, 13)
@@ -37,22 +37,26 @@ class Patrol(BasePolicy):
 
 CASES: dict[str, dict[str, Any]] = {
     "one map": {},
-    "as built": {"execution": "as_built", "preset": "ideal"},
-    "houses": {"map": "generated", "num_levels": 5},
+    "as built": {"settings": {"execution.rules": "as_built"}, "preset": "ideal"},
+    "houses": {"map": "generated", "settings": {"num_levels": 5}},
     "ghosts": {"ghosts": ("chase", "arcade", "wander", "chase")},
     "policies": {"ghosts": ["wander", Patrol()]},
     "velocities": {"action": "velocity", "map": "maze"},
-    "endless": {"endless": True, "settings": {**SMALL, "execution.pickup_radius_m": 3.0}},
-    "randomised": {"settings": {**SMALL, **RANGES}, "map": "generated", "num_levels": 2},
-    "events": {"decide": "event", "ghosts": ("arcade", "wander")},
-    "events, endless": {"decide": "event", "endless": True, "settings": {**SMALL, "execution.pickup_radius_m": 3.0}},
-    "events, policies": {"decide": "event", "ghosts": ["chase", Patrol()], "map": "generated", "num_levels": 3},
+    "endless": {"settings": {"execution.pickup_radius_m": 3.0, "endless": True}},
+    "randomised": {"settings": {**RANGES, "num_levels": 2}, "map": "generated"},
+    "events": {"settings": {"decisions.when": "event"}, "ghosts": ("arcade", "wander")},
+    "events, endless": {"settings": {"execution.pickup_radius_m": 3.0, "decisions.when": "event", "endless": True}},
+    "events, policies": {
+        "settings": {"decisions.when": "event", "num_levels": 3},
+        "ghosts": ["chase", Patrol()],
+        "map": "generated",
+    },
 }
 all_cases = pytest.mark.parametrize("case", CASES)
 
 
 def made(case: str, n: int, **more: Any) -> PacManBotVectorEnv:
-    return PacManBotVectorEnv(n, **{"settings": SMALL, **copy.deepcopy(CASES[case]), **more})
+    return PacManBotVectorEnv(n, **joined({"settings": SMALL}, copy.deepcopy(CASES[case]), more))
 
 
 def actions(env: PacManBotVectorEnv, decisions: int, n: int, seed: int = 3) -> np.ndarray:
@@ -173,7 +177,10 @@ HOMESICK = Behaviour("homesick", _homesick, (0.6,))
 @pytest.mark.parametrize("decide", ["tick", "event"])
 def test_what_a_ghosts_function_raises_arrives(number: int, ghosts: tuple[str, ...], decide: str) -> None:
     known = {"homesick": f"{__name__}:HOMESICK", "policy": Patrol()}
-    arguments: dict[str, Any] = {"ghosts": [known.get(one, one) for one in ghosts], "decide": decide}
+    arguments: dict[str, Any] = {
+        "ghosts": [known.get(one, one) for one in ghosts],
+        "settings": {"decisions.when": decide},
+    }
     arguments["settings"] = {"clyde.speed_mps": 0.0, "execution.death_radius_m": 1e-6}
     env = PacManBotVectorEnv(N, num_threads=number, **copy.deepcopy(arguments))
     env.reset(seed=0)

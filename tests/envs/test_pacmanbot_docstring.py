@@ -89,7 +89,7 @@ def test_the_docstrings_numbers_are_those_of_the_configuration() -> None:
         f"omega is -{c.robot.omega_radps} rad/s at -1 and {c.robot.omega_radps} rad/s at 1",
         f"`S = {o.grid_pixels}` pixels of {o.grid_pixel_m} m",
         f"Clyde {c.clyde.speed_step_mps} m/s faster",
-        f"to his corner within {c.clyde.arcade_distance_m} m",
+        f"to its corner within {c.clyde.arcade_distance_m} m",
         f"0 to {TEST_LEVEL - 1:,} to train, {TEST_LEVEL:,} to {TEST_LEVEL + TEST_LEVELS - 1:,} to test",
         f"Truncation: {c.time_limit_s:.0f} s (`time_limit_s`)",
         "`outcome` (" + ", ".join(f"`{outcome}`" for outcome in OUTCOMES) + ")",
@@ -104,7 +104,7 @@ def test_the_docstring_names_the_infos_in_their_order() -> None:
     plain, always = make().reset(seed=0)[1], 6
     assert documented[:always] == list(plain)
     settings = {"randomize.speed_mps": (0.2, 0.3)}
-    _, info = make(map="generated", num_levels=1, endless=True, settings=settings).reset(seed=0)
+    _, info = make(map="generated", settings={**settings, "num_levels": 1, "endless": True}).reset(seed=0)
     assert documented == list(info)
 
 
@@ -113,9 +113,9 @@ def test_the_docstring_names_every_argument() -> None:
     documented = {
         name for line in re.findall(r"^    - (.*?):", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)
     }
-    arguments = set(inspect.signature(PacManBotEnv.__init__).parameters) - {"self", "config"}
+    arguments = set(inspect.signature(PacManBotEnv.__init__).parameters) - {"self"}
     assert documented == arguments
-    assert "or `config`: a whole `Config`" in text
+    assert "or a whole `Config`" in text
 
 
 def test_the_docstrings_velocity_space_and_channels_are_those_of_the_environment() -> None:

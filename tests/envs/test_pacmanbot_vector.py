@@ -33,7 +33,7 @@ def random_play(env: PacManBotVectorEnv, steps: int, seed: int) -> list[Any]:
 def test_it_equals_a_vector_of_single_environments(
     mode: AutoresetMode, execution: str, settings: dict[str, Any]
 ) -> None:
-    arguments: dict[str, Any] = {"execution": execution, "settings": settings}
+    arguments: dict[str, Any] = {"settings": {**settings, "execution.rules": execution}}
     native = make_vector(5, autoreset_mode=mode, **arguments)
     singles = make_sync(5, mode, **arguments)
     assert native.observation_space == singles.observation_space
@@ -53,7 +53,7 @@ def test_it_equals_a_vector_of_single_environments(
 
 @pytest.mark.parametrize(("execution", "settings"), EXECUTIONS)
 def test_without_autoreset_it_equals_one_reset_by_mask(execution: str, settings: dict[str, Any]) -> None:
-    arguments: dict[str, Any] = {"execution": execution, "settings": settings}
+    arguments: dict[str, Any] = {"settings": {**settings, "execution.rules": execution}}
     native = make_vector(5, autoreset_mode=AutoresetMode.DISABLED, **arguments)
     singles = make_sync(5, AutoresetMode.DISABLED, **arguments)
     assert same(native.reset(seed=6), singles.reset(seed=6))
@@ -187,8 +187,8 @@ def test_arguments_that_cannot_be_played_are_named() -> None:
         PacManBotVectorEnv(0)
     with pytest.raises(ValueError, match=r"'human'.*rgb_array"):
         PacManBotVectorEnv(2, render_mode="human")
-    with pytest.raises(ConfigError, match="not both"):
-        PacManBotVectorEnv(2, config=Config(), settings=QUICK)
+    with pytest.raises(ConfigError, match="settings is a Config"):
+        PacManBotVectorEnv(2, settings=Config(), preset="ideal")
     with pytest.raises(ValueError, match="2 seeds for 3 games"):
         make_vector(3).reset(seed=[1, 2])
 

@@ -12,9 +12,8 @@ import pytest
 
 import pacman_env
 from pacman_env.config import ConfigError
-from pacman_env.envs.agents import PACMAN, _within_half_a_turn
 from pacman_env.envs.core import EnvCore
-from pacman_env.envs.parallel_vec_env import PacManBotParallelVecEnv
+from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv, _within_half_a_turn
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from tests.envs.helpers import QUICK, nothing_returned_is_changed_later, same
 
@@ -24,15 +23,17 @@ GAMES = 3
 #: Arguments of both environments.
 CASES: dict[str, dict[str, Any]] = {
     "one ghost": {"settings": QUICK},
-    "several, separate": {"ghosts": MIXED, "rewards": "separate", "settings": FAST_GHOSTS},
+    "several, separate": {"ghosts": MIXED, "settings": {**FAST_GHOSTS, "zero_sum": False}},
     "all four, flat": {
         "ghosts": ("policy",) * 4,
         "observation": "flat",
-        "normalize": True,
-        "mask": "beside",
-        "numeric_info": True,
-        "timeout": "termination",
-        "settings": FAST_GHOSTS,
+        "settings": {
+            **FAST_GHOSTS,
+            "observation.normalize": True,
+            "observation.mask": "beside",
+            "observation.numeric_info": True,
+            "timeout": "termination",
+        },
     },
     "velocities, with a scan": {
         "action": "velocity",
@@ -41,19 +42,27 @@ CASES: dict[str, dict[str, Any]] = {
         "settings": FAST_GHOSTS,
     },
     "endless, progress": {
-        "endless": True,
-        "max_cycles": 45,
-        "rewards": "separate",
         "preset": "ideal",
-        "settings": {**QUICK, "execution.death_radius_m": 0.3, "reward.progress": 0.5, "ghost_reward.progress": -0.5},
+        "settings": {
+            **QUICK,
+            "execution.death_radius_m": 0.3,
+            "reward.progress": 0.5,
+            "ghost_reward.progress": -0.5,
+            "endless": True,
+            "max_cycles": 45,
+            "zero_sum": False,
+        },
     },
     "houses, masks in the info": {
         "map": "generated",
-        "num_levels": 4,
         "ghosts": ("policy", "policy"),
-        "mask": "info",
-        "max_cycles": 30,
-        "settings": {**FAST_GHOSTS, "randomize.speed_mps": (0.6, 1.2)},
+        "settings": {
+            **FAST_GHOSTS,
+            "randomize.speed_mps": (0.6, 1.2),
+            "num_levels": 4,
+            "observation.mask": "info",
+            "max_cycles": 30,
+        },
     },
 }
 
@@ -176,7 +185,7 @@ def test_headings_of_the_state_are_turned_without_rounding() -> None:
 
 @pytest.mark.parametrize("case", ["several, separate", "houses, masks in the info", "endless, progress"])
 def test_autoreset_equals_resetting_by_hand(case: str) -> None:
-    auto, by_hand = (make(autoreset=autoreset, **CASES[case]) for autoreset in (True, False))
+    auto, by_hand = (make(autoreset_mode=mode, **CASES[case]) for mode in ("SameStep", "Disabled"))
     assert same(auto.reset(seed=2), by_hand.reset(seed=2))
     rng, ends = np.random.default_rng(4), 0
     for k in range(150):
@@ -202,8 +211,11 @@ def test_autoreset_equals_resetting_by_hand(case: str) -> None:
 
 @pytest.mark.parametrize("rewards", ["zero_sum", "separate"])
 def test_games_that_are_over_stand_still_until_they_are_reset(rewards: Any) -> None:
-    arguments: dict[str, Any] = {"ghosts": MIXED, "settings": FAST_GHOSTS, "max_cycles": 12, "rewards": rewards}
-    env = make(6, autoreset=False, **arguments)
+    arguments: dict[str, Any] = {
+        "ghosts": MIXED,
+        "settings": {**FAST_GHOSTS, "max_cycles": 12, "zero_sum": rewards == "zero_sum"},
+    }
+    env = make(6, autoreset_mode="Disabled", **arguments)
     rng, over, kept = np.random.default_rng(0), np.zeros(6, dtype=np.bool_), {}
     env.reset(seed=1)
     for _ in range(20):
@@ -230,7 +242,7 @@ def test_games_that_are_over_stand_still_until_they_are_reset(rewards: Any) -> N
 
 
 def test_max_cycles_truncate_games_that_still_run_each_by_its_own_count() -> None:
-    env = make(2, max_cycles=3, rewards="separate", autoreset=False)
+    env = make(2, settings={"max_cycles": 3, "zero_sum": False}, autoreset_mode="Disabled")
     env.reset(seed=0)
     still = {PACMAN: np.zeros(2, dtype=int), "clyde": np.zeros(2, dtype=int)}
     env.step(still)
@@ -246,7 +258,7 @@ def test_max_cycles_truncate_games_that_still_run_each_by_its_own_count() -> Non
 
 
 def test_masks_are_those_in_the_observations() -> None:
-    env = make(ghosts=("policy", "policy"), settings=FAST_GHOSTS, map="generated", num_levels=2)
+    env = make(ghosts=("policy", "policy"), settings={**FAST_GHOSTS, "num_levels": 2}, map="generated")
     env.reset(seed=0)
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -269,7 +281,7 @@ def test_with_velocities_only_ghosts_have_masks() -> None:
 
 @pytest.mark.parametrize("mask", ["observation", "beside", "method"])
 def test_observations_of_one_shape_are_stacked(mask: str) -> None:
-    env = make(ghosts=("policy",) * 3, observation="flat", mask=mask)
+    env = make(ghosts=("policy",) * 3, observation="flat", settings={"observation.mask": mask})
     observations, _ = env.reset(seed=0)
     stacked = env.stacked(observations)
     if mask == "beside":
@@ -292,7 +304,7 @@ def test_what_keeps_observations_from_being_stacked_is_named() -> None:
 
 
 def test_a_level_a_round_and_settings_can_be_asked_for() -> None:
-    env = make(map="generated", num_levels=9)
+    env = make(map="generated", settings={"num_levels": 9})
     _, infos = env.reset(seed=0, options={"round_seed": [7, 8, 9], "level": [3, 4, 3]})
     assert infos["round_seed"].tolist() == [7, 8, 9]
     assert infos["level"].tolist() == [3, 4, 3]
@@ -319,9 +331,9 @@ def test_what_was_returned_is_never_changed_later() -> None:
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize("autoreset", [True, False])
-def test_a_copy_made_in_mid_episode_goes_on_alike(copied: Any, autoreset: bool) -> None:
-    env = make(ghosts=MIXED, settings=FAST_GHOSTS, max_cycles=12, autoreset=autoreset, num_threads=2)
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+def test_a_copy_made_in_mid_episode_goes_on_alike(copied: Any, mode: str) -> None:
+    env = make(ghosts=MIXED, settings={**FAST_GHOSTS, "max_cycles": 12}, autoreset_mode=mode, num_threads=2)
     play(env, 9)
     env.reset(mask=np.array([False, True, False]))
     play(env, 6, first=None)
@@ -346,7 +358,12 @@ def test_pictures_are_one_for_each_game() -> None:
 def test_a_loop_over_tensors_as_learners_of_several_agents_write_it() -> None:
     torch = pytest.importorskip("torch")
     torch.manual_seed(0)
-    env = make(8, ghosts=("policy", "policy"), observation="flat", normalize=True, mask="beside", max_cycles=20)
+    env = make(
+        8,
+        ghosts=("policy", "policy"),
+        observation="flat",
+        settings={"observation.normalize": True, "observation.mask": "beside", "max_cycles": 20},
+    )
     observations, _ = env.reset(seed=0)
     stacked = env.stacked(observations)
     actor = torch.nn.Linear(stacked["observation"].shape[-1], stacked["action_mask"].shape[-1])

@@ -11,7 +11,7 @@ import pytest
 
 import pacman_env
 from pacman_env.config import Config, ConfigError
-from pacman_env.envs.agents import PACMAN
+from pacman_env.envs.parallel_vec_env import PACMAN
 from tests.envs.helpers import same
 from tests.envs.test_parallel_vec_env import GAMES, actions_of, make
 
@@ -22,12 +22,17 @@ from tests.envs.test_parallel_vec_env import GAMES, actions_of, make
         ({"num_envs": 0}, ValueError, "num_envs = 0: must be a whole number of at least 1"),
         ({"num_envs": 2.0}, ValueError, "num_envs = 2.0"),
         ({"num_threads": -1}, ValueError, "num_threads = -1"),
-        ({"autoreset": "no"}, ConfigError, "autoreset = 'no': must be True or False"),
-        ({"rewards": "shared"}, ConfigError, "rewards = 'shared': choose zero_sum or separate"),
-        ({"max_cycles": 0}, ConfigError, "max_cycles = 0: must be a whole number of at least 1"),
+        ({"autoreset_mode": "no"}, ValueError, "'no' is not a valid AutoresetMode"),
+        ({"autoreset_mode": "NextStep"}, ValueError, "must be AutoresetMode.SAME_STEP or DISABLED"),
+        ({"settings": {"zero_sum": "shared"}}, ConfigError, "zero_sum = 'shared': must be True or False"),
+        ({"settings": {"max_cycles": 0}}, ConfigError, "max_cycles = 0: must be a whole number of at least 1"),
         ({"ghosts": 2}, ConfigError, "at least one must have the behaviour 'policy'"),
-        ({"config": Config()}, ConfigError, "at least one must have the behaviour 'policy'"),
-        ({"decide": "event"}, ConfigError, "decide='event' and candidates='nearest' are for one agent"),
+        ({"settings": Config()}, ConfigError, "at least one must have the behaviour 'policy'"),
+        (
+            {"settings": {"decisions.when": "event"}},
+            ConfigError,
+            "decisions.when='event' and observation.candidates='nearest' are for one agent",
+        ),
         ({"render_mode": "human"}, ValueError, "render_mode = 'human'"),
     ],
 )
@@ -64,7 +69,7 @@ BAD: list[tuple[str, Any, str]] = [
 
 @pytest.mark.parametrize(("action", "actions", "message"), BAD)
 def test_wrong_actions_are_named_and_leave_the_games_as_they_were(action: str, actions: Any, message: str) -> None:
-    env, twin = (make(action=action, max_cycles=2) for _ in range(2))
+    env, twin = (make(action=action, settings={"max_cycles": 2}) for _ in range(2))
     env.reset(seed=1)
     twin.reset(seed=1)
     good = actions_of(env, np.random.default_rng(0))

@@ -19,7 +19,7 @@ import pytest
 import pacman_env
 from pacman_env.config import Config, ConfigError, RewardConfig, make_config
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
-from tests.envs.helpers import QUICK, arrays, nothing_returned_is_changed_later, same
+from tests.envs.helpers import QUICK, arrays, joined, nothing_returned_is_changed_later, same
 
 ROOT = Path(__file__).resolve().parents[2]
 MIXED = ("policy", "chase", "arcade", "policy")
@@ -69,9 +69,11 @@ def test_agents_are_pacman_and_the_ghosts_that_are_told(ghosts: Any, agents: lis
     assert env.agents == list(observations) == list(infos) == agents
 
 
-@pytest.mark.parametrize("arguments", [{}, {"map": "generated", "num_levels": 3, "endless": True, "preset": "ideal"}])
+@pytest.mark.parametrize(
+    "arguments", [{}, {"map": "generated", "settings": {"num_levels": 3, "endless": True}, "preset": "ideal"}]
+)
 def test_observations_and_states_stay_inside_their_spaces(arguments: dict[str, Any]) -> None:
-    env = pacman_env.parallel_env(ghosts=MIXED, settings=QUICK, **arguments)
+    env = pacman_env.parallel_env(ghosts=MIXED, **joined({"settings": QUICK}, arguments))
     for result in play(env, 150):
         for agent, observation in result[0].items():
             assert env.observation_space(agent).contains(observation), agent
@@ -123,7 +125,7 @@ def test_a_ghost_is_shown_where_he_was_sent() -> None:
 
 @pytest.mark.parametrize("ghosts", [("policy",), ("policy", "policy"), ("policy", "policy", "wander", "policy")])
 def test_zero_sum_rewards_sum_to_zero_and_ghosts_get_equal_parts(ghosts: tuple[str, ...]) -> None:
-    env = pacman_env.parallel_env(ghosts=ghosts, settings=FAST_GHOSTS, endless=True)
+    env = pacman_env.parallel_env(ghosts=ghosts, settings={**FAST_GHOSTS, "endless": True})
     seen = set()
     for result in play(env, 200):
         if len(result) > 2:
@@ -144,7 +146,7 @@ def greedy(observation: dict[str, np.ndarray]) -> int:
 def test_separate_rewards_are_as_documented_for_each_outcome() -> None:
     ends = {"caught": 10.0, "complete": -5.0, "timeout": -5.0, "running": 0.0}
     seen = set()
-    env = pacman_env.parallel_env(ghosts=("policy", "wander", "policy"), rewards="separate", settings=QUICK)
+    env = pacman_env.parallel_env(ghosts=("policy", "wander", "policy"), settings={**QUICK, "zero_sum": False})
     for seed in range(25):
         observations, _ = env.reset(seed=seed)
         while env.agents:
@@ -159,8 +161,8 @@ def test_separate_rewards_are_as_documented_for_each_outcome() -> None:
 
 def test_the_ghosts_own_rewards_can_be_configured() -> None:
     own = RewardConfig(pellet=-1.0, death=3.0, completion=0.0, tick=0.5, timeout=0.0)
-    config = make_config("robot", **{**QUICK, "clyde.ghosts": ("policy",), "ghost_reward": own})
-    env = pacman_env.parallel_env(config=config, rewards="separate")
+    config = make_config("robot", **{**QUICK, "clyde.ghosts": ("policy",), "ghost_reward": own, "zero_sum": False})
+    env = pacman_env.parallel_env(settings=config)
     before, eaten = 0, 0
     observations, _ = env.reset(seed=1)
     while env.agents:
@@ -194,7 +196,7 @@ def test_at_the_end_all_agents_leave_and_a_reset_brings_them_back() -> None:
 
 
 def test_max_cycles_truncate_a_game_that_still_runs() -> None:
-    env = pacman_env.parallel_env(max_cycles=3, rewards="separate")
+    env = pacman_env.parallel_env(settings={"max_cycles": 3, "zero_sum": False})
     for _ in range(2):
         env.reset(seed=0)
         results = [env.step({PACMAN: 0, "clyde": 0}) for _ in range(3)]
@@ -211,11 +213,11 @@ def test_max_cycles_truncate_a_game_that_still_runs() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"rewards": "shared"}, "rewards = 'shared': choose zero_sum or separate"),
-        ({"max_cycles": 0}, "max_cycles = 0: must be a whole number of at least 1"),
+        ({"settings": {"zero_sum": "shared"}}, "zero_sum = 'shared': must be True or False"),
+        ({"settings": {"max_cycles": 0}}, "max_cycles = 0: must be a whole number of at least 1"),
         ({"ghosts": ("wander", "chase")}, "at least one must have the behaviour 'policy'"),
         ({"ghosts": 2}, "at least one must have the behaviour 'policy'"),
-        ({"config": Config()}, "at least one must have the behaviour 'policy'"),
+        ({"settings": Config()}, "at least one must have the behaviour 'policy'"),
         ({"ghosts": ("policy", "hide")}, "hide"),
         ({"ghosts": ("policy",) * 5}, "one to four"),
         ({"ghosts": ("policy", 3)}, r"ghosts\[1\] = 3"),
@@ -245,7 +247,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
 def test_wrong_actions_are_named_and_leave_the_game_as_it_was(
     action: str, actions: dict[str, Any], message: str
 ) -> None:
-    env, twin = (pacman_env.parallel_env(action=action, max_cycles=2) for _ in range(2))
+    env, twin = (pacman_env.parallel_env(action=action, settings={"max_cycles": 2}) for _ in range(2))
     env.reset(seed=1)
     twin.reset(seed=1)
     good = {PACMAN: 1 if action == "goal" else np.array([0.2, 0.5]), "clyde": np.int32(3)}
@@ -311,7 +313,7 @@ def test_what_was_returned_is_never_changed_later() -> None:
 
 
 def digest() -> str:
-    env = pacman_env.parallel_env(ghosts=MIXED, settings=FAST_GHOSTS, rewards="separate")
+    env = pacman_env.parallel_env(ghosts=MIXED, settings={**FAST_GHOSTS, "zero_sum": False})
     results = play(env, 300)
     hashed = hashlib.sha256(repr([(result[1:-1], len(result)) for result in results]).encode())
     for result in results:
@@ -332,10 +334,16 @@ def pickled(env: Any) -> Any:
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, pickled])
 @pytest.mark.parametrize(
-    "arguments", [{}, {"map": "generated", "num_levels": 3, "endless": True}, {"action": "velocity", "max_cycles": 20}]
+    "arguments",
+    [
+        {},
+        {"map": "generated", "settings": {"num_levels": 3, "endless": True}},
+        {"action": "velocity", "settings": {"max_cycles": 20}},
+    ],
 )
 def test_a_copy_made_in_mid_episode_goes_on_alike(copied: Callable[[Any], Any], arguments: dict[str, Any]) -> None:
-    env = pacman_env.parallel_env(ghosts=MIXED, settings={**QUICK, "execution.death_radius_m": 0.3}, **arguments)
+    settings = {**QUICK, "execution.death_radius_m": 0.3}
+    env = pacman_env.parallel_env(ghosts=MIXED, **joined({"settings": settings}, arguments))
     play(env, 11)
     assert env.agents
     twin = copied(env)

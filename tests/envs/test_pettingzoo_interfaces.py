@@ -12,7 +12,7 @@ from gymnasium import spaces
 import pacman_env
 from pacman_env.envs.pettingzoo_env import PACMAN
 from pacman_env.envs.registration import FLAT_ID
-from tests.envs.helpers import QUICK, make, same
+from tests.envs.helpers import QUICK, joined, make, same
 from tests.envs.test_pettingzoo_env import FAST_GHOSTS, MIXED, actions_of
 
 
@@ -20,18 +20,18 @@ from tests.envs.test_pettingzoo_env import FAST_GHOSTS, MIXED, actions_of
     "arguments",
     [
         {},
-        {"preset": "ideal", "execution": "as_built"},
+        {"preset": "ideal", "settings": {"execution.rules": "as_built"}},
         {"map": "maze", "settings": {**QUICK, "nav2.abort_rate": 0.3, "max_pellets": 20}},
         {"action": "velocity", "observation": ("features", "scan", "grid")},
         {"observation": "grid", "settings": {**QUICK, "randomize.clyde_speed_mps": (0.2, 0.9)}},
-        {"endless": True, "preset": "ideal"},
-        {"map": "generated", "num_levels": 3, "endless": True},
+        {"settings": {"endless": True}, "preset": "ideal"},
+        {"map": "generated", "settings": {"num_levels": 3, "endless": True}},
         {"ghosts": ("policy", "policy", "wander", "chase")},
     ],
     ids=["house", "ideal", "maze", "velocity", "grid", "endless", "generated", "four"],
 )
 def test_with_ghosts_told_to_wander_pacman_plays_the_gymnasium_environment(arguments: dict[str, Any]) -> None:
-    arguments = {"settings": QUICK, **arguments}
+    arguments = joined({"settings": QUICK}, arguments)
     ghosts = arguments.pop("ghosts", ("policy",))
     env = pacman_env.parallel_env(ghosts=ghosts, **arguments)
     single = make(ghosts=["wander" if ghost == "policy" else ghost for ghost in ghosts], **arguments)
@@ -50,8 +50,8 @@ def test_with_ghosts_told_to_wander_pacman_plays_the_gymnasium_environment(argum
 
 
 def test_agent_by_agent_it_is_the_same_game() -> None:
-    parallel = pacman_env.parallel_env(ghosts=MIXED, settings=FAST_GHOSTS, rewards="separate")
-    turns = pacman_env.env(ghosts=MIXED, settings=FAST_GHOSTS, rewards="separate")
+    parallel = pacman_env.parallel_env(ghosts=MIXED, settings={**FAST_GHOSTS, "zero_sum": False})
+    turns = pacman_env.env(ghosts=MIXED, settings={**FAST_GHOSTS, "zero_sum": False})
     rng = np.random.default_rng(0)
     for episode in range(4):
         observations, infos = parallel.reset(seed=3 if episode == 0 else None)
@@ -72,10 +72,16 @@ def test_agent_by_agent_it_is_the_same_game() -> None:
 
 
 SHAPES: tuple[dict[str, Any], ...] = (
-    {"observation": "flat", "normalize": True, "mask": "beside", "numeric_info": True},
-    {"observation": "flat", "normalize": True, "mask": "info", "numeric_info": True},
-    {"observation": ("features", "planner"), "mask": "beside"},
-    {"observation": "flat", "mask": "method", "ghosts": ("policy", "policy", "wander")},
+    {
+        "observation": "flat",
+        "settings": {"observation.normalize": True, "observation.mask": "beside", "observation.numeric_info": True},
+    },
+    {
+        "observation": "flat",
+        "settings": {"observation.normalize": True, "observation.mask": "info", "observation.numeric_info": True},
+    },
+    {"observation": ("features", "planner"), "settings": {"observation.mask": "beside"}},
+    {"observation": "flat", "settings": {"observation.mask": "method"}, "ghosts": ("policy", "policy", "wander")},
 )
 
 
@@ -90,10 +96,10 @@ def test_in_the_shapes_of_learners_the_game_is_the_same(arguments: dict[str, Any
     while env.agents:
         for agent in env.agents:
             mask = seen[agent]["action_mask"]
-            if arguments["mask"] == "beside":
+            if arguments["settings"]["observation.mask"] == "beside":
                 np.testing.assert_array_equal(observations[agent]["action_mask"], mask)
                 assert mask.dtype == observations[agent]["action_mask"].dtype == np.int8
-            if arguments["mask"] == "info":
+            if arguments["settings"]["observation.mask"] == "info":
                 np.testing.assert_array_equal(infos[agent]["action_mask"], mask)
             assert observations[agent] in env.observation_spaces[agent]
         actions = actions_of(plain, rng)

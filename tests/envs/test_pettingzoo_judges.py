@@ -8,6 +8,7 @@ import sys
 import time
 import types
 import warnings
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -32,13 +33,14 @@ with warnings.catch_warnings():
 FIELDS: dict[str, list[Any]] = {
     "ghosts": [("policy",), ("policy", "policy"), ("wander", "policy"), ("policy", "chase", "arcade", "policy")],
     "observation": ["features", ("scan", "grid"), ("features", "scan", "grid")],
-    "rewards": ["zero_sum", "separate"],
+    "zero_sum": [True, False],
     "action": ["goal", "velocity"],
-    "endless": [False, True],
     "map": ["house", "generated"],
     "preset": ["robot", "ideal"],
-    "execution": ["robust", "as_built"],
+    "endless": [False, True],
+    "execution.rules": ["robust", "as_built"],
 }
+SETTINGS = ("zero_sum", "endless", "execution.rules")
 #: Episodes end within the judges' patience, in more ways than one.
 SHORT = {"time_limit_s": 6.0, "clyde.speed_mps": 0.6}
 
@@ -56,7 +58,9 @@ def pairwise() -> list[dict[str, Any]]:
 
 
 def arguments(row: dict[str, Any]) -> dict[str, Any]:
-    return {**row, "settings": SHORT, **({"num_levels": 2} if row["map"] == "generated" else {})}
+    settings = {**SHORT, **{name: row[name] for name in SETTINGS}}
+    settings |= {"num_levels": 2} if row["map"] == "generated" else {}
+    return {**{name: value for name, value in row.items() if name not in SETTINGS}, "settings": settings}
 
 
 ROWS = pairwise()
@@ -92,7 +96,10 @@ def test_a_seed_decides_the_game_in_both_interfaces(row: dict[str, Any]) -> None
 
 
 def test_max_cycles_are_obeyed_in_both_interfaces() -> None:
-    max_cycles_test(pacman_env)
+    def limited(make: Any) -> Any:
+        return lambda max_cycles: make(settings={"max_cycles": max_cycles})
+
+    max_cycles_test(SimpleNamespace(env=limited(pacman_env.env), parallel_env=limited(pacman_env.parallel_env)))
 
 
 def test_every_render_mode_gives_what_it_should(monkeypatch: pytest.MonkeyPatch) -> None:

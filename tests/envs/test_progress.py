@@ -10,15 +10,15 @@ import pytest
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
-from tests.envs.helpers import QUICK, make, make_vector, same
+from tests.envs.helpers import QUICK, joined, make, make_vector, same
 
 PROGRESS = 0.7
 GAMES: dict[str, dict[str, Any]] = {
-    "velocities": {"action": "velocity", "action_range": "unit"},
+    "velocities": {"action": "velocity", "settings": {"action_range": "unit"}},
     "goals": {},
-    "goals_between_events": {"decide": "event", "candidates": "nearest"},
+    "goals_between_events": {"settings": {"decisions.when": "event", "observation.candidates": "nearest"}},
     "goals_that_are_aborted": {"settings": {"nav2.abort_rate": 0.3}},
-    "endless": {"endless": True, "settings": {"execution.pickup_radius_m": 3.0}},
+    "endless": {"settings": {"execution.pickup_radius_m": 3.0, "endless": True}},
 }
 
 
@@ -61,7 +61,7 @@ def test_the_sum_over_an_episode_is_what_was_before_and_what_is_left(
 ) -> None:
     seen = set()
     for seed in range(3):
-        envs = twins(discount_per_s, seed, timeout=timeout, **GAMES[name])
+        envs = twins(discount_per_s, seed, **joined(GAMES[name], {"settings": {"timeout": timeout}}))
         before = path_left(envs[0])
         found, terminated = differences(envs, seed)
         total, factor = 0.0, 1.0
@@ -130,7 +130,7 @@ def test_without_it_nothing_is_computed() -> None:
 
 def test_a_ghost_has_one_of_his_own() -> None:
     settings = {"ghost_reward.progress": -PROGRESS, "time_limit_s": 20.0}
-    one, other = (PacManBotParallelEnv(rewards="separate", settings=chosen) for chosen in (settings, {}))
+    one, other = (PacManBotParallelEnv(settings={**chosen, "zero_sum": False}) for chosen in (settings, {}))
     for env in (one, other):
         env.reset(seed=0)
     situation = one.situation

@@ -26,7 +26,7 @@ from pacman_env.game.round import clyde_speed_mps
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.world.navigation.navigator import SUCCEEDED
 from tests.envs.configurations import PAIRWISE, RANGES, SMALL, arguments, name
-from tests.envs.helpers import QUICK, arrays, make, make_vector, same
+from tests.envs.helpers import QUICK, arrays, joined, make, make_vector, same
 
 ROOT = Path(__file__).resolve().parents[2]
 Environment = PacManBotEnv | PacManBotVectorEnv
@@ -154,7 +154,7 @@ def test_copies_in_the_middle_of_an_episode_continue_identically(combination: di
 def many_rounds(**chosen: Any) -> dict[str, Any]:
     """Endless games whose rounds are over soon, and that nobody is caught in."""
     settings = {**SMALL, "execution.pickup_radius_m": 3.0, "execution.death_radius_m": 1e-6, "time_limit_s": 30.0}
-    return {"endless": True, "settings": settings, **chosen}
+    return {"settings": {**settings, "endless": True}, **chosen}
 
 
 @pytest.mark.parametrize("action", ["goal", "velocity"])
@@ -192,11 +192,11 @@ def test_so_do_copies_of_robots_that_push_against_walls(preset: str) -> None:
 
 MAPS: list[dict[str, Any]] = [
     {"map": "house"},
-    {"map": "house", "execution": "as_built"},
+    {"map": "house", "settings": {"execution.rules": "as_built"}},
     {"map": "maze", "preset": "ideal"},
     {"map": "loop"},
     {"map": "open_plan"},
-    {"map": "generated", "start_level": 3, "num_levels": 1},
+    {"map": "generated", "settings": {"start_level": 3, "num_levels": 1}},
 ]
 
 
@@ -205,7 +205,10 @@ def test_every_allowed_goal_is_reached_or_reported(chosen: dict[str, Any]) -> No
     one = make(**chosen).batch
     pellets, slots = one.assets.pellets, one.pellet_slots
     goals = np.r_[:pellets, slots : slots + one.assets.refuges]
-    env, games = make_vector(len(goals), autoreset_mode="Disabled", settings=HARMLESS, **chosen), np.arange(len(goals))
+    env, games = (
+        make_vector(len(goals), autoreset_mode="Disabled", **joined({"settings": HARMLESS}, chosen)),
+        np.arange(len(goals)),
+    )
     env.reset(seed=4)
     state, reached, waiting = env.batch.games, np.zeros(len(goals), dtype=bool), np.ones(len(goals), dtype=bool)
     assert env.action_masks()[games, goals].all()
@@ -233,7 +236,7 @@ def test_every_allowed_goal_is_reached_or_reported(chosen: dict[str, Any]) -> No
 
 @pytest.mark.parametrize("chosen", MAPS, ids=lambda chosen: "-".join(map(str, chosen.values())))
 def test_every_pellet_left_and_every_refuge_is_allowed_unless_it_waits_after_an_abort(chosen: dict[str, Any]) -> None:
-    env = make_vector(4, settings={**QUICK, "nav2.abort_rate": 0.2, "max_pellets": 20}, **chosen)
+    env = make_vector(4, **joined({"settings": {**QUICK, "nav2.abort_rate": 0.2, "max_pellets": 20}}, chosen))
     env.reset(seed=1)
     back_off = round(env.config.execution.back_off_s / env.config.execution.tick_s)
     pellets, refuges = env.batch.pellet_slots, env.batch.assets.refuges
@@ -273,7 +276,7 @@ def nearest_pellet(env: PacManBotEnv) -> int:
 @pytest.mark.parametrize("source", ["house", "generated"])
 def test_endless_rounds_follow_one_another_until_death_or_time(source: str) -> None:
     settings = {**SMALL, "time_limit_s": 60.0, "clyde.speed_step_mps": 0.1, "pellets.spacing_m": 3.0}
-    env = make(map=source, endless=True, preset="ideal", settings=settings)
+    env = make(map=source, preset="ideal", settings={**settings, "endless": True})
     config, outcomes, rounds = env.config, set(), 1
     for seed in range(12):
         _, before = env.reset(seed=seed)
@@ -326,19 +329,19 @@ def test_an_endless_game_ends_at_the_time_limit_of_one_of_its_rounds() -> None:
 def test_what_is_drawn_is_reported_lies_in_its_range_and_belongs_to_the_seed(endless: bool) -> None:
     settings = {**SMALL, **RANGES, "time_limit_s": 5.0}
     names = [key.partition(".")[2] for key in RANGES]
-    env = make_vector(40, map="maze", endless=endless, settings=settings)
+    env = make_vector(40, map="maze", settings={**settings, "endless": endless})
     infos = env.reset(seed=100)[1]
     for key, (low, high) in zip(names, RANGES.values(), strict=True):
         assert (low <= infos[key]).all()
         assert (infos[key] <= high).all()
         assert infos[key].std() > 0.1 * (high - low)
     assert len(names) == 9
-    late = make(map="maze", endless=endless, settings=settings)
+    late = make(map="maze", settings={**settings, "endless": endless})
     play_some = [late.reset(seed=9), *play(late, 30, seed=0)]  # other episodes, whose values must not leak in
     assert len({result[-1]["speed_mps"] for result in play_some}) > 1
     _, info = late.reset(seed=100)
     assert {key: info[key] for key in names} == {key: infos[key][0] for key in names}
-    fresh = make(map="maze", endless=endless, settings=settings)
+    fresh = make(map="maze", settings={**settings, "endless": endless})
     fresh.reset(seed=100)
     assert same(play(late, 30, seed=1), play(fresh, 30, seed=1))
 

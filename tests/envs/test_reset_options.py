@@ -14,7 +14,7 @@ import pacman_env
 from pacman_env.config import ConfigError
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.envs.reset_options import SEEDS, ResetOptions
+from pacman_env.envs.resets import SEEDS, ResetOptions
 from tests.envs.helpers import same
 
 BAD: list[tuple[Any, str]] = [
@@ -55,7 +55,7 @@ def test_a_round_seed_gives_the_same_episode_again_and_draws_nothing(map: str) -
 
 
 def test_a_level_is_played_whatever_the_seed() -> None:
-    env = PacManBotEnv(map="generated:test", num_levels=50)
+    env = PacManBotEnv(map="generated:test", settings={"num_levels": 50})
     seen = []
     for level in (1_000_003, 1_000_049, 1_000_000):
         _, info = env.reset(seed=1, options={"level": level})

@@ -48,8 +48,8 @@ def random_play(env: PacManBotVecEnv, steps: int, seed: int) -> list[Any]:
 @pytest.mark.parametrize("execution", ["robust", "as_built"])
 def test_it_equals_a_vector_of_monitored_single_environments(execution: str) -> None:
     settings = {**QUICK, "nav2.abort_rate": 0.3} if execution == "as_built" else QUICK
-    native = PacManBotVecEnv(5, execution=execution, settings=settings)
-    singles = make_dummy(5, execution=execution, settings=settings)
+    native = PacManBotVecEnv(5, settings={**settings, "execution.rules": execution})
+    singles = make_dummy(5, settings={**settings, "execution.rules": execution})
     assert native.observation_space == singles.observation_space
     assert native.action_space == singles.action_space
     assert native.seed(3) == singles.seed(3)
@@ -72,7 +72,9 @@ def test_it_equals_a_vector_of_monitored_single_environments(execution: str) -> 
 
 
 def test_infos_of_ends_alone_change_nothing_else() -> None:
-    whole, short = (PacManBotVecEnv(5, settings={**QUICK, "time_limit_s": 8.0}, infos=i) for i in ("all", "ends"))
+    whole, short = (
+        PacManBotVecEnv(5, settings={**QUICK, "time_limit_s": 8.0, "observation.infos": i}) for i in ("all", "ends")
+    )
     for env in (whole, short):
         env.seed(3)
     assert same(whole.reset(), short.reset())
@@ -84,7 +86,10 @@ def test_infos_of_ends_alone_change_nothing_else() -> None:
             assert told == (info if done else {})
         ended += int(result[2].sum())
     assert ended > 5
-    for bad in ({"infos": "none"}, {"infos": "ends", "autoreset_mode": "NextStep"}):
+    for bad in (
+        {"settings": {"observation.infos": "none"}},
+        {"settings": {"observation.infos": "ends"}, "autoreset_mode": "NextStep"},
+    ):
         with pytest.raises(ValueError, match="infos = "):
             make_vector(2, **bad)
 
@@ -292,6 +297,9 @@ def test_what_are_no_actions_is_named_and_changes_nothing() -> None:
 def test_flat_has_the_defaults_of_pacmanbotflat() -> None:
     native = PacManBotVecEnv(2, flat=True, map="loop")
     assert native.observation_space == gym.make("pacman_env/PacManBotFlat-v0", map="loop").observation_space
-    assert PacManBotVecEnv(2, flat=True, map="loop", decide="tick").env.config.decisions.when == "tick"
+    assert (
+        PacManBotVecEnv(2, flat=True, map="loop", settings={"decisions.when": "tick"}).env.config.decisions.when
+        == "tick"
+    )
     with pytest.raises(TypeError, match=r"\['flat'\] given with an environment that is made already"):
         PacManBotVecEnv(native.env, flat=True)

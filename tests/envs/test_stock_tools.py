@@ -18,6 +18,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecMonitor
 
 import pacman_env
+from pacman_env.config import make_config
 from pacman_env.envs.registration import FLAT_ID
 from pacman_env.sb3 import PacManBotVecEnv
 from tests.envs.helpers import ID, QUICK, same
@@ -48,13 +49,21 @@ def test_a_specification_in_json_is_the_same_specification(env_id: str) -> None:
     [
         (FLAT_ID, {}),
         (FLAT_ID, {"observation": ("features", "scan", "flat"), "settings": {"randomize.speed_mps": (0.2, 0.3)}}),
-        (ID, {"observation": ("scan", "grid"), "ghosts": ("wander", "nearest"), "home": (0.5, 0.0, 1.0)}),
+        (ID, {"observation": ("scan", "grid"), "ghosts": ("wander", "nearest"), "settings": {"home": (0.5, 0.0, 1.0)}}),
+        (
+            ID,
+            {"flat": True, "settings": {"observation.kinds": ("scan",), "clyde.ghosts": np.array(["chase", "wander"])}},
+        ),
+        (ID, {"settings": make_config("ideal", "as_built", **{"clyde.ghosts": ("chase",)})}),
     ],
 )
 def test_an_environment_made_from_its_specification_in_json_plays_the_same(env_id: str, arguments: Any) -> None:
     env = gym.make(env_id, map="loop", **arguments)
     assert env.spec is not None
-    again: Any = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    spec = EnvSpec.from_json(env.spec.to_json())
+    assert spec == env.spec
+    again: Any = gym.make(spec)
+    assert again.spec == spec
     assert again.unwrapped.config == env.unwrapped.config  # type: ignore[attr-defined]
     assert (again.observation_space, again.action_space) == (env.observation_space, env.action_space)
     assert same(env.reset(seed=3), again.reset(seed=3))
@@ -64,11 +73,11 @@ def test_an_environment_made_from_its_specification_in_json_plays_the_same(env_i
 
 @pytest.mark.parametrize("env_id", [ID, FLAT_ID])
 def test_masks_in_infos_are_what_sample_takes(env_id: str) -> None:
-    env = gym.make(env_id, map="loop", mask="info")
+    env = gym.make(env_id, map="loop", settings={"observation.mask": "info"})
     _, info = env.reset(seed=0)
     assert info["action_mask"][env.action_space.sample(info["action_mask"])]
     assert env.action_space.sample(env.unwrapped.action_masks().astype(np.int8)) < len(info["action_mask"])
-    envs = gym.make_vec(env_id, num_envs=3, map="loop", mask="info")
+    envs = gym.make_vec(env_id, num_envs=3, map="loop", settings={"observation.mask": "info"})
     _, infos = envs.reset(seed=0)
     actions = envs.action_space.sample(tuple(infos["action_mask"]))
     assert infos["action_mask"][np.arange(3), actions].all()

@@ -14,7 +14,11 @@ from tests.envs.helpers import same
 
 ARGUMENTS: list[dict[str, Any]] = [
     {"map": "house"},
-    {"map": "generated", "num_levels": 40, "decide": "event", "observation": ("planner", "flat"), "normalize": True},
+    {
+        "map": "generated",
+        "settings": {"num_levels": 40, "decisions.when": "event", "observation.normalize": True},
+        "observation": ("planner", "flat"),
+    },
     {"map": "maze", "action": "velocity", "autoreset_mode": "SameStep", "max_episode_steps": 7},
     {"map": "house", "ghosts": ("chase", "wander"), "autoreset_mode": "SameStep", "max_episode_steps": 5},
 ]

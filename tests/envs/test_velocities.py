@@ -13,17 +13,20 @@ from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.sb3 import PacManBotVecEnv
-from tests.envs.helpers import make, make_vector, same
+from tests.envs.helpers import joined, make, make_vector, same
 
-UNIT: dict[str, Any] = {"action": "velocity", "action_range": "unit"}
+UNIT: dict[str, Any] = {"action": "velocity", "settings": {"action_range": "unit"}}
 #: Of a learner that knows no dictionaries and no masks.
 LEARNERS: dict[str, Any] = {
-    **UNIT,
-    "normalize": True,
-    "mask": "method",
-    "numeric_info": True,
-    "timeout": "termination",
-    "settings": {"reward.progress": 0.5},
+    "action": "velocity",
+    "settings": {
+        "action_range": "unit",
+        "reward.progress": 0.5,
+        "observation.normalize": True,
+        "observation.mask": "method",
+        "observation.numeric_info": True,
+        "timeout": "termination",
+    },
 }
 
 
@@ -87,7 +90,9 @@ def test_what_is_no_number_is_refused(action: list[float]) -> None:
 
 @pytest.mark.filterwarnings("ignore:You are trying to run PPO on the GPU")
 def test_a_model_trained_on_scans_in_generated_houses_drives_on_any_map() -> None:
-    envs = PacManBotVecEnv(2, map="generated", num_levels=2, observation=("scan", "flat"), **LEARNERS)
+    envs = PacManBotVecEnv(
+        2, observation=("scan", "flat"), **joined({"map": "generated", "settings": {"num_levels": 2}}, LEARNERS)
+    )
     model = PPO("MlpPolicy", envs, n_steps=8, batch_size=16, n_epochs=1, seed=0, device="cpu").learn(16)
     games = PacManBotVecEnv(2, map="maze", observation=("scan", "flat"), **LEARNERS)
     actions, _ = model.predict(games.reset(), deterministic=True)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pacman_env.config import Config
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play, play_in
 from pacman_env.evaluation.compare.scenarios import Levels, open_scenario
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
@@ -67,7 +68,7 @@ def test_the_record_is_that_of_the_game_played_alone_by_hand() -> None:
 
     batch, policy = GameBatch(map_assets("house", CONFIG), CONFIG, 1), make_policy("nearest")
     batch.reset(np.arange(1), episode_seeds(5, 3)[2:])
-    policy.reset(np.ones(1, np.bool_))
+    policy.reset(np.ones(1, np.bool_), CONFIG)
     while batch.games["end"][0] == RUNNING:
         batch.step(policy.select(batch.situation()))
     record = played("nearest")[0][2]
@@ -158,7 +159,7 @@ class _Watcher(Nearest):
 
 
 class _WithState(_Watcher):
-    def reset(self, games: np.ndarray) -> None:
+    def reset(self, games: np.ndarray, config: Config) -> None:
         """Has something to forget."""
 
 

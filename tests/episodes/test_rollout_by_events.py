@@ -38,7 +38,7 @@ class Careless(Nearest):
         super().__init__()
         self._asked = np.zeros(0, np.int64)
 
-    def reset(self, games: NDArray[np.bool_]) -> None:
+    def reset(self, games: NDArray[np.bool_], config: Config) -> None:
         if len(self._asked) != len(games):
             self._asked = np.zeros(len(games), np.int64)
         self._asked[games] = 0
@@ -68,10 +68,10 @@ POLICIES = {"nearest": Nearest, "clyde_aware": lambda: make_policy("clyde_aware"
 def in_the_environment(policy: Policy) -> tuple[NDArray[np.uint64], NDArray]:
     """Seeds of rounds, and how they ended."""
     envs = PacManBotVectorEnv(
-        GAMES, map="house", decide="event", settings=SETTINGS, autoreset_mode=AutoresetMode.DISABLED
+        GAMES, map="house", settings={**SETTINGS, "decisions.when": "event"}, autoreset_mode=AutoresetMode.DISABLED
     )
     _, infos = envs.reset(seed=4)
-    policy.reset(np.ones(GAMES, np.bool_))
+    policy.reset(np.ones(GAMES, np.bool_), envs.config)
     while (envs.batch.games["end"] == RUNNING).any():
         envs.step(policy.select(envs.situation))
     games, records = envs.batch.games, np.zeros(GAMES, EPISODE)
@@ -106,7 +106,7 @@ def test_a_policy_is_asked_less_often_by_events() -> None:
 
 def test_an_endless_game_by_events_is_that_of_the_environment() -> None:
     settings = {"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "execution.pickup_radius_m": 2.0}
-    env = PacManBotEnv(map="house", decide="event", endless=True, settings=settings)
+    env = PacManBotEnv(map="house", settings={**settings, "decisions.when": "event", "endless": True})
     policy, time_s = Nearest(), 0.0
     _, info = env.reset(seed=2)
     while info["outcome"] == "running":

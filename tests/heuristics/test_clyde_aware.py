@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pacman_env.config import make_config
 from pacman_env.heuristics.clyde_aware import ClydeAware
 from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 from tests.policies.contract import PolicyContract, random_situation
@@ -50,6 +51,14 @@ def threatening(policy: ClydeAware, situation: Situation) -> bool:
 class TestDeployed(PolicyContract):
     def make(self) -> ClydeAware:
         return ClydeAware()
+
+
+def test_the_death_radius_is_the_games_unless_it_is_given() -> None:
+    wide = make_config(**{"execution.death_radius_m": 0.6})
+    for policy, radius_m in ((ClydeAware(), 0.6), (ClydeAware(death_radius_m=0.3), 0.3)):
+        policy.reset(np.ones(1, np.bool_), wide)
+        assert policy.parameters.death_radius_m == radius_m
+    assert ClydeAware().parameters.death_radius_m == make_config().execution.death_radius_m == 0.25
 
 
 class TestDocumented(PolicyContract):
@@ -200,7 +209,7 @@ class TestThreatExitMargin:
     def test_reset_ends_it(self) -> None:
         policy = ClydeAware(threat_exit_margin_m=0.5)
         policy.select(self.at(1.9))
-        policy.reset(np.array([True]))
+        policy.reset(np.array([True]), make_config())
         assert not threatening(policy, self.at(2.1))
 
     def test_another_number_of_games_needs_a_reset(self) -> None:
@@ -208,7 +217,7 @@ class TestThreatExitMargin:
         policy.select(random_situation(0, 4))
         with pytest.raises(ValueError, match="2 games, but 4 are remembered"):
             policy.select(random_situation(0, 2))
-        policy.reset(np.ones(2, np.bool_))
+        policy.reset(np.ones(2, np.bool_), make_config())
         assert policy.select(random_situation(0, 2)).shape == (2,)
 
 

@@ -25,6 +25,14 @@ class TestLookahead(PolicyContract):
         return Lookahead()
 
 
+def test_the_robots_speed_is_the_games_unless_it_is_given() -> None:
+    batch, fast = started(1), make_config(**{"robot.speed_mps": 0.3})
+    situation, policy = batch.situation(), Lookahead()
+    policy.reset(np.ones(1, np.bool_), fast)
+    np.testing.assert_array_equal(policy.scores(situation), Lookahead(robot_speed_mps=0.3).scores(situation))
+    assert not np.array_equal(policy.scores(situation), Lookahead().scores(situation))
+
+
 def started(n: int = 20, name: str = "loop", clyde_mps: float = 0.25) -> GameBatch:
     config = make_config(**{"clyde.speed_mps": clyde_mps})
     batch = GameBatch(map_assets(name, config), config, n)

@@ -76,7 +76,7 @@ class PolicyContract:
 
     def fresh(self, games: int) -> Policy:
         policy = self.make()
-        policy.reset(np.ones(games, np.bool_))
+        policy.reset(np.ones(games, np.bool_), make_config())
         return policy
 
     @pytest.mark.parametrize("seed", range(3))
@@ -112,7 +112,7 @@ class PolicyContract:
     def test_reset_makes_a_policy_as_new(self) -> None:
         used, fresh = self.fresh(50), self.fresh(50)
         used.select(random_situation(5, 50))
-        used.reset(np.ones(50, np.bool_))
+        used.reset(np.ones(50, np.bool_), make_config())
         situation = random_situation(6, 50)
         np.testing.assert_array_equal(used.select(situation), fresh.select(situation))
 
@@ -122,7 +122,7 @@ class PolicyContract:
         games = np.arange(50) % 2 == 0
         some.select(before)
         kept.select(before)
-        some.reset(games)
+        some.reset(games, make_config())
         expected = np.where(games, fresh.select(after), kept.select(after))
         np.testing.assert_array_equal(some.select(after), expected)
 

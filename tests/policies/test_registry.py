@@ -3,10 +3,12 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from pacman_env.policies.base import Policy
+from pacman_env.heuristics.simple import Nearest
+from pacman_env.policies.base import Policy, check_reset
 from pacman_env.policies.registry import make_policy, policy_names, register_policy
 from tests.policies.contract import PolicyContract
 
@@ -51,6 +53,16 @@ def test_parameters_reach_the_policy() -> None:
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match=r"unknown policy 'nearst': choose one of .*nearest"):
         make_policy("nearst")
+
+
+def test_a_policy_of_0_10_is_refused_with_what_to_do() -> None:
+    class Former(Nearest):
+        def reset(self, games: Any) -> None:  # type: ignore[override]
+            """Takes no configuration."""
+
+    with pytest.raises(ValueError, match=r"add the argument") as refusal:
+        check_reset(Former(), "policy 'former'")
+    assert str(refusal.value) == "policy 'former': since 1.0 a policy has reset(self, games, config), add the argument"
 
 
 def test_a_name_is_given_once() -> None:

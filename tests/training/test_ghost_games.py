@@ -93,7 +93,7 @@ def test_training_games_are_zero_sum_scaled_and_end_at_the_time_limit() -> None:
     games = make_ghost_games(ARGUMENTS, 0, ROBOT)
     world: DummyVecEnv = games.venv  # type: ignore[assignment]
     for env in world.envs:
-        env.game.max_cycles = 12  # type: ignore[attr-defined]
+        env.game._core.config = env.game.config.with_fields(max_cycles=12)  # type: ignore[attr-defined]
     paid: list[float] = []
     step = PacManBotParallelEnv.step
 
@@ -150,7 +150,7 @@ def test_masks_and_attributes_are_found_by_the_names_that_are_asked_for() -> Non
     games = begun([quick() for _ in range(2)])
     assert games.has_attr("action_masks")
     assert not games.has_attr("no_such_thing")
-    assert [game.rewards for game in games.get_attr("game")] == ["zero_sum", "zero_sum"]
+    assert [game.config.zero_sum for game in games.get_attr("game")] == [True, True]
     games.set_attr("render_mode", "ansi", indices=1)
     assert games.get_attr("render_mode") == [None, "ansi"]
     assert len(games.env_method("action_masks")) == 2

@@ -32,7 +32,7 @@ SEEDS = np.random.default_rng(0).integers(2**63, size=20_000, dtype=np.uint64)
 
 def game(ghosts: Ghosts, games: int = GAMES) -> EnvCore:
     """Rounds in a few houses, begun."""
-    result = EnvCore(games, EnvArguments("generated", ghosts=ghosts, start_level=0, num_levels=4))
+    result = EnvCore(games, EnvArguments("generated", ghosts=ghosts, settings={"start_level": 0, "num_levels": 4}))
     result.reset(np.arange(games), SEEDS[:games])
     return result
 

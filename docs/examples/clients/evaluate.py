@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +20,6 @@ Choose = Callable[[Any, NDArray[np.bool_]], NDArray[Any]]
 BASELINES = ("nearest", "random")
 BATCH = 50  # games at once
 COMPLETE = list(OUTCOMES).index("complete")
-FLAT_DEFAULTS = gym.spec("pacman_env/PacManBotFlat-v0").kwargs
 
 
 def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParser:
@@ -49,7 +47,7 @@ def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **argu
             observation, *_, info = env.step(choose(observation, env.action_masks()))
         return info["outcome"]
 
-    return _played(play, map, rounds, seed, {**FLAT_DEFAULTS, **arguments}) == COMPLETE
+    return _played(play, map, rounds, seed, {"flat": True, **arguments}) == COMPLETE
 
 
 def baseline(name: str, map: str, rounds: int = 200, seed: int = 0) -> NDArray[np.bool_]:
@@ -58,12 +56,12 @@ def baseline(name: str, map: str, rounds: int = 200, seed: int = 0) -> NDArray[n
 
     def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:
         _, info = env.reset(seed=first)
-        policy.reset(np.ones(env.num_envs, dtype=np.bool_))
+        policy.reset(np.ones(env.num_envs, dtype=np.bool_), env.config)
         while (info["outcome"] == 0).any():
             *_, info = env.step(policy.select(env.situation))
         return info["outcome"]
 
-    return _played(play, map, rounds, seed, {"numeric_info": True}) == COMPLETE
+    return _played(play, map, rounds, seed, {"settings": {"observation.numeric_info": True}}) == COMPLETE
 
 
 def _played(

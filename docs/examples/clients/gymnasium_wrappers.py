@@ -36,6 +36,7 @@ def torch_wrapper(where: Any) -> Callable[[Any], Any]:
     return lambda env: where.NumpyToTorch(env)
 
 
+_NUMBERS = {"settings": {"observation.numeric_info": True}}
 SINGLE: dict[str, Row] = {
     "TimeAwareObservation": Row(wrappers.TimeAwareObservation, {"max_episode_steps": 200}),
     "TimeLimit": Row(lambda env: wrappers.TimeLimit(env, 20)),
@@ -49,7 +50,7 @@ SINGLE: dict[str, Row] = {
     "ClipReward": Row(lambda env: wrappers.ClipReward(env, -1, 1)),
     "StickyAction": Row(lambda env: wrappers.StickyAction(env, 0.25)),
     "RecordEpisodeStatistics": Row(wrappers.RecordEpisodeStatistics),
-    "NumpyToTorch": Row(torch_wrapper(wrappers), {"numeric_info": True}, module="array_api_compat"),
+    "NumpyToTorch": Row(torch_wrapper(wrappers), _NUMBERS, module="array_api_compat"),
 }
 VECTOR: dict[str, Row] = {
     "FlattenObservation": Row(vector.FlattenObservation),
@@ -59,7 +60,7 @@ VECTOR: dict[str, Row] = {
     "ClipReward": Row(lambda envs: vector.ClipReward(envs, -1, 1)),
     "RecordEpisodeStatistics": Row(vector.RecordEpisodeStatistics),
     "DictInfoToList": Row(vector.DictInfoToList),
-    "NumpyToTorch": Row(torch_wrapper(vector), {"numeric_info": True}, module="array_api_compat"),
+    "NumpyToTorch": Row(torch_wrapper(vector), _NUMBERS, module="array_api_compat"),
 }
 
 

@@ -2,7 +2,7 @@
 
 To be known: pictures (``grid``) are kept as they are with ``jpeg_encoding=False`` only; a ghost's policy is given by
 its name, so that the environment can be made again from the data set; and a policy of the package picks one of all
-candidates, so that its environment has ``candidates="all"``.
+candidates, so that its environment lists all of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROBOT, FLAT = "pacman_env/PacManBot-v0", "pacman_env/PacManBotFlat-v0"
 #: By name: the environment's id, its arguments, and those of the collector.
 DATASETS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "flat": (FLAT, {}, {}),
-    "flat-all-candidates": (FLAT, {"candidates": "all", "mask": "beside"}, {}),
+    "flat-all-candidates": (FLAT, {"settings": {"observation.candidates": "all", "observation.mask": "beside"}}, {}),
     "features": (ROBOT, {}, {}),
     "scan-grid": (ROBOT, {"observation": ("scan", "grid")}, {"jpeg_encoding": False}),
     "planner-two-ghosts": (ROBOT, {"observation": "planner", "ghosts": ("wander", "nearest")}, {}),
@@ -38,7 +38,7 @@ def record(env: gym.Env[Any, Any], episodes: int, steps: int, seed: int) -> list
     played = []
     for episode in range(episodes):
         observation, info = env.reset(seed=seed + episode)
-        policy.reset(np.ones(1, dtype=bool))
+        policy.reset(np.ones(1, dtype=bool), config)
         seen: dict[str, list[Any]] = {"observations": [observation], "actions": [], "rewards": [], "infos": [info]}
         over = False
         while not over and len(seen["actions"]) < steps:
@@ -103,7 +103,8 @@ def main() -> None:
 
     steps = max(arguments.decisions // (2 * len(DATASETS)), 1)
     for name, (env_id, named, collecting) in DATASETS.items():
-        made = gym.make(env_id, map=arguments.map, numeric_info=True, **named)
+        settings = {"observation.numeric_info": True, **named.get("settings", {})}
+        made = gym.make(env_id, map=arguments.map, **{**named, "settings": settings})
         made.action_space.seed(arguments.seed)
         env = minari.DataCollector(made, record_infos=True, **collecting)
         written = record(env, 2, steps, arguments.seed)

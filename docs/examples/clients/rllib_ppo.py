@@ -41,7 +41,7 @@ class Masked(gym.ObservationWrapper[Any, Any, Any]):
 
 def make_masked(arguments: dict[str, Any]) -> gym.Env[Any, Any]:
     """For ``tune.register_env``."""
-    return Masked(gym.make(ENV_ID, mask="beside", **arguments))
+    return Masked(gym.make(ENV_ID, **arguments, settings={"observation.mask": "beside"}))
 
 
 def train(config: PPOConfig, decisions: int, seed: int, map: str, env: str, workers: int) -> None:

@@ -1,7 +1,7 @@
 """SuperSuit: the two-player game as one vector environment of all agents, stacked and padded.
 
-The game is the two-player PacManBotFlat-v0, where every agent has one array; ``mask="info"`` leaves the mask out of it,
-so that ``frame_stack``, ``pad_observations`` and all other wrappers for arrays take it.
+The game is the two-player PacManBotFlat-v0, where every agent has one array; ``observation.mask=info`` leaves the mask
+out of it, so that ``frame_stack``, ``pad_observations`` and all other wrappers for arrays take it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def main() -> None:
     arguments = options.parse_args()
 
     def game(**named: Any) -> Any:
-        return pettingzoo.make("parallel", ENV_ID, map=arguments.map, **{"mask": "info", "max_cycles": 30, **named})
+        settings = {"observation.mask": "info", "max_cycles": 30}
+        return pettingzoo.make("parallel", ENV_ID, map=arguments.map, **{"settings": settings, **named})
 
     made = {
         "one process": lambda: vectorized(game()),

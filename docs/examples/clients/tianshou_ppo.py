@@ -1,7 +1,7 @@
 """Tianshou: PPO on PacManBotFlat-v0, without and with the mask, and its wrapper of the two-player game.
 
-Without the mask nothing is needed. With it an actor reads the two parts that ``mask="beside"`` gives. Tianshou's
-``PettingZooEnv`` expects the same two parts of every agent, which the two-player PacManBotFlat-v0 has.
+Without the mask nothing is needed. With it an actor reads the two parts that ``observation.mask=beside`` gives.
+Tianshou's ``PettingZooEnv`` expects the same two parts of every agent, which the two-player PacManBotFlat-v0 has.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def train(algorithm: Any, make: Any, decisions: int, seed: int) -> Collector:
 
 def one_player(map: str, decisions: int, seed: int, masked: bool) -> None:
     """PacManBotFlat-v0 by its id."""
-    named: dict[str, Any] = {"mask": "beside"} if masked else {}
+    named: dict[str, Any] = {"settings": {"observation.mask": "beside"}} if masked else {}
 
     def make() -> gym.Env[Any, Any]:
         return gym.make("pacman_env/PacManBotFlat-v0", map=map, **named)
@@ -108,7 +108,8 @@ def two_players(map: str, decisions: int, seed: int) -> None:
     """Pac-Man and Clyde, each with a PPO of his own."""
 
     def make() -> PettingZooEnv:
-        return PettingZooEnv(pettingzoo.make("aec", "pacman_env/PacManBotFlat-v0", map=map, max_cycles=100))
+        game = pettingzoo.make("aec", "pacman_env/PacManBotFlat-v0", map=map, settings={"max_cycles": 100})
+        return PettingZooEnv(game)
 
     env = make()
     algorithms = [ppo(env.observation_space["observation"], env.action_space, masked=True) for _ in env.agents]

@@ -47,7 +47,7 @@ games = gym.make_vec(
     vectorization_mode="vector_entry_point",
     autoreset_mode=AutoresetMode.DISABLED,  # TorchRL asks for resets itself
     map=args.map,
-    mask="beside",
+    settings={"observation.mask": "beside"},
 )
 to_bool = DTypeCastTransform(torch.int8, torch.bool, in_keys=["action_mask"])  # as MaskedCategorical takes it
 env = TransformedEnv(GymWrapper(games, categorical_action_encoding=True), Compose(to_bool, RewardSum()))

@@ -59,7 +59,7 @@ class RecordedGame:
         self._chosen = -1  # none yet
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
-        self._policy.reset(np.ones(1, dtype=np.bool_))
+        self._policy.reset(np.ones(1, dtype=np.bool_), config)
 
     @property
     def over(self) -> bool:
@@ -82,7 +82,7 @@ class RecordedGame:
         batch.step(np.array([self._chosen]))
         if batch.games["tick_rounds"][0] > 0:
             self._before_s += moment.time_s + batch.config.execution.tick_s
-            self._policy.reset(np.ones(1, dtype=np.bool_))
+            self._policy.reset(np.ones(1, dtype=np.bool_), batch.config)
             self._last.forget()
             self._chosen = -1
 

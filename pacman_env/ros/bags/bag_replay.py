@@ -142,7 +142,7 @@ class _Walk:
     """One pass through a bag: what the robot knows at each moment, and a decision at each tick."""
 
     def __init__(self, bag: Bag, assets: MapAssets, config: Config, policy: Policy, report: ReplayReport) -> None:
-        self._view = RobotView(assets, config)
+        self._view, self._config = RobotView(assets, config), config
         self._assets, self._policy, self._report = assets, policy, report
         self._path = report.bag
         self._tick_s = config.execution.tick_s
@@ -235,7 +235,7 @@ class _Walk:
             self._motion.counts = True
             self._chosen_before = -1
             self._view.begin()
-            self._policy.reset(np.ones(1, dtype=np.bool_))
+            self._policy.reset(np.ones(1, dtype=np.bool_), self._config)
         elif not running:
             self._motion.counts = False  # shows and the way home are no driving for pellets
             self._gone.clear()
@@ -313,7 +313,8 @@ def recorded_config(bag: Bag) -> Config:
             said = json.loads(recorded.message.data)
             if said["node"] == SELECTOR:
                 fields = differences(make_config().as_dict(), said["configuration"])
-                found = make_config(**{name: value for name, (_, value) in fields.items()})
+                known = {name: value for name, (_, value) in fields.items() if value is not None}  # else of 0.10
+                found = make_config(**known)
                 ghosts = ("policy" if name.endswith(".onnx") else name for name in found.clyde.ghosts)  # only seen here
                 found = found.with_fields(**{"clyde.ghosts": tuple(ghosts)})
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:

@@ -103,7 +103,7 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
     batch, last = GameBatch(assets, finer, 1), LastDecision(config)
     for seed in range(rounds):
         batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
-        policy.reset(np.ones(1, dtype=np.bool_))
+        policy.reset(np.ones(1, dtype=np.bool_), config)
         statistics.forget()
         last.forget()
         game, last_update, last_clyde = batch.games[0], -1, None

@@ -116,7 +116,7 @@ class ClydeGhostNode(GameNode):
             self._began_round_s, self._owed_s = self.now_s(), 0.0
             self._view.begin()
             for policy in self._policies.values():
-                policy.reset(_ALL)
+                policy.reset(_ALL, self.config)
         if state == "returning_home" != self._state:
             self._clear_costmap()  # they are no danger on the way home and must not be in it
         if state == "starting" != self._state and self._robot is not None:

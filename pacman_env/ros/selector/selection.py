@@ -63,6 +63,7 @@ class Selection:
         warn: Callable[[str, str], None],
     ) -> None:
         self._warn, self._perf_counter = warn, current().perf_counter
+        self._config = config
         self._home_given = home is not None
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else Home(*home))
@@ -81,7 +82,7 @@ class Selection:
         Raises:
             ValueError: it cannot be loaded or does not run; ModuleNotFoundError and TypeError likewise.
         """
-        return rehearsed(spec, self.view)
+        return rehearsed(spec, self.view, self._config)
 
     # What the game says; callbacks raise BadMessage
 
@@ -95,7 +96,7 @@ class Selection:
         word = word_of(message, topics.COMMAND_WORDS)
         if word == "reset_round" or (word == "enable" and self.executor.task != "play"):
             self.view.begin()
-            self.policy.reset(_ONE)
+            self.policy.reset(_ONE, self._config)
             self._last.forget()
         self._believe(now)
         return self.executor.command(word, now)

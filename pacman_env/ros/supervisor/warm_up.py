@@ -67,7 +67,7 @@ def rehearse(part: Part, map_yaml: str, config: Config) -> None:
         ValueError: a map, policy or configuration that cannot be played.
     """
     if SELECTOR in part.nodes:
-        rehearsed(part.policy, RobotView(map_assets(map_yaml, config), config))
+        rehearsed(part.policy, RobotView(map_assets(map_yaml, config), config), config)
     if SIMULATOR in part.nodes:  # before the ghosts: another process compiles meanwhile what both need of a map
         SimulatedRobot(load_map(map_yaml), config, 0).rehearse()
     if GHOSTS in part.nodes:

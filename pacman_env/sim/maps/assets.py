@@ -90,13 +90,14 @@ def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, floa
 
 
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """The assets of a map (name, file or loaded map) under a configuration.
+    """The assets of a map (name, file or loaded map) under a configuration; ``home`` None: the configuration's.
 
     Raises:
         MapError: the map cannot be read, or has no place for the robot or no pellet to play for.
         ConfigError: Clyde finds no room on the map.
     """
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
+    home = config.home if home is None else home
     if home is not None:
         home = _pose(home, occupancy.name)
     key = _key(occupancy, config, home)

@@ -51,12 +51,18 @@ class GeneratedMaps:
         self.scale = scale
 
     @classmethod
-    def named(cls, name: str, config: Config, start_level: int | None, num_levels: int | None) -> GeneratedMaps:
-        """By the name of a split; ``num_levels`` None or 0: all that the split has.
+    def named(
+        cls, name: str, config: Config, start_level: int | None = None, num_levels: int | None = None
+    ) -> GeneratedMaps:
+        """By the name of a split; levels None: the configuration's; ``num_levels`` 0: all that the split has.
 
         Raises:
-            ConfigError: an unknown split, or levels that are not in it.
+            ConfigError: an unknown split, levels that are not in it, or a home pose.
         """
+        if config.home is not None:
+            raise ConfigError("home: generated houses have home poses of their own")
+        start_level = config.start_level if start_level is None else start_level
+        num_levels = config.num_levels if num_levels is None else num_levels
         for field_name, number in (("start_level", start_level), ("num_levels", num_levels)):
             if number is not None and (not isinstance(number, numbers.Integral) or isinstance(number, bool)):
                 raise ConfigError(f"{field_name} = {number!r}: must be a whole number")

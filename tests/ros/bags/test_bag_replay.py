@@ -135,7 +135,7 @@ def write_round(
     batch = GameBatch(assets, config)
     batch.reset(np.array([0]), np.array([3], dtype=np.uint64))
     policy = make_policy(policy_name)
-    policy.reset(np.ones(1, np.bool_))
+    policy.reset(np.ones(1, np.bool_), config)
     played, decided = make_config(**{"decisions.when": when}), []
     game, last = batch.games[0], LastDecision(played)
     updated = -1

@@ -87,7 +87,7 @@ def test_levels_are_drawn_uniformly_from_the_seeds() -> None:
 
 
 def test_info_names_the_level_that_is_played() -> None:
-    env = PacManBotVectorEnv(6, map="generated", start_level=20, num_levels=4, settings={"time_limit_s": 2.0})
+    env = PacManBotVectorEnv(6, map="generated", settings={"time_limit_s": 2.0, "start_level": 20, "num_levels": 4})
     infos = env.reset(seed=0)[1]
     seen = set()
     for k in range(25):
@@ -169,8 +169,8 @@ def longest_way(assets: MapAssets) -> float:
 
 
 def test_wide_levels_have_as_many_pellets_farther_apart_and_positions_within_the_space() -> None:
-    env = PacManBotVectorEnv(6, map="generated:wide", num_levels=6, settings={"pellets.spacing_m": 4.0})
-    plain = PacManBotVectorEnv(6, map="generated", num_levels=6)
+    env = PacManBotVectorEnv(6, map="generated:wide", settings={"pellets.spacing_m": 4.0, "num_levels": 6})
+    plain = PacManBotVectorEnv(6, map="generated", settings={"num_levels": 6})
     assert env.batch.pellet_slots == plain.batch.pellet_slots == 16
     ways = []
     for each in (env, plain):

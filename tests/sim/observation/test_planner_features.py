@@ -98,7 +98,7 @@ def test_candidates_in_another_order_have_the_same_features() -> None:
 
 
 def test_the_environment_shows_them_within_its_space() -> None:
-    env = make_vector(3, map="generated", num_levels=3, observation="planner")
+    env = make_vector(3, map="generated", settings={"num_levels": 3}, observation="planner")
     observation, _ = env.reset(seed=0)
     assert set(observation) == {"planner_candidates", "planner_globals", "action_mask"}
     for _ in range(20):

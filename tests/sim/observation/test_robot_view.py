@@ -106,7 +106,7 @@ def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: 
     robot = Robot(batch, clydes_way(config, source, seed, ticks))
     counts = {"ticks": 0, "same_cell": 0, "barred": 0, "collected": 0}
     for policy in policies:
-        policy.reset(np.ones(1, np.bool_))
+        policy.reset(np.ones(1, np.bool_), config)
     for _ in range(ticks):
         if batch.games[0]["end"] != RUNNING:
             break

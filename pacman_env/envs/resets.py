@@ -1,0 +1,161 @@
+"""What ``reset`` is asked for, checked: a level, a round's seed, settings; and resets of some of many games."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import ConfigError
+from ..policies.base import Flags, Indices
+from ..sim.maps.generated import GeneratedMaps
+from ..sim.maps.level_source import LevelSource
+from .core import CoreEnv
+
+SEEDS = 2**63  # below this
+Seeds = int | Sequence[int | None] | None  # of many games
+Options = dict[str, Any] | None
+
+
+@dataclass(frozen=True)
+class ResetOptions:
+    """Of N games; None: as the environment draws it."""
+
+    level: Indices | None = None
+    round_seed: NDArray[np.uint64] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any] | None, games: int, *more: str) -> ResetOptions:
+        """From the argument of ``reset``; one value is for all games; ``more`` names are read by the caller."""
+        if options is None:
+            return cls()
+        if not isinstance(options, Mapping):
+            raise ValueError(f"options = {options!r}: must be a dictionary or None")
+        known = ("level", "round_seed", "settings", *more)
+        unknown = sorted(map(str, options.keys() - set(known)))
+        if unknown:
+            raise ValueError(f"options[{unknown[0]!r}]: choose among {', '.join(known)}")
+        settings = options.get("settings") or {}
+        if not (isinstance(settings, Mapping) and all(isinstance(key, str) for key in settings)):
+            raise ConfigError(f"options['settings'] = {settings!r}: must be values by the dotted names of fields")
+        level, seed = (_numbers(options.get(name), name, games) for name in ("level", "round_seed"))
+        return cls(None if level is None else level.astype(np.int64), seed, dict(settings))
+
+    def seeds(self, index: Indices, generators: Sequence[np.random.Generator | None]) -> NDArray[np.uint64]:
+        """(M,) those asked for, of the games ``index`` (M,), or one from the generator of each, which was seeded."""
+        if self.round_seed is not None:
+            return self.round_seed[index]
+        drawn = [generators[i].integers(SEEDS, dtype=np.uint64) for i in index.tolist()]
+        return np.array(drawn, dtype=np.uint64)
+
+    def levels(self, source: LevelSource, index: Indices) -> Indices | None:
+        """Those asked for, of the games ``index``; raises ConfigError where the map does not have them."""
+        if self.level is None:
+            return None
+        if not isinstance(source, GeneratedMaps):
+            raise ConfigError("options['level']: levels are for map='generated'")
+        levels, first, last = self.level[index], source.start_level, source.start_level + source.num_levels - 1
+        bad = levels[(levels < first) | (levels > last)]
+        if len(bad):
+            raise ConfigError(f"options['level'] = {bad[0]}: the environment has the levels {first} to {last}")
+        return levels
+
+
+class ManyGames(CoreEnv):
+    """An environment of N games, each with a generator that draws the seeds of its episodes."""
+
+    num_envs: int
+
+    def _make_generators(self) -> None:
+        self._generators: list[np.random.Generator | None] = [None] * self.num_envs
+        self._next: list[np.uint64 | None] = [None] * self.num_envs  # drawn already, where levels are to be prepared
+
+    def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
+        """Begin new episodes in the games of the mask (None: all), which are returned; errors come before changes."""
+        wanted = ResetOptions.of(options, self.num_envs, *more)
+        index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
+        every = len(index) == self.num_envs
+        if not self.started and not every:
+            raise gym.error.ResetNeeded("the first reset() must be of all games")
+        levels = wanted.levels(self.batch.source, index)
+        if wanted.settings and not every:
+            raise ValueError("options['settings'] are for all games, which are not all reset")
+        seeds = one_for_each(seed, self.num_envs)
+        fresh = [i for i in index.tolist() if seeds[i] is not None or self._generators[i] is None]
+        generators = {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}
+        if every:
+            self._play_by(wanted.settings)
+        for i, generator in generators.items():
+            self._generators[i], self._next[i] = generator, None
+        self._core.reset(index, self._episode_seeds(index, wanted), levels)
+        return index
+
+    def _follow(self, ended: Indices) -> None:
+        """Begin the next episodes in games of a step, whose last observations are not in use any more."""
+        self._core.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
+
+    def _mask(self, index: Indices) -> Flags:
+        mask = np.zeros(self.num_envs, dtype=np.bool_)
+        mask[index] = True
+        return mask
+
+    def _last_of(self, ended: Indices, observations: Any) -> NDArray[Any]:
+        """(N,) copies of the observations of games that ended, as another step may write to them; None elsewhere."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for i in ended.tolist():
+            last[i] = deepcopy(self._core.of_game(observations, i))
+        return last
+
+    def _episode_seeds(self, index: Indices, wanted: ResetOptions) -> NDArray[np.uint64]:
+        """Where games have maps of their own, following ones are drawn as well, for the batch to prepare their maps."""
+        batch = self.batch
+        if wanted.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
+            return wanted.seeds(index, self._generators)
+        drawn = [self._next[i] for i in index.tolist()]
+        fresh = iter(wanted.seeds(index[[seed is None for seed in drawn]], self._generators))
+        seeds = np.array([next(fresh) if seed is None else seed for seed in drawn], dtype=np.uint64)
+        following = wanted.seeds(index, self._generators)
+        for i, seed in zip(index.tolist(), following, strict=True):
+            self._next[i] = seed
+        batch.expect(following)
+        return seeds
+
+
+def one_for_each(seed: Any, games: int) -> Sequence[int | None]:
+    """A seed for each game: of one s they are s + i, of None they are None; raises ValueError for what is neither."""
+    if seed is None or isinstance(seed, (int, np.integer)):
+        return [None if seed is None else int(seed) + i for i in range(games)]
+    if not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):
+        raise ValueError(f"seed = {seed!r}: must be a whole number, one for each game, or None")
+    if len(seed) != games:
+        raise ValueError(f"{len(seed)} seeds for {games} games")
+    return seed  # type: ignore[return-value]
+
+
+def _chosen_games(mask: Any, games: int, name: str) -> Indices:
+    if not isinstance(mask, np.ndarray) or mask.shape != (games,) or mask.dtype != np.bool_:
+        raise ValueError(f"{name} must be a bool array of shape ({games},)")
+    if not mask.any():
+        raise ValueError(f"{name} must have at least one True value")
+    return np.flatnonzero(mask)
+
+
+def _numbers(given: Any, name: str, games: int) -> NDArray[np.uint64] | None:
+    if given is None:
+        return None
+    row = isinstance(given, np.ndarray) and given.ndim == 1
+    several = row or (isinstance(given, Sequence) and not isinstance(given, (str, bytes)))
+    each = list(given) if several else [given] * games
+    if len(each) != games:
+        raise ValueError(f"options[{name!r}]: {len(each)} numbers for {games} games")
+    for one in each:
+        if not isinstance(one, numbers.Integral) or isinstance(one, bool) or not 0 <= int(one) < SEEDS:
+            raise ValueError(f"options[{name!r}] = {one!r}: must be a whole number from 0 to {SEEDS - 1}")
+    return np.array([int(one) for one in each], dtype=np.uint64)
