@@ -2,7 +2,7 @@
 
 ``python -m tools.ros_interfaces.build``; a second run finds nothing to do. Needs gcc, g++ and ROS's wheels.
 Everything is built and tried in a temporary folder first; only then pip installs one wheel, which
-``pip uninstall pacman-ros-interfaces`` takes away again.
+``pip uninstall pacman-ros-interfaces`` removes.
 """
 
 from __future__ import annotations

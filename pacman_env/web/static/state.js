@@ -44,7 +44,7 @@ function obstacle(needs) {
   return "";
 }
 
-// Disables what cannot be used now and says why: `data-needs` names what an element needs, `data-only` the game's source.
+// Disables what cannot be used now, with the reason as its title; `data-needs`: what it needs, `data-only`: the source.
 let queued = false;
 export function updateControls() {
   if (queued) return;
