@@ -40,8 +40,8 @@ function obstacle(needs) {
     return "View only: this is a viewer's link. STOP still works.";
   }
   if (needs.includes("control") && operator && operator !== me()) return `${operator} has control. You can ask for it.`;
-  if (needs.includes("menu") && state.frame && state.frame.state !== "menu") return "Only in the menu: press Reset first.";
-  return "";
+  const inMenu = !state.frame || state.frame.state === "menu";
+  return needs.includes("menu") && !inMenu ? "Only in the menu: press Reset first." : "";
 }
 
 // Disables what cannot be used now, with the reason as its title; `data-needs`: what it needs, `data-only`: the source.
