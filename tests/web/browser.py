@@ -45,7 +45,7 @@ class Visitor:
 
     def watch(self) -> Visitor:
         host = self.url.split("/")[2]
-        self.page.on("console", lambda line: line.type == "error" and self._wrong(line.text))
+        self.page.on("console", lambda message: message.type == "error" and self._wrong(message.text))
         self.page.on("pageerror", lambda error: self._wrong(str(error)))
         for kind in ("request", "websocket"):
             self.page.on(kind, lambda asked: asked.url.split("/")[2] != host and self.foreign.append(asked.url))
@@ -101,7 +101,7 @@ class Visitor:
 
     def check(self) -> None:
         errors = [*self.errors, *(self.value("count?.errors ?? []") or [])]
-        errors = [text for text in errors if not text.startswith(self.allowed or ("\0",))]
+        errors = [words for words in errors if not words.startswith(self.allowed or ("\0",))]
         assert not errors, f"errors of the page: {errors}"
         assert not self.foreign, f"asked other hosts: {self.foreign}"
 
