@@ -38,7 +38,7 @@ def _speed(page: Any, times: int) -> None:
 
 
 def _round(page: Any, pellets: int, speed: int = 10) -> None:
-    """A round under way, so many pellets collected."""
+    """Start a round and wait for so many pellets."""
     _speed(page, speed)
     page.click("#start")
     _wait(page, f"state.frame.state === 'running' && state.frame.collected >= {pellets}")

@@ -26,7 +26,7 @@ from .symbols import Colour, Image
 
 FLOOR, WALL, UNKNOWN, OUT_OF_REACH = (253, 253, 250), (44, 50, 66), (197, 202, 209), (226, 228, 231)
 HEADER, TEXT, MUTED, PAGE, INK = (27, 31, 43), (245, 246, 248), (164, 172, 186), (241, 242, 244), (38, 42, 54)
-#: Text, background and colour of the text for each way a game can stand.
+#: Text, background and colour of the text for each state of a game.
 STATES: dict[int, tuple[str, Colour, Colour]] = {
     RUNNING: ("RUNNING", (46, 125, 50), (255, 255, 255)),
     DEAD: ("CAUGHT", (200, 32, 32), (255, 255, 255)),

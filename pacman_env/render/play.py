@@ -101,7 +101,7 @@ class Player:
         return self.env.unwrapped.situation  # type: ignore[attr-defined]
 
     def new_round(self, seed: int | None = None) -> None:
-        """Start over; without a seed the environment's generator goes on."""
+        """Start over; without a seed the environment's generator continues."""
         _, info = self.env.reset(seed=seed)
         self.controls.goal = None
         self.score = 0.0  # sum of the rewards of this round

@@ -145,8 +145,8 @@ def test_the_mouth_opens_along_the_heading(heading: float) -> None:
 def test_headings_turn_with_a_yawed_map(heading: float, yaw: float) -> None:
     config = make_config(**{"pellets.spacing_m": 1.0})
     view = map_view(map_assets(corridor(120, 100, yaw), config), config, 360)
-    way = view.pixels(np.array([math.cos(heading), math.sin(heading)])) - view.pixels(np.zeros(2))
-    assert math.remainder(math.atan2(way[1], way[0]) - view.angle(heading), 2 * math.pi) == pytest.approx(0, abs=0.03)
+    step = view.pixels(np.array([math.cos(heading), math.sin(heading)])) - view.pixels(np.zeros(2))
+    assert math.remainder(math.atan2(step[1], step[0]) - view.angle(heading), 2 * math.pi) == pytest.approx(0, abs=0.03)
 
 
 def test_a_map_looks_the_same_whatever_the_yaw_of_its_frame() -> None:

@@ -139,13 +139,13 @@ def test_a_goal_is_pursued_until_it_is_reached_and_then_the_robot_holds() -> Non
     one = player(settings={**QUICK, "execution.death_radius_m": 0.01})
     press(one, "1")
     goal = one.controls.goal
-    taken = []
+    actions = []
     while not one.batch.games[0]["collected"]:
-        taken.append(one.controls.action(one.situation))
+        actions.append(one.controls.action(one.situation))
         assert one.advance()
-    assert set(taken) == {goal}
+    assert set(actions) == {goal}
     assert one.controls.action(one.situation) == one.situation.mask.shape[1] - 1
-    assert one.score == pytest.approx(1 - 0.002 * len(taken))
+    assert one.score == pytest.approx(1 - 0.002 * len(actions))
 
 
 def test_playing_is_stepping_the_environment() -> None:
@@ -311,9 +311,9 @@ def pygame(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_game_is_played_in_a_window(pygame: Any) -> None:
-    taken: list[int] = []
+    actions: list[int] = []
     env = make(render_mode="rgb_array")
-    one = Player(gym.wrappers.TransformAction(env, lambda a: taken.append(a) or a, env.action_space), seed=3)  # type: ignore[func-returns-value]
+    one = Player(gym.wrappers.TransformAction(env, lambda a: actions.append(a) or a, env.action_space), seed=3)  # type: ignore[func-returns-value]
     goal = by_path(one)[1]
 
     def key(code: int, text: str = "") -> Any:
@@ -329,7 +329,7 @@ def test_a_game_is_played_in_a_window(pygame: Any) -> None:
     )
     play(one, window)
     hold = one.situation.mask.shape[1] - 1
-    assert taken == [hold] + [goal] * 10 + [hold] * 5  # ten pictures each; the next decision heeds what was done
+    assert actions == [hold] + [goal] * 10 + [hold] * 5  # ten pictures each; the next decision heeds what was done
     assert one.paused
     assert one.speed == 2
     assert window.shown == 156
@@ -367,7 +367,7 @@ def test_a_window_tells_clicks_and_keys_once_in_order(pygame: Any) -> None:
     ]:
         pygame.event.post(pygame.event.Event(kind, details))
     window.show(frame, 0)
-    assert [tuple(heard) for heard in window.inputs()] == [
+    assert [tuple(one) for one in window.inputs()] == [
         ("click", "", (7, 5)),
         ("press", "up", (0, 0)),
         ("press", "7", (0, 0)),

@@ -1,4 +1,4 @@
-"""The reference of the robot's side is what the nodes say of themselves."""
+"""The reference of the robot's side is what the nodes declare."""
 
 from __future__ import annotations
 

@@ -24,21 +24,21 @@ SHARE = build.PREFIX / "share"
 pip_ros = pytest.mark.skipif(
     not (SHARE / "rosidl_generator_c").is_dir(), reason="ROS comes from the system, nothing is built here"
 )
-#: Publishes a message of the package that was built and hears it.
+#: Publishes a message of the package that was built and receives it.
 EXCHANGE = """
 import rclpy
 from tiny_msgs.msg import Tiny
 rclpy.init()
 node = rclpy.create_node("exchange")
-heard = []
-node.create_subscription(Tiny, "tiny", heard.append, 1)
+received = []
+node.create_subscription(Tiny, "tiny", received.append, 1)
 publisher = node.create_publisher(Tiny, "tiny", 1)
 for _ in range(100):
     publisher.publish(Tiny(numbers=[1, 2], words=["a"]))
     rclpy.spin_once(node, timeout_sec=0.1)
-    if heard:
+    if received:
         break
-print(heard[0].numbers.tolist(), heard[0].words, heard[0].at.position.x, Tiny.ANSWER)
+print(received[0].numbers.tolist(), received[0].words, received[0].at.position.x, Tiny.ANSWER)
 node.destroy_node()
 rclpy.shutdown()
 """
@@ -222,8 +222,10 @@ def test_the_types_of_the_robot_cross_between_processes(probe: Probe, system: Sy
     for i, led in enumerate(ring.leds):
         led.blue = 40 * i
     probe.publish(topics.LIGHT_RING, ring, listeners=2)
-    heard = probe.wait_for(lambda: [m for m in probe.messages(topics.LIGHT_RING) if not m.override_system], what="ring")
-    assert [led.blue for led in heard[0].leds] == [0, 40, 80, 120, 160, 200]
+    received = probe.wait_for(
+        lambda: [m for m in probe.messages(topics.LIGHT_RING) if not m.override_system], what="ring"
+    )
+    assert [led.blue for led in received[0].leds] == [0, 40, 80, 120, 160, 200]
     transform = messages.transform_message("map", "odom", (1.0, -2.0, 0.25), probe.stamp())
     probe.publish(topics.TF, topics.TF.type(transforms=[transform]))
     probe.wait_for(lambda: probe.messages(topics.TF_STATIC), what="transforms")

@@ -63,11 +63,11 @@ def own_scripts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("own_scripts")
 def test_a_script_that_fails_is_in_the_table_and_the_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 1
-    said = capsys.readouterr()
-    well, bad = said.out.splitlines()[2:]
+    output = capsys.readouterr()
+    well, bad = output.out.splitlines()[2:]
     assert "| unmodified | [well.py]" in well
     assert "| **fails** (status 1) | [bad.py]" in bad
-    assert "no such space" in said.err
+    assert "no such space" in output.err
     assert (tmp_path / "cache" / "well.log").read_text() == "well with --seed 3\n"
 
 

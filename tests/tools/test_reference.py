@@ -1,4 +1,4 @@
-"""The tables of the documentation are what the code says."""
+"""The tables of the documentation are those of the code."""
 
 from __future__ import annotations
 

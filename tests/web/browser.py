@@ -27,7 +27,7 @@ CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
 def missing(what: str) -> None:
-    """Say by name what a test lacks: a failure in CI, a skip elsewhere."""
+    """What a test lacks is named: a failure in CI, a skip elsewhere."""
     if os.environ.get("CI"):
         pytest.fail(f"missing: {what}")
     pytest.skip(f"missing: {what}")
@@ -35,7 +35,7 @@ def missing(what: str) -> None:
 
 @dataclass
 class Visitor:
-    """Somebody at a page; what goes wrong in it is kept."""
+    """A user of a page; its errors are kept."""
 
     page: Any
     url: str
@@ -45,7 +45,7 @@ class Visitor:
 
     def watch(self) -> Visitor:
         host = self.url.split("/")[2]
-        self.page.on("console", lambda said: said.type == "error" and self._wrong(said.text))
+        self.page.on("console", lambda message: message.type == "error" and self._wrong(message.text))
         self.page.on("pageerror", lambda error: self._wrong(str(error)))
         for kind in ("request", "websocket"):
             self.page.on(kind, lambda asked: asked.url.split("/")[2] != host and self.foreign.append(asked.url))
@@ -100,9 +100,9 @@ class Visitor:
         self.page.mouse.click(box["x"] + left, box["y"] + top)
 
     def check(self) -> None:
-        said = [*self.errors, *(self.value("count?.errors ?? []") or [])]
-        said = [words for words in said if not words.startswith(self.allowed or ("\0",))]
-        assert not said, f"errors of the page: {said}"
+        errors = [*self.errors, *(self.value("count?.errors ?? []") or [])]
+        errors = [words for words in errors if not words.startswith(self.allowed or ("\0",))]
+        assert not errors, f"errors of the page: {errors}"
         assert not self.foreign, f"asked other hosts: {self.foreign}"
 
 
@@ -168,7 +168,7 @@ def visit(chromium: Any, page_server: WebServer) -> Iterator[Callable[..., Visit
 
 @pytest.fixture(scope="session")
 def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The source of axe-core, by npm; kept where ``AXE_CORE`` says, if it does."""
+    """The source of axe-core, by npm; kept in the folder ``AXE_CORE`` if it is set."""
     kept = os.environ.get("AXE_CORE")
     folder = Path(kept) if kept else tmp_path_factory.mktemp("axe")
     source = folder / "node_modules" / "axe-core" / "axe.min.js"

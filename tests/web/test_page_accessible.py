@@ -1,4 +1,4 @@
-"""The operator's page for everybody: axe-core, keyboard, names, both themes, a phone."""
+"""The operator's page for all users: axe-core, keyboard, names, both themes, a phone."""
 
 from __future__ import annotations
 
@@ -100,10 +100,10 @@ def test_every_control_has_a_name_and_is_large_enough(visit: Visit) -> None:
 
 def test_dark_and_light(visit: Visit) -> None:
     page = visit(color_scheme="light")
-    ground = "getComputedStyle(document.body).backgroundColor"
-    light = page.value(ground)
+    background = "getComputedStyle(document.body).backgroundColor"
+    light = page.value(background)
     page.press("theme")
-    dark = page.value(ground)
+    dark = page.value(background)
     assert light != dark
     page.open()
-    assert page.value(ground) == dark, "the choice is kept"
+    assert page.value(background) == dark, "the choice is kept"

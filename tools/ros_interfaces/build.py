@@ -2,7 +2,7 @@
 
 ``python -m tools.ros_interfaces.build``; a second run finds nothing to do. Needs gcc, g++ and ROS's wheels.
 Everything is built and tried in a temporary folder first; only then pip installs one wheel, which
-``pip uninstall pacman-ros-interfaces`` takes away again.
+``pip uninstall pacman-ros-interfaces`` removes.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from pathlib import Path
 
 from pacman_env.cli.command import ERROR_STATUS, Parser, run_command
 from tools.ros_interfaces.definitions import Package, check_packages, find_packages
-from tools.ros_interfaces.libraries import BuildError, command, compile_package, link_package
-from tools.ros_interfaces.wheel import NAME, write_wheel
+from tools.ros_interfaces.libraries import NAME, BuildError, command, compile_package, link_package, write_wheel
 
 HERE = Path(__file__).resolve().parent
 PREFIX = Path(sys.prefix)

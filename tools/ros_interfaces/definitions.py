@@ -72,7 +72,7 @@ def _check_package(package: Package, names: set[str], share: Path) -> None:
 
 
 def _used_types(package: str, path: Path) -> Iterator[tuple[int, str, str]]:
-    """(line, package, type) of each field whose type is a message; checks every line on the way."""
+    """(line, package, type) of each field whose type is a message; every line is checked."""
     from rosidl_adapter.parser import parse_message_string
 
     sections, seen = 1, set[str]()

@@ -1,16 +1,21 @@
-"""Generated sources of one package to the shared libraries and the extension module that Python imports."""
+"""Generated sources of packages to shared libraries and extension modules, and a wheel of them for pip."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import platform
 import subprocess
 import sys
 import sysconfig
+import zipfile
 from collections.abc import Iterable
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import numpy as np
 
+NAME = "pacman-ros-interfaces"  # of the wheel
 PREFIX = Path(sys.prefix)
 FAST = "rosidl_typesupport_fastrtps_c"
 INTROSPECTION = "rosidl_typesupport_introspection_c"
@@ -76,3 +81,38 @@ def link_package(name: str, out: Path) -> None:
         before.append(library)
     (module,) = (out / "rosidl_generator_py" / name).glob("*_s.ep.*.o")
     link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*before, "rosidl_typesupport_c", "rmw"))
+
+
+def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]) -> Path:
+    """Write the wheel of packages, each a name and the folder that it was linked in; returns its path."""
+    stem = f"{NAME.replace('-', '_')}-{version}"
+    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    tag = f"{python}-{python}-linux_{platform.machine()}"
+    files: dict[str, bytes] = {}
+    for name, out in packages:
+        for library in sorted((out / "lib").glob("*.so")):
+            files[f"{stem}.data/data/lib/{library.name}"] = library.read_bytes()  # goes to sys.prefix/lib
+        python_files = out / "rosidl_generator_py"
+        for path in sorted((python_files / name).rglob("*")):
+            if path.suffix in (".py", ".so"):
+                files[path.relative_to(python_files).as_posix()] = path.read_bytes()
+    info = f"{stem}.dist-info"
+    summary = "ROS 2 message types built from their definitions by pacman_env"
+    metadata = f"Metadata-Version: 2.1\nName: {NAME}\nVersion: {version}\nSummary: {summary}\n"
+    files[f"{info}/METADATA"] = metadata.encode()
+    files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: pacman_env\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
+    files[f"{info}/RECORD"] = _record(files, f"{info}/RECORD")
+    path = folder / f"{stem}-{tag}.whl"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return path
+
+
+def _record(files: dict[str, bytes], own_name: str) -> bytes:
+    """Hash and size of every file, as the format demands; names contain no commas."""
+    lines = [f"{own_name},,\n"]
+    for name, content in files.items():
+        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
+        lines.append(f"{name},sha256={digest},{len(content)}\n")
+    return "".join(lines).encode()

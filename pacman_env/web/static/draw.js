@@ -86,8 +86,9 @@ export function drawBase(painter, { picture, scene, colours }) {
   if (scene.home) {
     painter.polygon(HOME, view.toScreen(...scene.home), painter.size(0.16, 7, 20), { fill: colours.home, alpha: 0.55 });
   }
+  const refugeSize = painter.size(0.1, 4.5, 14);
   for (const refuge of scene.refuges) {
-    painter.polygon(DIAMOND, view.toScreen(...refuge), painter.size(0.1, 4.5, 14), { stroke: colours.refuge, width: 1.8 });
+    painter.polygon(DIAMOND, view.toScreen(...refuge), refugeSize, { stroke: colours.refuge, width: 1.8 });
   }
   const metres = view.scale > 90 ? 0.5 : view.scale > 22 ? 1 : 5;
   const [right, y] = [view.width - 16, view.height - view.inset - 14];
@@ -101,7 +102,7 @@ export function drawTop(painter, { scene, frame, poses, trail, layers, colours, 
   context.clearRect(0, 0, view.width, view.height);
   if (!scene || !frame) return;
   const screen = (points) => points.map(([x, y]) => view.toScreen(x, y));
-  const place = (number) => (number >= 0 && scene.candidates[number] ? view.toScreen(...scene.candidates[number]) : null);
+  const place = (number) => (scene.candidates[number] ? view.toScreen(...scene.candidates[number]) : null);
   const pellet = painter.size(0.075, 3.6, 16);
   screen(scene.pellets).forEach((at, k) => {
     if (frame.alive[k]) painter.circle(at, pellet, { fill: colours.pellet });

@@ -35,7 +35,8 @@ function showButtons(what, named, describe) {
     const { title = "", colour } = describe(value);
     const data = { needs: "control", word, what, title };
     const onclick = () => request({ do: "event", word, what });
-    return make("button", { type: "button", data, title, onclick }, colour && make("span", { class: "dot", colour }), word);
+    const dot = colour ? make("span", { class: "dot", colour }) : null;
+    return make("button", { type: "button", data, title, onclick }, dot, word);
   }));
 }
 on("hello", ({ events, lights, sounds }) => {

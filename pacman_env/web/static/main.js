@@ -111,9 +111,10 @@ on("frame", (now) => {
   described = performance.now();
   const robot = robotPose(now);
   const ghosts = now.ghosts.map((pose, k) => [state.scene?.ghosts[k]?.name ?? "Ghost", pose]);
+  const pellets = `${now.collected} of ${now.spawned} pellets after ${clock(now.time_s)}.`;
   const places = [...(robot ? [["Robot", robot]] : []), ...ghosts]
     .map(([name, [x, y]]) => `${name} at ${x.toFixed(1)}, ${y.toFixed(1)} metres.`);
-  write($("map-words"), [`${now.collected} of ${now.spawned} pellets after ${clock(now.time_s)}.`, ...places].join(" "));
+  write($("map-words"), [pellets, ...places].join(" "));
 });
 
 const tabs = [...document.querySelectorAll("[role=tab]")];
@@ -142,7 +143,8 @@ tabs.forEach((tab, k) => {
 });
 
 const SHORTCUTS = {
-  "+": () => map.zoom(1.3), "=": () => map.zoom(1.3), "-": () => map.zoom(1 / 1.3), 0: map.fit, f: () => $("follow").click(),
+  "+": () => map.zoom(1.3), "=": () => map.zoom(1.3), "-": () => map.zoom(1 / 1.3), 0: map.fit,
+  f: () => $("follow").click(),
 };
 addEventListener("keydown", (event) => isShortcut(event) && SHORTCUTS[event.key]?.());
 
@@ -152,7 +154,7 @@ async function checkReadiness() {
   $("ready").replaceChildren(...(answer.data ?? []).map(({ name, state: result, words, remedy }) =>
     make("li", { data: { state: result } },
       make("span", { class: `mark ${result}`, text: READINESS[result] ?? result }), make("strong", { text: name }),
-      make("p", {}, make("span", { text: words }), remedy ? make("strong", { text: ` What to do: ${remedy}.` }) : null))));
+      make("p", {}, words, remedy ? make("strong", { text: ` What to do: ${remedy}.` }) : null))));
 }
 $("ready-check").onclick = checkReadiness;
 on("tab hello", () => state.connected && !$("panel-ready").hidden && checkReadiness());

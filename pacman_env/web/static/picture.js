@@ -29,12 +29,14 @@ export class MapPicture {
       pixels.data.set([wall ? 255 : 0, known ? 255 : 0, 0, 255], 4 * k);
       if (known) {
         const [x, y] = [k % width, Math.floor(k / width)];
-        [left, top, right, bottom] = [Math.min(left, x), Math.min(top, y), Math.max(right, x + 1), Math.max(bottom, y + 1)];
+        [left, right] = [Math.min(left, x), Math.max(right, x + 1)];
+        [top, bottom] = [Math.min(top, y), Math.max(bottom, y + 1)];
       }
     }
     context.putImageData(pixels, 0, 0);
     if (right === 0) [left, top, right, bottom] = [0, 0, width, height];
-    this.bounds = boundsOf([[left, top], [right, top], [left, bottom], [right, bottom]].map((cell) => this.#toWorld(cell)));
+    const corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
+    this.bounds = boundsOf(corners.map((cell) => this.#toWorld(cell)));
   }
 
   static async load(map) {

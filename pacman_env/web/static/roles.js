@@ -73,9 +73,9 @@ function changeRole(role) {
 
 function showMode() {
   const { frame, role, story, scene } = state;
-  let mode = state.placing ? "Click where the ghost starts" : "";
-  if (!mode && !story && role !== "none") mode = `You are ${role === "robot" ? "the robot" : state.hello.roles[role].name}`;
-  writeOrHide($("mode"), mode);
+  const character = role === "robot" ? "the robot" : state.hello?.roles[role]?.name;
+  const playing = !story && role !== "none" ? `You are ${character}` : "";
+  writeOrHide($("mode"), state.placing ? "Click where the ghost starts" : playing);
   const player = state.people.roles?.robot;
   const score = frame?.baseline && player && !story ? `${player === me() ? "you" : player} ${frame.collected}, `
     + `${scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";
@@ -87,7 +87,8 @@ on("frame placing story", showMode);
 // Compares a round that a person has played with the policy's.
 export function compareWithPolicy(entry) {
   if (entry.player !== "person" || !entry.second) return;
-  const rank = ({ result, collected, time_s: time }) => (result === "complete" ? [1, collected, -time] : [0, collected, 0]);
+  const rank = ({ result, collected, time_s: time }) =>
+    result === "complete" ? [1, collected, -time] : [0, collected, 0];
   const score = ({ collected, result, time_s: time }) => `${collected} (${result}, ${time.toFixed(1)} s)`;
   const policy = entry.policies?.[0] ?? "the policy";
   const [yours, other] = [rank(entry), rank(entry.second)];

@@ -35,7 +35,10 @@ function makeInput({ type, low, high, options }, shared) {
   return make("input", { type: "number", required: true, step, min: low, max: high, ...shared });
 }
 
-const readInput = ({ type, checked, value }) => (type === "checkbox" ? checked : type === "number" ? Number(value) : value);
+function readInput({ type, checked, value }) {
+  if (type === "checkbox") return checked;
+  return type === "number" ? Number(value) : value;
+}
 
 function writeInput(input, value) {
   if (input.type === "checkbox") input.checked = Boolean(value);
@@ -53,7 +56,8 @@ function makeRow(setting, k) {
     writeInput(input, setting.value);
     showChanged();
   } });
-  const limits = low === null ? (high === null ? "" : `up to ${high}`) : high === null ? `from ${low}` : `${low} to ${high}`;
+  const from = low === null ? "" : `from ${low}`;
+  const limits = high === null ? from : `${from || "up"} to ${high}`;
   const text = [words, limits, `default ${setting.value}`].filter(Boolean).join(" · ");
   const row = make("div", { class: "setting" }, make("label", { htmlFor: id, text: unit ? `${name}, ${unit}` : name }),
     make("span", { class: "control" }, input, undo), make("p", { id: help, text }));

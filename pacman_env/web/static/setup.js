@@ -76,7 +76,8 @@ function showGhosts(choices) {
   $("setup-ghosts").replaceChildren(...choices.map((behaviour, k) => {
     const { name, colour } = state.hello.roles[`ghost-${k}`];
     const data = { needs: "control" };
-    const list = make("select", { "aria-label": `Behaviour of ${name}`, data, onchange: () => edited.add("setup-ghosts") },
+    const onchange = () => edited.add("setup-ghosts");
+    const list = make("select", { "aria-label": `Behaviour of ${name}`, data, onchange },
       ...behaviours.map((value) => option(value)));
     select(list, behaviour);
     const remove = button("Remove", { "aria-label": `Remove ${name}`, data, hidden: choices.length === 1,
@@ -92,7 +93,10 @@ function showGhosts(choices) {
 function setupMessage() {
   if (!$("setup").reportValidity()) return null;
   const message = { do: "setup" };
-  for (const name of SELECTS) if (field(name).value && !field(name).parentElement.hidden) message[name] = field(name).value;
+  for (const name of SELECTS) {
+    const { value, parentElement } = field(name);
+    if (value && !parentElement.hidden) message[name] = value;
+  }
   if (message.map === "generated" && field("level").value !== "") message.level = Number(field("level").value);
   if (ghostChoices().length && behaviours.length) message.ghosts = ghostChoices();
   if (field("seed").value !== "") message.seed = Number(field("seed").value);
@@ -140,7 +144,8 @@ async function upload() {
   const bytes = Array.from(new Uint8Array(await image.arrayBuffer()), (byte) => String.fromCharCode(byte));
   const name = $("upload-name").value.trim() || yaml.name.replace(/\.ya?ml$/i, "");
   const body = JSON.stringify({ name, yaml: await yaml.text(), image: btoa(bytes.join("")) });
-  const response = await fetchWithToken("/map", { method: "POST", headers: { "Content-Type": "application/json" }, body });
+  const headers = { "Content-Type": "application/json" };
+  const response = await fetchWithToken("/map", { method: "POST", headers, body });
   const answer = await response.json();
   if (!answer.ok) return answer.words || "Refused.";
   select(field("map"), answer.map);

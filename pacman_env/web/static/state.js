@@ -40,11 +40,11 @@ function obstacle(needs) {
     return "View only: this is a viewer's link. STOP still works.";
   }
   if (needs.includes("control") && operator && operator !== me()) return `${operator} has control. You can ask for it.`;
-  if (needs.includes("menu") && state.frame && state.frame.state !== "menu") return "Only in the menu: press Reset first.";
-  return "";
+  const inMenu = !state.frame || state.frame.state === "menu";
+  return needs.includes("menu") && !inMenu ? "Only in the menu: press Reset first." : "";
 }
 
-// Disables what cannot be used now and says why: `data-needs` names what an element needs, `data-only` the game's source.
+// Disables what cannot be used now, with the reason as its title; `data-needs`: what it needs, `data-only`: the source.
 let queued = false;
 export function updateControls() {
   if (queued) return;

@@ -47,11 +47,12 @@ function showList() {
     const { story, second, parts, policies: [policy] = ["policy"] } = entry;
     const disagree = parts.length ? `policies disagree ${parts.length} ${parts.length === 1 ? "time" : "times"}` : "";
     const player = entry.player === "person" ? "played by a person" : policy;
+    const details = [entry.map, `seed ${entry.seed}`, player, disagree];
     return make("li", { class: state.story?.entry.story === story ? "open" : "", data: { story } },
       make("span", {}, make("strong", { text: `${resultName(entry.result)}: ${entry.collected} of ${entry.spawned}` }),
         ` in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
       button("Open", { "aria-label": `Open round ${story}`, onclick: () => open(story) }),
-      make("span", { class: "quiet", text: [entry.map, `seed ${entry.seed}`, player, disagree].filter(Boolean).join(" · ") }));
+      make("span", { class: "quiet", text: details.filter(Boolean).join(" · ") }));
   }));
 }
 
@@ -209,7 +210,8 @@ function drawMarks() {
   const context = canvas.getContext("2d");
   context.scale(devicePixelRatio, devicePixelRatio);
   const step = (width - THUMB_PX) / Math.max(1, frames.length - 1);
-  for (const [ticks, colour, y, size] of [[entry.decisions, "#7f8ba6", height - 9, 6], [entry.parts, "#e0407f", 2, 9]]) {
+  const marks = [[entry.decisions, "#7f8ba6", height - 9, 6], [entry.parts, "#e0407f", 2, 9]];
+  for (const [ticks, colour, y, size] of marks) {
     context.fillStyle = colour;
     for (const tick of ticks) context.fillRect(THUMB_PX / 2 + step * tick - 1.5, y, 3, size);
   }

@@ -27,7 +27,8 @@ export class View {
   #fitScale() {
     const [x0, y0, x1, y1] = this.bounds;
     const margin = this.width < 600 ? 14 : 36;
-    return Math.max(4, Math.min((this.width - 2 * margin) / (x1 - x0), (this.height - this.inset - 2 * margin) / (y1 - y0)));
+    const [width, height] = [this.width - 2 * margin, this.height - this.inset - 2 * margin];
+    return Math.max(4, Math.min(width / (x1 - x0), height / (y1 - y0)));
   }
 
   fit() {

@@ -54,7 +54,9 @@ function tableHead(summaries) {
       scope: "colgroup", colSpan: columns.length, class: k ? "second" : "", text: policy,
     }))),
     make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...summaries.flatMap(({ columns }, policy) =>
-      columns.map((name, k) => make("th", { scope: "col", class: policy && !k ? "second" : "", text: spaced(name) })))));
+      columns.map((name, k) => make("th", {
+        scope: "col", class: policy && !k ? "second" : "", text: spaced(name),
+      })))));
 }
 
 function tableRow(row, summaries, disagree) {
@@ -62,19 +64,22 @@ function tableRow(row, summaries, disagree) {
   const { chosen } = state.why;
   const by = summaries.map(({ policy }) => policy).filter((policy) => chosen[policy] === candidate);
   const [first, second = first] = summaries.map(({ ranks }) => ranks.get(candidate));
-  const point = () => pointAt(kind === "hold" ? -1 : candidate);
+  const place = kind === "hold" ? -1 : candidate;
+  const point = () => pointAt(place);
   const leave = () => pointAt(-1);
-  const go = () => state.role === "robot" && !state.story && request({ do: "goal", candidate: kind === "hold" ? -1 : candidate });
+  const go = () => state.role === "robot" && !state.story && request({ do: "goal", candidate: place });
   const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
     const ranked = Number.isFinite(merit(row, policy));
-    const text = column === "rank" ? (ranked ? String(ranks.get(candidate)) : MISSING) : format(terms[policy]?.[column]);
+    const rank = ranked ? ranks.get(candidate) : null;
+    const text = format(column === "rank" ? rank : terms[policy]?.[column]);
     const classes = {
       second: k && column === columns[0], chosen: by.includes(policy), none: text === MISSING,
       apart: column === "rank" && ranked && Math.abs(first - second) > RANKS_APART,
     };
     return make("td", { class: Object.keys(classes).filter((name) => classes[name]).join(" "), text });
   }));
-  return make("tr", { class: disagree && by.length ? "parts" : "", data: { candidate }, onmouseenter: point, onmouseleave: leave },
+  const marked = disagree && by.length ? "parts" : "";
+  return make("tr", { class: marked, data: { candidate }, onmouseenter: point, onmouseleave: leave },
     make("th", { scope: "row" }, make("button", {
       type: "button", text: (by.length ? "★ " : "") + nameOf(candidate), onfocus: point, onblur: leave, onclick: go,
       title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
@@ -89,7 +94,8 @@ function show() {
   $("why-scroll").hidden = !why?.rows?.length;
   if (!why?.rows?.length) {
     $("why-table").replaceChildren();
-    write($("why-words"), why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.");
+    const hint = why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.";
+    write($("why-words"), hint);
     write($("why-same"), "");
     showCandidate();
     return;
