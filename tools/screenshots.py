@@ -128,7 +128,7 @@ def shoot(browser: Any, name: str) -> bytes:
     width, height, ratio, scheme, prepare = SHOTS[name]
     game = SimulatedGame(Rules(), seed=_SEED)
     try:
-        with WebServer(game, say=lambda _: None) as server:
+        with WebServer(game, write=lambda _: None) as server:
             context = browser.new_context(
                 viewport={"width": width, "height": height},
                 device_scale_factor=ratio,

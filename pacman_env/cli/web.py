@@ -42,7 +42,7 @@ def add_web(commands: Any) -> None:
 
 def _web(arguments: argparse.Namespace) -> int:
     try:
-        from pacman_env.web.server import serve
+        from pacman_env.web.server import Limits, serve
     except ModuleNotFoundError as error:
         raise OSError(f"needs {error.name}: pip install 'pacman_env[web]'") from error
     game = _robots_game(arguments) if arguments.ros else _simulated_game(arguments)
@@ -57,8 +57,7 @@ def _web(arguments: argparse.Namespace) -> int:
             arguments.host,
             arguments.port,
             names=arguments.name,
-            most_viewers=arguments.viewers,
-            tell=lambda text: print(text, flush=True),
+            limits=Limits(viewers=arguments.viewers),
             opened=opened,
         )
     finally:

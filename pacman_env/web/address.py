@@ -1,8 +1,9 @@
-"""Where the page is: the socket that it is served on, and what is printed of it, a link and a QR code."""
+"""The address of the page: the socket that it is served on, and what is printed about it, a link and a QR code."""
 
 from __future__ import annotations
 
 import errno
+import io
 import socket
 
 from pacman_env.web.access import Tokens
@@ -11,13 +12,12 @@ WILDCARDS = ("0.0.0.0", "::")
 
 
 def link(address: str, port: int, token: str = "") -> str:
-    """The page's address."""
     host = f"[{address}]" if ":" in address else address
     return f"http://{host}:{port}/" + (f"?token={token}" if token else "")
 
 
 def own_address(family: int = socket.AF_INET) -> str | None:
-    """The address by which others reach this machine, as far as it can be told; nothing is sent."""
+    """The address by which others reach this machine, if there is one; nothing is sent."""
     there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses of documentation
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
@@ -40,8 +40,6 @@ def qr_code(text: str) -> str:
         import segno
     except ImportError:
         return ""
-    import io
-
     out = io.StringIO()
     segno.make(text, error="l", micro=False).terminal(out, compact=True, border=2)
     return out.getvalue().rstrip("\n")
@@ -53,22 +51,15 @@ def greeting(address: str, port: int, tokens: Tokens | None) -> str:
     if tokens is None:
         return f"The page: {link(shown, port)} (on this computer alone; Ctrl-C ends it)"
     operator = link(shown, port, tokens.operator)
-    return "\n".join(
-        (
-            f"To play and run it: {operator}",
-            qr_code(operator),
-            f"To view, and to STOP: {link(shown, port, tokens.viewer)}",
-            "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page.",
-        )
+    return (
+        f"To play and run it: {operator}\n{qr_code(operator)}\n"
+        f"To view, and to STOP: {link(shown, port, tokens.viewer)}\n"
+        "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page."
     )
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """A socket that listens soon.
-
-    Raises:
-        OSError: the address cannot be had.
-    """
+    """A bound socket; OSError says why there is none."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:
@@ -76,19 +67,14 @@ def bind(host: str, port: int) -> socket.socket:
     bound = socket.socket(family, kind, protocol)
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a slow reader is shown what is new
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a slow reader gets newer frames
         bound.bind(address)
     except OSError as error:
         bound.close()
-        raise OSError(_why_not(error, host, port)) from error
+        reasons = {
+            errno.EADDRINUSE: f"port {port} of {host} is taken: another one, or 0 for any that is free",
+            errno.EADDRNOTAVAIL: f"{host} is no address of this computer",
+            errno.EACCES: f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free",
+        }
+        raise OSError(reasons.get(error.errno or 0, f"{host}, port {port}: {error.strerror}")) from error
     return bound
-
-
-def _why_not(error: OSError, host: str, port: int) -> str:
-    if error.errno == errno.EADDRINUSE:
-        return f"port {port} of {host} is taken: another one, or 0 for any that is free"
-    if error.errno == errno.EADDRNOTAVAIL:
-        return f"{host} is no address of this computer"
-    if error.errno == errno.EACCES:
-        return f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free"
-    return f"{host}, port {port}: {error.strerror}"

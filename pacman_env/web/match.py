@@ -1,11 +1,11 @@
-"""A simulated game as the robot's referee has it: menu, show, round, the next round or round 1."""
+"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,50 +18,36 @@ from pacman_env.web import messages
 from pacman_env.web.driving import Driving
 from pacman_env.web.feedback import Feedback
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused
-from pacman_env.web.news import News
-from pacman_env.web.played_round import Orders, PlayedRound, Snapshot
+from pacman_env.web.game import News, Refused
+from pacman_env.web.played_round import Orders, PlayedRound
+from pacman_env.web.recordings import Recordings, in_words
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.scenes import link_to
-from pacman_env.web.simulated_view import SimulatedView
-from pacman_env.web.stories import Stories, in_words
+from pacman_env.web.simulated_view import SimulatedView, link_to
 from pacman_env.web.tick_clock import TickClock
 
 _LOG = logging.getLogger(__name__)
-_HOME_S = 2.0  # real time after a round, in which its end is looked at
+_HOME_S = 2.0  # real time after a round, in which its end is shown
 _REHEARSED = 6  # ticks: the planner plans, goals begin
 
 
 class Match:
-    """One round after the other.
+    """One round after the other; it begins without any, until ``lay_out``.
 
-    Args:
-        rules: to begin with.
-        choices: what they are chosen from.
-        seed: of the first round; those of the others follow from it. None: drawn.
-        clock: of the ticks.
-        driving: who plays whom.
-        news: what happens is added to it.
-        lock: of what is shown; never held while a round is stepped or laid out.
+    ``seed`` is that of the first round, from which those of the others follow; None: drawn. ``lock`` is held while
+    what is shown changes, and never while a round is stepped or laid out.
     """
 
     def __init__(
-        self,
-        rules: Rules,
-        choices: Choices,
-        seed: int | None,
-        clock: TickClock,
-        driving: Driving,
-        news: News,
-        lock: threading.RLock,
+        self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
     ) -> None:
         config = choices.prepare(rules, None)[0]
-        self.stories = Stories()
+        self.clock = TickClock(speed)
+        self.driving = Driving()
+        self.recordings = Recordings()
         self.feedback = Feedback(config.show)
-        self.view = SimulatedView(clock, self.feedback)
+        self.view = SimulatedView(self.clock, self.feedback)
         self.round: PlayedRound | None = None
-        self._choices, self._rules = choices, rules
-        self._clock, self._driving, self._news, self._lock = clock, driving, news, lock
+        self._choices, self._rules, self._news, self._lock = choices, rules, news, lock
         self._seeds = np.random.default_rng(seed)
         self._next_seed: int | None = seed
         self._clock_s = 0.0  # simulated, shows included
@@ -71,13 +57,12 @@ class Match:
 
     @property
     def in_menu(self) -> bool:
-        """Whether no round is played."""
         return self._controller.state == "menu"
 
     @property
     def runs(self) -> bool:
         """Whether ticks are due."""
-        return self.round is not None and not self.in_menu and not self._clock.is_held
+        return self.round is not None and not self.in_menu and not self.clock.is_held
 
     @property
     def runs_round(self) -> bool:
@@ -88,29 +73,24 @@ class Match:
         """The game now, on the way from tick to tick."""
         real_s = time.monotonic()
         if self.round is not None:
-            self._add(self.feedback.go_on(real_s))
+            self._add(self.feedback.update(real_s))
         return self.view.frame(self.round, self._controller, real_s)
 
-    def _add(self, news: Sequence[dict[str, Any]]) -> None:
+    def _add(self, news: Iterable[dict[str, Any]]) -> None:
         for one in news:
             self._news.add(**one)
 
     # What people ask for
 
     def require_round(self) -> PlayedRound:
-        """The round that is laid out.
-
-        Raises:
-            Refused: there is none.
-        """
+        """The round that is laid out."""
         if self.round is None:
             raise Refused("no round could be laid out; choose another map or other settings")
         return self.round
 
     def start(self) -> None:
-        """Begin a round."""
         self.require_round()
-        if self._clock.stopped:
+        if self.clock.stopped:
             raise Refused("stopped: release first")
         self._act(self._controller.start(self._clock_s), refuse=True)
         self._follow_clock()
@@ -132,7 +112,7 @@ class Match:
         rules = self._rules.changed(setup)
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)
-        if self._driving.plays_robot and setup.finish:
+        if self.driving.plays_robot and setup.finish:
             raise Refused("somebody plays the robot: a round to be finished is played by a policy")
         self._rules, self._clyde_mps = rules, clyde_mps
         if setup.seed is not None:
@@ -141,23 +121,21 @@ class Match:
         if (self._controller.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
             self._act(self._controller.reset(self._clock_s))
         self.lay_out()
-        if setup.finish:
-            return self._finish()
-        return None
+        return self._finish() if setup.finish else None
 
     def _finish(self) -> dict[str, int]:
-        """Play the round to its end as fast as can be; returns its story's number."""
+        """Play the round to its end as fast as possible; returns the number of its recording."""
         played = self.require_round()
         while not played.over:
             played.step(Orders())
-        self._keep_story(played)
+        self._record(played)
         self.lay_out(played.seed)
-        return {"story": self.stories.count}
+        return {"story": self.recordings.count}
 
     def place_ghost(self, ghost: int, x: float, y: float) -> None:
         """Where a ghost starts, m."""
         played = self.require_round()
-        if self._controller.state != "menu":
+        if not self.in_menu:
             raise Refused("Clyde is placed in the menu, before a round")
         if ghost >= len(self._rules.ghosts):
             raise Refused(f"there is no ghost {ghost}")
@@ -166,12 +144,12 @@ class Match:
 
     def assume_role(self, person: str, role: str) -> str:
         """Have a role; returns when it counts, empty: at once."""
-        self._driving.assume(person, role, len(self._rules.ghosts))
+        self.driving.assume(person, role, len(self._rules.ghosts))
         played = self.round
         if self.in_menu and played is not None and played.ticks == 0:
             self.lay_out(played.seed)
-        plays = self._driving.roles.ghosts()
-        waits = [k for k, who in plays.items() if who == person and (played is None or k not in played.ghost_roles)]
+        ghosts = self.driving.roles.ghosts()
+        waits = any(who == person and (played is None or k not in played.ghost_roles) for k, who in ghosts.items())
         return "yours from the next round on" if waits and not self.in_menu else ""
 
     def show(self, what: str, word: str) -> None:
@@ -181,44 +159,55 @@ class Match:
         except (KeyError, ValueError) as error:
             raise Refused(f"{what} {word!r}: there is none") from error
 
+    def readiness(self) -> list[dict[str, str]]:
+        """Rows of the readiness list."""
+        if self.round is None:
+            return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
+        assets = self.round.assets
+        dropped = len(assets.dropped_ids)
+        words = f"{assets.occupancy.name}: {assets.pellets} pellets"
+        state, words, remedy = (
+            ("warning", f"{words}, {dropped} more cannot be reached", "look at the map: pacman-env map check")
+            if dropped
+            else ("ok", words, "")
+        )
+        return [
+            {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
+            {"name": "map", "state": state, "words": words, "remedy": remedy},
+            {"name": "configuration", "state": "ok", "words": f"hash {self.round.config.hash}", "remedy": ""},
+        ]
+
     # The round
 
     def lay_out(self, seed: int | None = None) -> None:
-        """A new round in the menu; ``seed``: the same once more.
-
-        Raises:
-            Refused: it cannot be played; the round before is still there.
-        """
+        """A new round in the menu; with ``seed`` the same once more. After Refused the former round is still there."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
-        config, source, ghosts = self._choices.prepare(self._rules, speed)
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
-        try:
-            played = PlayedRound(
-                config,
-                source,
-                ghosts,
-                (self._rules.policy, self._rules.second),
-                seed,
-                frozenset(k for k in self._driving.roles.ghosts() if k < len(self._rules.ghosts)),
-            )
-        except ValueError as error:
-            raise Refused(str(error)) from error
-        if self._driving.plays_robot:
+        ghost_roles = frozenset(k for k in self.driving.roles.ghosts() if k < len(self._rules.ghosts))
+        played = self._laid_out(speed, seed, ghost_roles)
+        if self.driving.plays_robot:
             played.play_beside()
+        config = played.config
         with self._lock:
             self._next_seed = None
             self._controller.base_clyde_speed(config.clyde.speed_mps if speed is None else self._base_mps(config))
             self.round = played
-            self._clock.tick_s = config.execution.tick_s
-            self._driving.forget_goals()
+            self.clock.tick_s = config.execution.tick_s
+            self.driving.goals.clear()
             self.feedback.turned = 0.0
             self.view.show_round(played, self._rules)
 
+    def _laid_out(self, speed: float | None, seed: int, ghost_roles: frozenset[int] = frozenset()) -> PlayedRound:
+        config, source, ghosts = self._choices.prepare(self._rules, speed)
+        try:
+            return PlayedRound(config, source, ghosts, (self._rules.policy, self._rules.second), seed, ghost_roles)
+        except ValueError as error:
+            raise Refused(str(error)) from error
+
     def rehearse(self) -> None:
-        """Some ticks of a round that nobody sees: what has to be compiled is compiled now, not while one is played."""
-        config, source, ghosts = self._choices.prepare(self._rules, None)
-        played = PlayedRound(config, source, ghosts, (self._rules.policy, self._rules.second), 0)
+        """Some ticks of a round that is not shown: what has to be compiled is compiled now, not during a round."""
+        played = self._laid_out(None, 0)
         for _ in range(_REHEARSED):
             played.step(Orders())
         played.why_now()
@@ -226,70 +215,70 @@ class Match:
         played.step(Orders(robot=True, velocity=(0.1, 0.0)))
 
     def _base_mps(self, config: Config) -> float:
-        """Clyde's speed of round 1, of a configuration that has that of this round."""
+        """Clyde's speed of round 1, from a configuration with the speed of this round."""
         return config.clyde.speed_mps - (self._controller.round - 1) * config.clyde.speed_step_mps
 
     def tick(self) -> None:
         """The next tick of the clock, of the round too where one is played."""
         with self._lock:
             played = self.round
-            if played is None or self._clock.is_held:
+            if played is None or self.clock.is_held:
                 return
-            due_s = self._clock.due_s
+            due_s = self.clock.due_s
             self._clock_s += played.config.execution.tick_s
             if not self.runs_round:
-                self._clock.begin(due_s)
+                self.clock.begin(due_s)
                 self._follow_clock()
                 self.view.stay()
                 return
-            orders = self._driving.orders(played)
+            orders = self.driving.orders(played)
         played.step(orders)  # people are answered and frames are made meanwhile
         with self._lock:
             if played is self.round:
-                self._clock.begin(due_s)
+                self.clock.begin(due_s)
                 before, now = played.snapshots[-2:]
                 self.view.show(before, now)
                 self._report(played, before, now)
 
-    def _report(self, played: PlayedRound, before: Snapshot, now: Snapshot) -> None:
-        """Tell the referee what the tick brought, as the robot's goal selector does."""
+    def _report(self, played: PlayedRound, before: Frame, now: Frame) -> None:
+        """Report the tick to the referee, as the robot's goal selector does."""
         ids = played.assets.pellet_ids
         for pellet in np.flatnonzero(before.alive & ~now.alive).tolist():
             self._act(self._controller.status(f"pellet_collected:{int(ids[pellet])}", self._clock_s))
         if not played.over:
             return
-        self._keep_story(played)
+        self._record(played)
         if played.outcome == "caught":
             self.show("event", f"{GHOST_NAMES[max(played.catcher, 0)]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
-        elif self._controller.state == "running":  # the time limit: the referee on a robot has none
-            self._add([{"words": f"the time is up after {now.time_s:g} s - Score: {self._controller.score}"}])
-            self._act(self._controller.reset(self._clock_s))
-            self._to_menu()
+        elif self.runs_round:  # the time limit: the referee on a robot has none
+            self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
+            self.reset()
 
-    def _act(self, actions: Sequence[Action], refuse: bool = False) -> None:
-        """Do what the referee wants done."""
+    def _act(self, actions: Iterable[Action], refuse: bool = False) -> None:
+        """Carry out the actions of the referee."""
         for action in actions:
+            value = str(action.value)
             if action.kind == "ignored":
                 if refuse:
-                    raise Refused(str(action.value))
-                _LOG.info("the referee: %s", action.value)
+                    raise Refused(value)
+                _LOG.info("the referee: %s", value)
             elif action.kind == "event":
-                self.show("event", str(action.value))
+                self.show("event", value)
             elif action.kind == "state":
-                self.feedback.state(str(action.value), time.monotonic())
-                self._add([{"state": str(action.value)}])
+                self.feedback.enter(value, time.monotonic())
+                self._news.add(state=value)
             elif action.kind == "result" and action.value:
-                self._add([{"words": str(action.value)}])
+                self._news.add(words=value)
             elif action.kind == "command":
                 self._home_due_s = None
-                if action.value == "return_home":
-                    played = self.round
-                    self._home_due_s = time.monotonic() + (_HOME_S if played is not None and played.over else 0.0)
+                if value == "return_home":
+                    over = self.round is not None and self.round.over
+                    self._home_due_s = time.monotonic() + (_HOME_S if over else 0.0)
         self.view.changed()
 
     def _follow_clock(self) -> None:
-        """Shows end by the clock, and the robot is home at once: nobody drives it there."""
+        """Shows end by the clock, and the robot is home at once: nothing drives it there."""
         while True:
             state = self._controller.state
             self._act(self._controller.tick(self._clock_s))
@@ -297,20 +286,16 @@ class Match:
             if due_s is not None and time.monotonic() >= due_s and self._controller.state == "returning_home":
                 self._home_due_s = None
                 self._act(self._controller.status("home_reached", self._clock_s))
-                if self._controller.state == "menu":
+                if self.in_menu:
                     self._to_menu()
             if self._controller.state == state:
                 return
-            if self._controller.state == "running":
-                self._begin_round()
+            if self.runs_round:
+                ids = [int(number) for number in self.require_round().assets.pellet_ids]
+                for _ in range(2):  # what two reports show is of this round
+                    self._act(self._controller.pellets_left(ids, self._clock_s))
             elif self._controller.state == "starting":
-                self._clock.restart()
-
-    def _begin_round(self) -> None:
-        assert self.round is not None
-        ids = [int(number) for number in self.round.assets.pellet_ids]
-        for _ in range(2):  # what two reports show is of this round
-            self._act(self._controller.pellets_left(ids, self._clock_s))
+                self.clock.restart()
 
     def _to_menu(self) -> None:
         """Another round is laid out."""
@@ -318,32 +303,14 @@ class Match:
         try:
             self.lay_out()
         except Refused as refused:
-            self._add([{"words": str(refused)}])
+            self._news.add(words=str(refused))
 
-    def _keep_story(self, played: PlayedRound) -> None:
+    def _record(self, played: PlayedRound) -> None:
         facts = {
             "map": self._rules.map,
             "round": self._controller.round,
             "revision": self.view.scene.revision,
             "link": link_to(played, self._rules),
         }
-        told = self.stories.keep(played, facts)
-        self._add([{"story": told["story"], "words": in_words(told)}])
-
-
-def readiness(played: PlayedRound | None) -> list[dict[str, str]]:
-    """The readiness list of a round; None: there is none."""
-    if played is None:
-        return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
-    dropped = len(played.assets.dropped_ids)
-    return [
-        {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
-        {
-            "name": "map",
-            "state": "warning" if dropped else "ok",
-            "words": f"{played.assets.occupancy.name}: {played.assets.pellets} pellets"
-            + (f", {dropped} more cannot be reached" if dropped else ""),
-            "remedy": "look at the map: pacman-env map check" if dropped else "",
-        },
-        {"name": "configuration", "state": "ok", "words": f"hash {played.config.hash}", "remedy": ""},
-    ]
+        summary = self.recordings.keep(played, facts)
+        self._news.add(story=summary["story"], words=in_words(summary))

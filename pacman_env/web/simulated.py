@@ -12,17 +12,12 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as Late
 from typing import Any, Literal
 
-from pacman_env import __version__
 from pacman_env.web import messages
-from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused, Scene
-from pacman_env.web.match import Match, readiness
+from pacman_env.web.game import News, Refused, Scene
+from pacman_env.web.match import Match
 from pacman_env.web.messages import Message
-from pacman_env.web.news import News
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.tick_clock import TickClock
-from pacman_env.web.vocabulary import vocabulary
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
@@ -31,7 +26,19 @@ _WHY_S = 0.25  # between two times that the terms are sent
 
 
 class SimulatedGame:
-    """A :class:`~pacman_env.web.game.Game` that a thread plays."""
+    """A :class:`~pacman_env.web.game.Game` that a thread plays, from the preparation of the first round on.
+
+    Args:
+        rules: to begin with.
+        maps: files of maps that can be chosen beside those that ship.
+        policies: files of policies, likewise.
+        seed: of the first round, from which those of the others follow; None: drawn.
+        speed: times real time.
+
+    Raises:
+        MapError, ValueError: a file that cannot be used.
+        Refused: rules that cannot be chosen.
+    """
 
     source: Literal["simulator", "ros"] = "simulator"
 
@@ -44,25 +51,10 @@ class SimulatedGame:
         seed: int | None = None,
         speed: float = 1.0,
     ) -> None:
-        """Begin to prepare the first round.
-
-        Args:
-            rules: to begin with.
-            maps: files of maps that can be chosen beside those that ship.
-            policies: files of policies, likewise.
-            seed: of the first round; those of the others follow from it. None: drawn.
-            speed: times real time.
-
-        Raises:
-            MapError, ValueError: a file that cannot be used.
-            Refused: rules that cannot be chosen.
-        """
         self._choices = Choices(maps, policies)
-        self._lock = threading.RLock()  # of what follows
         self._news = News()
-        self._clock = TickClock(speed)
-        self._driving = Driving()
-        self._match = Match(rules or Rules(), self._choices, seed, self._clock, self._driving, self._news, self._lock)
+        self._lock = threading.RLock()  # of the match and what follows
+        self._match = Match(rules or Rules(), self._choices, seed, speed, self._news, self._lock)
         self._why = False
         self._why_sent_s = 0.0
         self._orders: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any], bool] | None] = queue.SimpleQueue()
@@ -73,31 +65,25 @@ class SimulatedGame:
     # What the server asks
 
     def close(self) -> None:
-        """End the thread."""
         self._closed = True
         self._orders.put(None)
         self._thread.join(10.0)
 
-    def hello(self) -> dict[str, Any]:
-        """Choices, names, colours, sounds."""
-        return {"version": __version__, "choices": self._choices.facts(), **vocabulary()}
+    def choices(self) -> dict[str, Any]:
+        return self._choices.facts()
 
     def scene(self) -> Scene:
-        """The scene now."""
         with self._lock:
             return self._match.view.scene
 
     def frame(self) -> Frame | None:
-        """How it stands now, on the way from tick to tick."""
         with self._lock:
             return self._match.frame()
 
     def news(self, after: int) -> list[dict[str, Any]]:
-        """What has happened since."""
         return self._news.after(after)
 
     def watch(self, *, why: bool, lidar: bool) -> None:
-        """Whether anybody looks at the terms and at the lidar now."""
         with self._lock:
             view = self._match.view
             if view.lidar != lidar:
@@ -106,45 +92,40 @@ class SimulatedGame:
             self._why_sent_s = 0.0
 
     def handle(self, person: str, message: Message) -> Any:
-        """See :meth:`pacman_env.web.game.Game.handle`."""
         if isinstance(message, messages.Drive):
             with self._lock:
-                self._driving.steer(person, message.v, message.omega)
+                self._match.driving.steer(person, message.v, message.omega)
             return None
         if isinstance(message, messages.Why):  # nothing of a round that has ended changes: the game goes on meanwhile
-            return self._match.stories.why(message.story, message.tick)
+            return self._match.recordings.why(message.story, message.tick)
         return self._ask(lambda: self._do(person, message), waits=isinstance(message, _LONG))
 
     def stop(self, person: str) -> None:
-        """Time stands still, and with it the robot."""
-        with self._lock:
-            if not self._clock.stopped:
-                self._clock.stop(True)
-                self._match.view.changed()
-                self._news.add(words=f"stopped by {person}")
+        self._hold(True, person)
 
     def release(self, person: str) -> None:
-        """Time goes on."""
-        with self._lock:
-            if self._clock.stopped:
-                self._clock.stop(False)
-                self._driving.let_go()
-                self._match.view.changed()
-                self._news.add(words=f"released by {person}")
+        self._hold(False, person)
         self._orders.put(None)
 
-    def leave(self, person: str) -> None:
-        """The person's role is free."""
+    def _hold(self, stopped: bool, person: str) -> None:
+        """Time stands still, and with it the robot, or goes on."""
         with self._lock:
-            self._driving.leave(person)
+            if self._match.clock.stopped != stopped:
+                self._match.clock.hold(stopped=stopped)
+                if not stopped:
+                    self._match.driving.release()
+                self._match.view.changed()
+                self._news.add(words=f"{'stopped' if stopped else 'released'} by {person}")
+
+    def leave(self, person: str) -> None:
+        with self._lock:
+            self._match.driving.leave(person)
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
-        """A map of somebody's own."""
         return self._choices.add_map(name, yaml, image)
 
     def story(self, number: int) -> bytes | None:
-        """The frames of a round that has ended."""
-        return self._match.stories.frames(number)
+        return self._match.recordings.frames(number)
 
     # The thread
 
@@ -154,7 +135,7 @@ class SimulatedGame:
             try:
                 self._match.rehearse()
                 self._match.lay_out()
-            except ValueError as refused:  # of the command line: nobody else has chosen yet
+            except ValueError as refused:  # of the command line: no page has chosen yet
                 self._news.add(words=str(refused))
             while not self._closed:
                 self._do_order(self._wait_s())
@@ -169,7 +150,7 @@ class SimulatedGame:
     def _wait_s(self) -> float | None:
         """How long until the next tick is due; None: none is."""
         with self._lock:
-            return max(0.0, self._clock.due_s - time.monotonic()) if self._match.runs else None
+            return max(0.0, self._match.clock.due_s - time.monotonic()) if self._match.runs else None
 
     def _send_why(self) -> None:
         with self._lock:
@@ -180,7 +161,7 @@ class SimulatedGame:
 
     def _do_order(self, wait_s: float | None) -> None:
         try:
-            order = self._orders.get(timeout=wait_s) if wait_s is None or wait_s > 0 else self._orders.get_nowait()
+            order = self._orders.get(block=wait_s != 0.0, timeout=wait_s)
         except queue.Empty:
             return
         if order is None:
@@ -193,7 +174,7 @@ class SimulatedGame:
         except Exception as error:
             answer.set_exception(error)
 
-    def _ask(self, what: Callable[[], Any], waits: bool = False) -> Any:
+    def _ask(self, what: Callable[[], Any], waits: bool) -> Any:
         """Have the thread do something between two ticks; ``waits``: it may take long, frames and STOP go on."""
         if self._closed:
             raise Refused("the simulated game has ended")
@@ -212,10 +193,10 @@ class SimulatedGame:
             case messages.Reset():
                 game.reset()
             case messages.Pause(on=on):
-                self._clock.pause(on)
+                game.clock.hold(paused=on)
                 game.view.changed()
             case messages.Speed(times=times):
-                self._clock.set_speed(times)
+                game.clock.set_speed(times)
                 game.view.changed()
             case messages.Setup():
                 return game.set_up(message)
@@ -224,20 +205,20 @@ class SimulatedGame:
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 game.place_ghost(ghost, x, y)
             case messages.Role(role="none"):
-                self._driving.leave(person)
+                game.driving.leave(person)
                 return {"words": ""}
             case messages.Role(role=role):
                 return {"words": game.assume_role(person, role)}
             case messages.Goal():
-                self._driving.choose(person, message, game.require_round())
+                game.driving.choose(person, message, game.require_round())
             case messages.Event(word=word, what=what):
                 game.show(what, word)
             case messages.Arm(on=on):
                 game.feedback.armed = on
             case messages.Stories():
-                return game.stories.all()
+                return game.recordings.summaries()
             case messages.Ready():
-                return readiness(game.round)
+                return game.readiness()
             case _:
                 raise Refused(f"{type(message).__name__}: not in the simulator")
         return None

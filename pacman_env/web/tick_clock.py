@@ -6,11 +6,7 @@ import time
 
 
 class TickClock:
-    """Ticks at a speed that can change, held while the game is paused or stopped.
-
-    Args:
-        speed: of the simulated time, times real time.
-    """
+    """Ticks at ``speed`` times real time, held while the game is paused or stopped."""
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
@@ -21,7 +17,6 @@ class TickClock:
 
     @property
     def is_held(self) -> bool:
-        """Whether time stands still."""
         return self.paused or self.stopped
 
     @property
@@ -48,23 +43,16 @@ class TickClock:
         self._began_s = time.monotonic()
 
     def set_speed(self, times: float) -> None:
-        """Another speed, from where the tick is now."""
+        """Another speed, from the present share of the tick on."""
         now = time.monotonic()
         share = self.share(now)
         self.speed = times
         self._began_s = (self._held_s or now) - share * self.period_s
 
-    def pause(self, on: bool) -> None:
-        """Hold the time, or resume it."""
-        self.paused = on
-        self._hold()
-
-    def stop(self, on: bool) -> None:
-        """Hold the time by the operator's stop, or release it."""
-        self.stopped = on
-        self._hold()
-
-    def _hold(self) -> None:
+    def hold(self, *, paused: bool | None = None, stopped: bool | None = None) -> None:
+        """Hold the time for either reason, or resume it."""
+        self.paused = self.paused if paused is None else paused
+        self.stopped = self.stopped if stopped is None else stopped
         now = time.monotonic()
         if self.is_held:
             self._held_s = now if self._held_s is None else self._held_s

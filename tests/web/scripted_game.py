@@ -11,7 +11,6 @@ from pacman_env.web import messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
-from pacman_env.web.vocabulary import vocabulary
 
 PICTURE = b"\x89PNG\r\n\x1a\n picture"
 
@@ -57,10 +56,10 @@ class ScriptedGame:
     def close(self) -> None:
         self._called("close")
 
-    def hello(self) -> dict[str, Any]:
-        if "hello" in self.fails:
-            raise RuntimeError("hello is broken")
-        return {"choices": {"maps": ["house"]}, **vocabulary()}
+    def choices(self) -> dict[str, Any]:
+        if "choices" in self.fails:
+            raise RuntimeError("choices is broken")
+        return {"maps": ["house"]}
 
     def scene(self) -> Scene:
         return Scene(self.revision, {"map": {"name": "house"}, "home": [0.0, 0.0, float("nan")]}, PICTURE)

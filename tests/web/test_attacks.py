@@ -24,10 +24,10 @@ from websockets.sync.client import connect
 
 from pacman_env.web import messages
 from pacman_env.web.access import Tokens
-from pacman_env.web.frame import decode
 from pacman_env.web.server import CONNECTIONS, SPARE_CONNECTIONS, WebServer
+from tests.web.frames import decode
+from tests.web.page_messages import RIGHT, as_sent, is_right, texts
 from tests.web.pages import Page, at, eventually
-from tests.web.said_by_pages import RIGHT, as_said, is_right, texts
 from tests.web.scripted_game import ScriptedGame
 
 
@@ -136,7 +136,7 @@ def test_a_token_is_in_no_log_whatever_is_done_with_it(
     logging.getLogger("uvicorn.error").setLevel(logging.DEBUG)
     logging.getLogger("uvicorn.access").setLevel(logging.DEBUG)
     with Page(server) as page:
-        game.fails = {"handle", "hello"}
+        game.fails = {"handle", "choices"}
         page.ask("start")
         with contextlib.suppress(ConnectionClosed):
             Page(server).close()
@@ -164,7 +164,7 @@ def drawn_wrong(count: int) -> list[str]:
 
     draw()
     random = Random(1)
-    right = [as_said(word) for word in RIGHT]
+    right = [as_sent(word) for word in RIGHT]
     while len(drawn) < 2 * count:
         text = random.choice(random.choice((drawn, right)))
         first, last = sorted(random.choices(range(len(text) + 1), k=2))
@@ -272,7 +272,7 @@ def test_who_sends_a_byte_now_and_then_has_no_more_time_than_others(serve: Calla
 def test_a_thousand_connections_are_refused_beyond_the_limit_and_make_room_again(
     serve: Callable[..., WebServer], said: list[str], web: httpx.Client
 ) -> None:
-    server = serve(ScriptedGame(), most_viewers=20)
+    server = serve(ScriptedGame(), viewers=20)
     with undisturbed(server), contextlib.ExitStack() as them:
         many = [them.enter_context(wire(server)) for _ in range(1000)]
         eventually(lambda: sum(_is_cut(there) for there in many) >= 1000 - 2 * (CONNECTIONS * 20 + SPARE_CONNECTIONS))
@@ -308,7 +308,7 @@ def _answers(web: httpx.Client, server: WebServer) -> bool:
 def test_more_viewers_than_may_be_are_refused_and_operators_still_come_in(
     serve: Callable[..., WebServer], said: list[str]
 ) -> None:
-    server = serve(ScriptedGame(), tokens=Tokens.new(), most_viewers=30)
+    server = serve(ScriptedGame(), tokens=Tokens.new(), viewers=30)
 
     options: dict[str, Any] = {"compression": None, "max_queue": None, "close_timeout": 1.0}
 

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.web.control import KEPT_S, Control
+from pacman_env.web.control import KEPT_S, ROLES, Control
 from pacman_env.web.game import Refused
-from pacman_env.web.roles import ROLES
 
 PEOPLE = ("ann", "bob", "cid")
 people = st.sampled_from(PEOPLE)
@@ -104,7 +103,7 @@ def test_after_ten_seconds_control_and_role_are_free() -> None:
     control.roles.assume("bob", "robot")
 
 
-def test_a_role_has_one_person_and_a_person_one_seat() -> None:
+def test_a_role_has_one_person_and_a_person_one_role() -> None:
     control = Control()
     control.roles.assume("ann", "ghost-1")
     control.roles.assume("ann", "robot")

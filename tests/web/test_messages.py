@@ -1,4 +1,4 @@
-"""What a page says is what the schema has, or it is refused with words."""
+"""What a page sends fits the schema, or it is refused with words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pacman_env.web import messages
 from pacman_env.web.messages import MOST_BYTES, as_json, parse
-from tests.web.said_by_pages import RIGHT, WORDS, as_said, texts
+from tests.web.page_messages import RIGHT, WORDS, as_sent, texts
 
 
 def test_every_message_has_an_example_here() -> None:
@@ -20,7 +20,7 @@ def test_every_message_has_an_example_here() -> None:
 
 @pytest.mark.parametrize("word", sorted(RIGHT))
 def test_a_right_message_comes_out_as_it_went_in(word: str) -> None:
-    message = parse(as_said(word, id=7))
+    message = parse(as_sent(word, id=7))
     assert message.id == 7
     assert parse(as_json(message)) == message
 

@@ -255,7 +255,7 @@ def test_server_lost_and_back(visit: Visit, page_server: WebServer, simulated: S
     assert page.page.is_disabled("#start")
     page.page.keyboard.press("Escape")
     page.wait("document.querySelector('#lost').textContent.includes('NOT delivered')")
-    with WebServer(simulated, port=port, say=lambda _: None):
+    with WebServer(simulated, port=port, write=lambda _: None):
         page.wait("state.connected && document.querySelector('#lost').hidden", "it is back by itself")
         page.wait("state.frame.stopped", "the STOP that was owed arrives")
         page.page.click("#release:visible:enabled")
@@ -288,7 +288,7 @@ def test_still_page_draws_nothing(visit: Visit) -> None:
 
 def test_viewer_looks_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
     tokens = Tokens(operator="o" * 32, viewer="v" * 32)
-    with WebServer(simulated, tokens=tokens, say=lambda _: None) as server:
+    with WebServer(simulated, tokens=tokens, write=lambda _: None) as server:
         page = visit(ready=False)
         page.url = f"http://127.0.0.1:{server.port}/"
         page.watch()

@@ -204,11 +204,11 @@ def test_an_answer_that_is_no_json_is_an_internal_error(serve: Callable[..., Web
         assert page.ask("start")["words"] == "internal error"
 
 
-def test_a_game_that_cannot_say_hello_is_said_and_the_page_may_try_again(
+def test_a_game_without_choices_is_logged_and_the_page_may_try_again(
     serve: Callable[..., WebServer], said: list[str]
 ) -> None:
     game = ScriptedGame()
-    game.fails = {"hello"}
+    game.fails = {"choices"}
     server = serve(game)
     with pytest.raises(ConnectionClosed):
         Page(server)
@@ -478,7 +478,7 @@ import threading
 from pacman_env.web.server import serve
 from tests.web.scripted_game import ScriptedGame
 game = ScriptedGame(lambda person, message: threading.Event().wait())
-serve(game, port=0, tell=lambda words: print(words, flush=True))
+serve(game, port=0)
 print("ended", flush=True)
 """
 

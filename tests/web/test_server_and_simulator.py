@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 import httpx
 import pytest
 
-from pacman_env.web.frame import decode, decode_all
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
+from tests.web.frames import decode, decode_all
 from tests.web.pages import Page, at
 
 COMPILED_S = 300.0  # time enough for kernels that have to be compiled

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from pacman_env.web import messages as m
-from pacman_env.web.frame import Frame, decode_all
+from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated import SimulatedGame
+from pacman_env.web.vocabulary import vocabulary
+from tests.web.frames import decode_all
 
 PATIENCE_S = 240.0  # rules may have to be compiled
 QUICK = Rules(policy="clyde_aware", second="nearest", settings={"time_limit_s": 20.0})
@@ -243,16 +245,16 @@ def test_a_robot_driven_by_hand_stands_when_nothing_more_is_heard(game: Simulate
 
 
 def test_every_event_is_shown_by_the_ring_and_sounds_by_their_notes(game: SimulatedGame) -> None:
-    hello = game.hello()
-    for word in hello["events"]:
+    words = vocabulary()
+    for word in words["events"]:
         number = game.news(0)[-1]["number"]
         game.handle("Ann", m.Event(word=word))
         told = game.news(number)
         assert told[0]["event"] == word
-        assert {"light": hello["events"][word]["light"]} in [{"light": n.get("light")} for n in told]
+        assert {"light": words["events"][word]["light"]} in [{"light": n.get("light")} for n in told]
         ring = frame(game).ring
-        assert (ring is None) == (hello["events"][word]["light"] == "off")
-    for notes in hello["sounds"].values():
+        assert (ring is None) == (words["events"][word]["light"] == "off")
+    for notes in words["sounds"].values():
         assert all(20 < hz < 5000 and 0 < seconds < 2 for hz, seconds in notes)
 
 

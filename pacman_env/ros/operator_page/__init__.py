@@ -1,4 +1,4 @@
-"""The operator's page over a running game: what the page's server asks of a game, by ROS."""
+"""The operator's page over a running game: what the page's server requires of a game, by ROS."""
 
 from __future__ import annotations
 
@@ -11,17 +11,10 @@ if TYPE_CHECKING:
 def open_game(
     namespace: str = "robot_15", domain: int | None = None, sim: bool = False, map: str | None = None
 ) -> Game:
-    """The game that is up in a robot's namespace, be it there yet or not.
+    """The game in a robot's namespace, running or not yet; ``sim``: of a simulated robot, on this machine alone.
 
-    Args:
-        namespace: of the robot, with or without its slash.
-        domain: ROS_DOMAIN_ID; None: that of the environment.
-        sim: a simulated robot, on this machine alone.
-        map: the game's map, a file or a shipped one's name, for the readiness list to compare with the robot's.
-
-    Raises:
-        ValueError: a namespace, domain or map that there is not.
-        ModuleNotFoundError: ROS is missing.
+    ``domain`` is the ROS_DOMAIN_ID, None: that of the environment; ``map`` the game's, a file or a shipped one's name,
+    for the readiness list to compare with the robot's. Raises ValueError for one of them that does not exist.
     """
     from pacman_env.ros.discovery import join
     from pacman_env.ros.operator_page.ros_game import RosGame

@@ -15,7 +15,7 @@ BAD_START = 2  # exit status
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM; the exit status."""
+    """Serve until SIGINT or SIGTERM; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m pacman_env.ros.operator_page", description=__doc__.split("\n")[0])
     parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="0: any that is free (%(default)s)")
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         game = open_game(arguments.namespace, None, arguments.sim, arguments.map)
         try:
-            serve(game, "127.0.0.1", arguments.port, tell=lambda text: print(text, flush=True))
+            serve(game, "127.0.0.1", arguments.port)
         finally:
             game.close()
     except (ValueError, OSError, ModuleNotFoundError) as error:

@@ -5,60 +5,55 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Position, object_of, pellets_of, pose_of, word_of
 from pacman_env.ros.operator_page.robot_state import RobotState
 from pacman_env.ros.selector.goal_scores import NAMESPACE
-from pacman_env.web.news import News
+from pacman_env.web.game import News
 
 _LONGEST = 1_000_000  # characters of JSON
 _MOST = 10_000  # candidates
 
 
 class GameState:
-    """What the nodes of the game have published last; ``None`` and empty: nothing yet.
-
-    Args:
-        robot: gives the time.
-        news: what is shown, and what happens to the game, is added to it.
-    """
+    """What the nodes of the game have published last; ``None`` and empty: nothing yet. Events become ``news``."""
 
     def __init__(self, robot: RobotState, news: News) -> None:
         self._robot, self._news = robot, news
         self.state: str | None = None
         self.result = ""
         self.numbers: dict[str, float] = {}
-        self.pellets: dict[int, Position] = {}
-        self.ghosts: dict[int, Position] = {}
         self.condition: dict[str, Any] = {}  # the goal selector's own
-        self.candidates: dict[str, Any] = {}  # their places, and the ids of those that are pellets
-        self.scores: dict[int, float] = {}
-        self.goal = -1
         self.configuration: dict[str, Any] = {}
         self.configuration_text = ""  # as JSON
         self._began_s: float | None = None  # the round, by the robot's clock
         self._round_s = 0.0  # how long it lasted
-
-    @property
-    def round_time_s(self) -> float:
-        """Since the round began, or how long the last one was; from when it was received first."""
-        return self._round_s if self._began_s is None else max(0.0, self._robot.clock_s - self._began_s)
+        self.forget()
 
     def forget(self) -> None:
         """The robot is gone: nothing of its game is to be shown."""
-        self.ghosts, self.pellets, self.scores, self.candidates, self.goal = {}, {}, {}, {}, -1
+        self.pellets: dict[int, Position] = {}
+        self.ghosts: dict[int, Position] = {}
+        self.places: list[Position] = []  # of the candidates
+        self.pellet_ids: list[int] = []  # of those candidates that are pellets, the first ones
+        self.scores: dict[int, float] = {}
+        self.goal = -1
+
+    @property
+    def round_time_s(self) -> float:
+        """Since the round began, or how long the last one was; from its first message on."""
+        return self._round_s if self._began_s is None else max(0.0, self._robot.clock_s - self._began_s)
 
     # Messages
 
     def on_result(self, message: Any) -> None:
-        """The result of a round."""
         result = str(message.data)[:200]
         if result and result != self.result:
             self._news.add(words=result)
         self.result = result
 
-    def on_state(self, words: Any, message: Any) -> None:
-        """The referee's state, one of ``words``."""
-        state = word_of(message, words)
+    def on_state(self, message: Any) -> None:
+        state = word_of(message, topics.STATE_WORDS)
         if state == "running" != self.state:
             self._began_s = self._robot.clock_s
         elif state != "running" and self._began_s is not None:
@@ -68,28 +63,22 @@ class GameState:
         self.state = state
 
     def on_number(self, name: str, message: Any) -> None:
-        """A number of the game, by its name."""
-        value = message.data
-        if not 0 <= value < 2**31:
-            raise BadMessage(f"number {value!r}")
-        self.numbers[name] = value
+        if not 0 <= message.data < 2**31:
+            raise BadMessage(f"number {message.data!r}")
+        self.numbers[name] = message.data
 
     def on_shown(self, name: str, message: Any) -> None:
         """An event, a light or a sound."""
         self._news.add(**{name: word_of(message)})
 
     def on_ghost(self, number: int, message: Any) -> None:
-        """A ghost's pose."""
         self.ghosts[number] = pose_of(message)[:2]
 
     def on_pellets(self, message: Any) -> None:
-        """The pellets that are there."""
         self.pellets = pellets_of(message)
 
     def on_configuration(self, message: Any) -> None:
-        """The configuration of the game."""
-        given = object_of(message, _LONGEST)
-        configuration = given["configuration"]
+        configuration = object_of(message, _LONGEST)["configuration"]
         if isinstance(configuration, dict):
             self.configuration = configuration
             self.configuration_text = json.dumps(configuration, sort_keys=True)
@@ -105,21 +94,14 @@ class GameState:
         self.goal = pursued if isinstance(pursued, int) and pursued >= 0 else -1
 
     def on_candidates(self, message: Any) -> None:
-        """The candidates of the map."""
         given = object_of(message, _LONGEST)
         places = [(float(x), float(y)) for x, y in given["places"][:_MOST]]
-        pellets = [int(number) for number in given["pellets"][: len(places)]]
-        self.candidates = {"places": places, "pellets": pellets, "map": str(given.get("map"))[:200]}
+        self.pellet_ids = [int(number) for number in given["pellets"][: len(places)]]
+        self.places = places
 
     def on_scores(self, message: Any) -> None:
-        """The policy's scores."""
-        scores: dict[int, float] = {}
-        for marker in message.markers[:_MOST]:
-            if marker.ns != NAMESPACE or marker.action != marker.ADD:
-                continue
-            if 0 <= marker.id < _MOST:
-                scores[marker.id] = float(marker.text.split()[-1])
-        self.scores = scores
+        markers = [one for one in message.markers[:_MOST] if one.ns == NAMESPACE and one.action == one.ADD]
+        self.scores = {one.id: float(one.text.split()[-1]) for one in markers if 0 <= one.id < _MOST}
 
     def on_why(self, message: Any) -> None:
         """The terms of the candidates."""

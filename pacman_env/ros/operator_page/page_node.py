@@ -16,51 +16,31 @@ from pacman_env.ros.operator_page.game_state import GameState
 from pacman_env.ros.operator_page.robot_state import RobotState
 from pacman_env.ros.selector.goal_scores import CANDIDATES, DIAGNOSTICS, SCORES, WHY
 from pacman_env.ros.selector.message_queue import MessageQueue
-from pacman_env.web.news import News
+from pacman_env.web.game import News
 
-NAME = "pacman_page"  # the doctor takes nodes whose names begin so for onlookers
-_NUMBERS = {
-    "score": topics.SCORE,
-    "round": topics.ROUND,
-    "spawned": topics.PELLETS_SPAWNED,
-    "collected": topics.PELLETS_COLLECTED,
-    "clyde_speed": topics.CLYDE_SPEED,
-}
-_SHOWN = {"event": topics.GAME_EVENT, "light": topics.GAME_LIGHT, "sound": topics.GAME_SOUND}
+NAME = "pacman_page"  # the doctor ignores nodes whose names begin so
 
 
 class PageNode(BaseNode):
-    """Keeps the last of every message.
-
-    Args:
-        sim: the robot is simulated, and gives the time.
-        news: what is shown, and what happens to the game, is added to it.
-        options: of rclpy's Node.
-    """
+    """Keeps the last of every message; with ``sim`` a simulated robot gives the time. Events become ``news``."""
 
     def __init__(self, sim: bool, news: News, **options: Any) -> None:
         super().__init__(NAME, **options)
         self._news = news
-        self.robot = RobotState(self)
-        self.game = GameState(self.robot, news)
+        self.robot = robot = RobotState(self)
+        self.game = game = GameState(robot, news)
         self._watched: dict[str, Any] = {}  # subscriptions
-        self._subscribe_to_all()
-        queues = [(topics.TF, self.robot.on_transforms), (topics.ODOMETRY, self.robot.on_odometry)]
-        if sim:
-            queues.append((topics.CLOCK, self.robot.on_clock))
-        # These come far more often than a page is sent anything.
-        self._queues = [MessageQueue(self, topic, receive) for topic, receive in queues]
-
-    def _subscribe_to_all(self) -> None:
-        robot, game = self.robot, self.game
-        for name, topic in _NUMBERS.items():
-            self._subscribe(topic, partial(game.on_number, name))
-        for name, topic in _SHOWN.items():
-            self._subscribe(topic, partial(game.on_shown, name))
-        for number, topic in enumerate(topics.GHOST_POSES):
-            self._subscribe(topic, partial(game.on_ghost, number))
-        for topic, receive in (
-            (topics.GAME_STATE, partial(game.on_state, topics.STATE_WORDS)),
+        callbacks: list[tuple[topics.Topic, Callable[[Any], object]]] = [
+            (topics.SCORE, partial(game.on_number, "score")),
+            (topics.ROUND, partial(game.on_number, "round")),
+            (topics.PELLETS_SPAWNED, partial(game.on_number, "spawned")),
+            (topics.PELLETS_COLLECTED, partial(game.on_number, "collected")),
+            (topics.CLYDE_SPEED, partial(game.on_number, "clyde_speed")),
+            (topics.GAME_EVENT, partial(game.on_shown, "event")),
+            (topics.GAME_LIGHT, partial(game.on_shown, "light")),
+            (topics.GAME_SOUND, partial(game.on_shown, "sound")),
+            *((topic, partial(game.on_ghost, number)) for number, topic in enumerate(topics.GHOST_POSES)),
+            (topics.GAME_STATE, game.on_state),
             (topics.GAME_RESULT, game.on_result),
             (topics.PELLET_MARKERS, game.on_pellets),
             (topics.CONFIGURATION, game.on_configuration),
@@ -74,8 +54,14 @@ class PageNode(BaseNode):
             (topics.LIGHT_RING, robot.on_ring),
             (topics.NAVIGATE_TO_POSE.statuses, robot.on_goal_statuses),
             (topics.SIMULATED_ORIGIN, robot.on_origin),
-        ):
+        ]
+        for topic, receive in callbacks:
             self._subscribe(topic, receive)
+        # These come far more often than a page is sent anything.
+        queues = [(topics.TF, robot.on_transforms), (topics.ODOMETRY, robot.on_odometry)]
+        if sim:
+            queues.append((topics.CLOCK, robot.on_clock))
+        self._queues = [MessageQueue(self, topic, callback) for topic, callback in queues]
 
     def _subscribe(self, topic: topics.Topic, receive: Callable[[Any], object]) -> Any:
         def checked(message: Any) -> None:
@@ -83,7 +69,7 @@ class PageNode(BaseNode):
                 receive(message)
             except BadMessage:
                 raise
-            except Exception as error:  # whatever a foreign node publishes must not end the page
+            except Exception as error:  # no message of an unrelated node may end the page
                 raise BadMessage(f"{type(error).__name__}: {error}") from error
 
         with contextlib.suppress(ImportError, AttributeError):  # of a package that is not installed here
@@ -96,19 +82,14 @@ class PageNode(BaseNode):
         for queue in self._queues:
             queue.catch_up()
 
-    def forget_robot(self) -> None:
-        """It is gone: nothing of it is to be shown."""
-        self.robot.forget()
-        self.game.forget()
-
-    def watch(self, topic: topics.Topic, wanted: bool) -> None:
-        """Subscribe to what costs something only while somebody looks at it."""
-        if wanted and topic.name not in self._watched:
-            receive = self.game.on_why if topic is WHY else self.robot.on_scan
-            self._watched[topic.name] = self._subscribe(topic, receive)
-        elif not wanted and topic.name in self._watched:
-            subscription = self._watched.pop(topic.name)
-            if subscription is not None:
-                self.destroy_subscription(subscription)
-            if topic is topics.SCAN:
-                self.robot.scan = np.zeros(0)
+    def watch(self, *, why: bool, lidar: bool) -> None:
+        """Subscribe to the terms and the scan, which cost something, only while a page shows them."""
+        for topic, wanted, receive in ((WHY, why, self.game.on_why), (topics.SCAN, lidar, self.robot.on_scan)):
+            if wanted and topic.name not in self._watched:
+                self._watched[topic.name] = self._subscribe(topic, receive)
+            elif not wanted and topic.name in self._watched:
+                subscription = self._watched.pop(topic.name)
+                if subscription is not None:
+                    self.destroy_subscription(subscription)
+                if topic is topics.SCAN:
+                    self.robot.scan = np.zeros(0)

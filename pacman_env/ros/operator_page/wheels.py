@@ -1,4 +1,4 @@
-"""Velocities by hand and the operator's stop: a thread of its own, so that no other work can hold a stop up."""
+"""Velocities by hand and the operator's stop: a thread of its own, so that no other work can delay a stop."""
 
 from __future__ import annotations
 
@@ -6,18 +6,16 @@ import threading
 import time
 from collections.abc import Callable
 
-PERIOD_S = 0.05  # while stopped, as often as Nav2 says the opposite
-DEAD_MAN_S = 0.5  # after the last word of who drives by hand the robot stands
+PERIOD_S = 0.05  # while stopped, as often as Nav2 publishes the opposite
+DEAD_MAN_S = 0.5  # after the last velocity by hand the robot stands
 _ENDS = 5  # zero velocities at the end of a drive: one may be lost
 
 
 class Wheels:
-    """Publishes velocities while somebody drives by hand, zero while the robot is stopped, and nothing else.
+    """Publishes velocities while a person drives by hand, zero while the robot is stopped, and nothing else.
 
-    Args:
-        publish: called with v (m/s) and omega (rad/s), from any thread.
-        monotonic: the wall's clock, s.
-        own_thread: False: ``beat`` is called every ``PERIOD_S`` instead.
+    ``publish`` is called with v (m/s) and omega (rad/s), from any thread; without ``own_thread`` the caller calls
+    ``beat`` every ``PERIOD_S``.
     """
 
     def __init__(
@@ -29,7 +27,7 @@ class Wheels:
         self._publish, self._monotonic = publish, monotonic
         self._change = threading.Condition()
         self._stopped = False
-        self._driven: tuple[float, float, float] | None = None  # v, omega, when it was said
+        self._driven: tuple[float, float, float] | None = None  # v, omega, since when
         self._zeros = 0  # to be published yet
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="wheels", daemon=True) if own_thread else None
@@ -38,7 +36,7 @@ class Wheels:
 
     @property
     def driven(self) -> bool:
-        """Whether somebody drives by hand."""
+        """Whether a person drives by hand."""
         return self._driven is not None
 
     def stop(self) -> None:
@@ -49,7 +47,6 @@ class Wheels:
             self._change.notify()
 
     def release(self) -> None:
-        """Zero velocity no more."""
         with self._change:
             self._stopped = False
 
@@ -63,15 +60,15 @@ class Wheels:
             self._change.notify()
         return True
 
-    def let_go(self) -> None:
-        """Nobody drives by hand any more: if somebody did, the robot stands."""
+    def end_drive(self) -> None:
+        """If a person drove by hand, the robot stands."""
         with self._change:
             if self._driven is not None:
                 self._end_drive()
                 self._change.notify()
 
     def close(self) -> None:
-        """No word any more; what was driven by hand stands."""
+        """Publish no more; what was driven by hand stands."""
         with self._change:
             if self._driven is not None:
                 self._publish(0.0, 0.0)
@@ -80,32 +77,26 @@ class Wheels:
         if self._thread is not None:
             self._thread.join()
 
-    def _end_drive(self) -> None:
-        self._driven, self._zeros = None, _ENDS
-        self._publish(0.0, 0.0)
-
-    @property
-    def _due(self) -> bool:
-        """Whether there is anything to publish."""
-        return self._stopped or self._driven is not None or self._zeros > 0
-
     def beat(self) -> None:
         """Publish what is due after a period."""
         with self._change:
             if self._due and not self._closed:
-                self._say()
+                self._publish_due()
 
     def _run(self) -> None:
         while True:
             with self._change:
-                while not (self._closed or self._due):
-                    self._change.wait()
+                self._change.wait_for(lambda: self._closed or self._due)
                 if self._closed:
                     return
-                self._say()
+                self._publish_due()
             time.sleep(PERIOD_S)
 
-    def _say(self) -> None:
+    @property
+    def _due(self) -> bool:
+        return self._stopped or self._driven is not None or self._zeros > 0
+
+    def _publish_due(self) -> None:
         if self._stopped:
             self._zeros = 0
             self._publish(0.0, 0.0)
@@ -118,3 +109,7 @@ class Wheels:
         else:
             self._zeros -= 1
             self._publish(0.0, 0.0)
+
+    def _end_drive(self) -> None:
+        self._driven, self._zeros = None, _ENDS
+        self._publish(0.0, 0.0)

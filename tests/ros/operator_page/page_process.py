@@ -14,8 +14,9 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
-from pacman_env.web.frame import Frame, decode
+from pacman_env.web.frame import Frame
 from tests.ros.system import NAMESPACE, PATIENCE_S, Probe, Process, System
+from tests.web.frames import decode
 
 MAP = "loop"
 START_S = 240.0  # the first nodes may have to compile

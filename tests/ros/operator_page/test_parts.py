@@ -18,11 +18,11 @@ pytest.importorskip("rclpy")
 from pacman_env.config import make_config
 from pacman_env.ros import operator_stop, topics
 from pacman_env.ros.messages import BadMessage
-from pacman_env.ros.operator_page.pictures import RAYS, picture_of, rays_of
-from pacman_env.ros.operator_page.scenes import played_by
+from pacman_env.ros.operator_page.robot_state import RAYS, picture_of, rays_of
+from pacman_env.ros.operator_page.ros_view import played_by
 from pacman_env.ros.operator_page.wheels import DEAD_MAN_S, Wheels
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.web.news import KEPT, News
+from pacman_env.web.game import MOST_NEWS, News
 from pacman_env.world.maps.occupancy import load_map
 
 
@@ -156,7 +156,7 @@ def test_a_stop_is_said_at_once_and_again_and_nobody_drives(wheels: tuple[Wheels
     assert set(said[count:]) == {(0.0, 0.0)}
     own.release()
     assert own.drive(0.1, 0.0)
-    own.let_go()
+    own.end_drive()
     assert said[-1] == (0.0, 0.0)
 
 
@@ -202,14 +202,14 @@ def test_ray_0_is_ahead_wherever_the_lidar_looks() -> None:
 
 def test_news_are_numbered_and_of_reasons_the_newest_is_kept() -> None:
     news = News()
-    for number in range(KEPT):
+    for number in range(MOST_NEWS):
         news.add(why={"goal": number})
         news.add(words=str(number))
     last = news.after(0)
-    assert len(last) == KEPT
+    assert len(last) == MOST_NEWS
     assert sum("why" in one for one in last) == 1
-    assert last[-1]["number"] == 2 * KEPT
-    assert [one["words"] for one in news.after(2 * KEPT - 2) if "words" in one] == [str(KEPT - 1)]
+    assert last[-1]["number"] == 2 * MOST_NEWS
+    assert [one["words"] for one in news.after(2 * MOST_NEWS - 2) if "words" in one] == [str(MOST_NEWS - 1)]
 
 
 def test_a_configuration_is_told_by_what_it_has_otherwise() -> None:
