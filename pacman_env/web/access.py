@@ -87,7 +87,6 @@ def names_of(host: str, address: str) -> tuple[str, ...]:
 
 
 def is_same_origin(origin: str, host: str) -> bool:
-    """Whether a page of ``origin`` was served under the Host of its request."""
     return origin.lower() in {f"http://{host.strip().lower()}", f"https://{host.strip().lower()}"}
 
 
@@ -117,7 +116,6 @@ class AccessControl:
         await answer(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
-        """Status and words; None if the request is accepted."""
         headers = Headers(scope=scope)
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or not self._is_own(hosts[0], (scope.get("server") or ("", 0))[0]):

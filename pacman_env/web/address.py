@@ -46,7 +46,6 @@ def qr_code(text: str) -> str:
 
 
 def greeting(address: str, port: int, tokens: Tokens | None) -> str:
-    """What is printed at the start."""
     shown = shown_address(address)
     if tokens is None:
         return f"The page: {link(shown, port)} (on this computer alone; Ctrl-C ends it)"

@@ -56,7 +56,6 @@ class Control:
         self._gone: dict[str, float] = {}  # since when, by person
 
     def came(self, person: str) -> None:
-        """A page has connected, perhaps again."""
         self._gone.pop(person, None)
 
     def went(self, person: str, now: float) -> None:

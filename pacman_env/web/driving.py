@@ -22,11 +22,9 @@ class Driving:
 
     @property
     def plays_robot(self) -> bool:
-        """Whether a person plays the robot."""
         return ROBOT in self.roles.people
 
     def assume(self, person: str, role: str, ghosts: int) -> None:
-        """Have a role of a game with so many ghosts."""
         if role != ROBOT and role not in map(ghost_role, range(ghosts)):
             raise Refused(f"{role}: there are {ghosts} ghosts")
         self.roles.assume(person, role)
@@ -44,7 +42,6 @@ class Driving:
         self._hand = (v, omega, time.monotonic())
 
     def release(self) -> None:
-        """Velocities by hand count no more."""
         self._hand = None
 
     def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
@@ -66,7 +63,6 @@ class Driving:
             self._hand = None
 
     def orders(self, played: PlayedRound) -> Orders:
-        """For the next tick of a round."""
         orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT))
         if orders.robot and self._hand is not None:
             v, omega, at_s = self._hand

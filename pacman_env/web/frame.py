@@ -76,5 +76,4 @@ _encoder = msgspec.json.Encoder(enc_hook=_from_array)
 
 
 def encode_all(frames: list[Frame]) -> bytes:
-    """The frames of a recorded round, as a JSON list."""
     return _encoder.encode(frames)

@@ -47,7 +47,6 @@ class News:
             self._entries.append({"number": self._number, **entry})
 
     def after(self, number: int) -> list[dict[str, Any]]:
-        """The entries after a number, oldest first."""
         with self._lock:
             return [entry for entry in self._entries if entry["number"] > number]
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from pacman_env import __version__
-from pacman_env.config import Config
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
@@ -66,11 +65,9 @@ class Match:
 
     @property
     def runs_round(self) -> bool:
-        """Whether a round is played now."""
         return self._controller.state == "running"
 
     def frame(self) -> Frame | None:
-        """The game now, on the way from tick to tick."""
         real_s = time.monotonic()
         if self.round is not None:
             self._add(self.feedback.update(real_s))
@@ -83,7 +80,6 @@ class Match:
     # What people ask for
 
     def require_round(self) -> PlayedRound:
-        """The round that is laid out."""
         if self.round is None:
             raise Refused("no round could be laid out; choose another map or other settings")
         return self.round
@@ -96,7 +92,6 @@ class Match:
         self._follow_clock()
 
     def reset(self) -> None:
-        """Back to the menu, with another round."""
         self._act(self._controller.reset(self._clock_s))
         self._to_menu()
 
@@ -108,7 +103,6 @@ class Match:
             self.lay_out(self.round.seed if self.round is not None else None)
 
     def set_up(self, setup: messages.Setup) -> Any:
-        """Other rules for the next rounds."""
         rules = self._rules.changed(setup)
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)
@@ -121,10 +115,8 @@ class Match:
         if (self._controller.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
             self._act(self._controller.reset(self._clock_s))
         self.lay_out()
-        return self._finish() if setup.finish else None
-
-    def _finish(self) -> dict[str, int]:
-        """Play the round to its end as fast as possible; returns the number of its recording."""
+        if not setup.finish:
+            return None
         played = self.require_round()
         while not played.over:
             played.step(Orders())
@@ -133,7 +125,6 @@ class Match:
         return {"story": self.recordings.count}
 
     def place_ghost(self, ghost: int, x: float, y: float) -> None:
-        """Where a ghost starts, m."""
         played = self.require_round()
         if not self.in_menu:
             raise Refused("Clyde is placed in the menu, before a round")
@@ -153,24 +144,21 @@ class Match:
         return "yours from the next round on" if waits and not self.in_menu else ""
 
     def show(self, what: str, word: str) -> None:
-        """An event, a light or a sound."""
         try:
             self._add(self.feedback.show(what, word, time.monotonic()))
         except (KeyError, ValueError) as error:
             raise Refused(f"{what} {word!r}: there is none") from error
 
     def readiness(self) -> list[dict[str, str]]:
-        """Rows of the readiness list."""
         if self.round is None:
             return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
         assets = self.round.assets
         dropped = len(assets.dropped_ids)
         words = f"{assets.occupancy.name}: {assets.pellets} pellets"
-        state, words, remedy = (
-            ("warning", f"{words}, {dropped} more cannot be reached", "look at the map: pacman-env map check")
-            if dropped
-            else ("ok", words, "")
-        )
+        state, remedy = "ok", ""
+        if dropped:
+            words += f", {dropped} more cannot be reached"
+            state, remedy = "warning", "look at the map: pacman-env map check"
         return [
             {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
             {"name": "map", "state": state, "words": words, "remedy": remedy},
@@ -191,7 +179,8 @@ class Match:
         config = played.config
         with self._lock:
             self._next_seed = None
-            self._controller.base_clyde_speed(config.clyde.speed_mps if speed is None else self._base_mps(config))
+            faster_mps = (self._controller.round - 1) * config.clyde.speed_step_mps if speed is not None else 0.0
+            self._controller.base_clyde_speed(config.clyde.speed_mps - faster_mps)
             self.round = played
             self.clock.tick_s = config.execution.tick_s
             self.driving.goals.clear()
@@ -213,10 +202,6 @@ class Match:
         played.why_now()
         played.lidar()
         played.step(Orders(robot=True, velocity=(0.1, 0.0)))
-
-    def _base_mps(self, config: Config) -> float:
-        """Clyde's speed of round 1, from a configuration with the speed of this round."""
-        return config.clyde.speed_mps - (self._controller.round - 1) * config.clyde.speed_step_mps
 
     def tick(self) -> None:
         """The next tick of the clock, of the round too where one is played."""
@@ -249,14 +234,14 @@ class Match:
             return
         self._record(played)
         if played.outcome == "caught":
-            self.show("event", f"{GHOST_NAMES[max(played.catcher, 0)]} killed")
+            catcher = int(played.batch.games["catcher"][0])
+            self.show("event", f"{GHOST_NAMES[max(catcher, 0)]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
         elif self.runs_round:  # the time limit: the referee on a robot has none
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
             self.reset()
 
     def _act(self, actions: Iterable[Action], refuse: bool = False) -> None:
-        """Carry out the actions of the referee."""
         for action in actions:
             value = str(action.value)
             if action.kind == "ignored":
@@ -275,7 +260,6 @@ class Match:
                 if value == "return_home":
                     over = self.round is not None and self.round.over
                     self._home_due_s = time.monotonic() + (_HOME_S if over else 0.0)
-        self.view.changed()
 
     def _follow_clock(self) -> None:
         """Shows end by the clock, and the robot is home at once: nothing drives it there."""
@@ -298,7 +282,6 @@ class Match:
                 self.clock.restart()
 
     def _to_menu(self) -> None:
-        """Another round is laid out."""
         self._home_due_s = None
         try:
             self.lay_out()

@@ -24,8 +24,7 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class Start(Message, frozen=True): ...
 
 
-class Reset(Message, frozen=True):
-    """Abort the round: back to the menu."""
+class Reset(Message, frozen=True): ...  # abort the round: back to the menu
 
 
 class Pause(Message, frozen=True):
@@ -56,15 +55,12 @@ class ClydeSpeed(Message, frozen=True, tag="clyde_speed"):
 
 
 class PlaceClyde(Message, frozen=True, tag="place_clyde"):
-    """Where a ghost starts; in the menu only."""
-
     x: Number
     y: Number
     ghost: Annotated[int, Meta(ge=0, le=3)] = 0
 
 
-class Stop(Message, frozen=True):
-    """The robot stands at once, until the release."""
+class Stop(Message, frozen=True): ...  # the robot stands at once, until the release
 
 
 class Release(Message, frozen=True): ...
@@ -99,9 +95,7 @@ class Event(Message, frozen=True):
 
 
 class Arm(Message, frozen=True):
-    """Whether the robot moves at events."""
-
-    on: bool
+    on: bool  # whether the robot moves at events
 
 
 class Watch(Message, frozen=True):
@@ -118,12 +112,10 @@ class Why(Message, frozen=True):
     tick: Annotated[int, Meta(ge=0)]
 
 
-class Stories(Message, frozen=True):
-    """The list of recorded rounds."""
+class Stories(Message, frozen=True): ...  # the recorded rounds
 
 
-class Ready(Message, frozen=True):
-    """The readiness list."""
+class Ready(Message, frozen=True): ...  # the readiness list
 
 
 class Ping(Message, frozen=True): ...

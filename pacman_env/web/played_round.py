@@ -101,13 +101,7 @@ class PlayedRound:
         return str(OUTCOMES[self.batch.games["end"][0]])
 
     @property
-    def catcher(self) -> int:
-        """The ghost that caught the robot, -1: none."""
-        return int(self.batch.games["catcher"][0])
-
-    @property
     def level(self) -> int | None:
-        """Of a generated map."""
         return int(self.batch.level_numbers()[0]) if len(self.batch.levels) > 1 else None
 
     def place_ghost(self, number: int, x: float, y: float) -> None:

@@ -47,11 +47,9 @@ class Recordings:
         return summary
 
     def summaries(self) -> list[dict[str, Any]]:
-        """The newest first."""
         return [summary for _, summary in reversed(self._kept.values())]
 
     def frames(self, number: int) -> bytes | None:
-        """Of each tick, as a JSON list; None: not kept."""
         if number not in self._kept:
             return None
         played, summary = self._kept[number]
@@ -59,7 +57,6 @@ class Recordings:
         return encode_all([replace(snapshot, **fields) for snapshot in played.snapshots])
 
     def why(self, number: int, tick: int) -> dict[str, Any]:
-        """The terms of the candidates at a tick."""
         if number not in self._kept:
             raise Refused(f"story {number}: not kept")
         played, _ = self._kept[number]

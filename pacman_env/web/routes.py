@@ -21,7 +21,7 @@ from starlette.staticfiles import NotModifiedResponse, StaticFiles
 from pacman_env import __version__
 from pacman_env.web.game import Game, Refused
 from pacman_env.web.log import Log
-from pacman_env.web.sessions import Sessions
+from pacman_env.web.sessions import VIEW_ONLY, Sessions
 
 STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
@@ -99,7 +99,7 @@ class Routes:
 
     async def _add_map(self, request: Request) -> Response:
         if request.scope["access"] != "operator":
-            return _map_refusal(403, "your link is view only; STOP still works")
+            return _map_refusal(403, VIEW_ONLY)
         if self._upload.locked():
             return _map_refusal(429, "another map is being uploaded: try again in a moment")
         async with self._upload:

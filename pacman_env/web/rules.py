@@ -54,7 +54,6 @@ class Rules:
         return replace(self, **given)
 
     def link(self, seed: int, clyde_mps: float) -> str:
-        """The part of an address that reproduces the round."""
         words = {"map": self.map, "level": self.level, "preset": self.preset, "policy": self.policy}
         words |= {"second": self.second, "ghosts": ",".join(self.ghosts), "clyde": repr(float(clyde_mps)), "seed": seed}
         words |= {f"set.{name}": value for name, value in self.settings.items()}
@@ -81,7 +80,6 @@ class Choices:
         self._settings = [s for s in settings() if _shown(s)]
 
     def facts(self) -> dict[str, Any]:
-        """For the page (docs/web_protocol.md, "choices")."""
         return {
             "maps": [*self._maps, GENERATED],
             "presets": list(preset_names()),

@@ -189,7 +189,6 @@ def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Co
 
 
 async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
-    """Twenty times a second, as long as the server runs."""
     at, count = time.monotonic(), 0
     while True:
         try:

@@ -27,6 +27,7 @@ MOST_STOPS = 4  # at once
 MOST_REMEMBERED = 1000
 MOST_WORDS = 500
 GOODBYE_S = 0.5
+VIEW_ONLY = "your link is view only; STOP still works"
 STOPPED_AGAIN = "stopped again meanwhile"
 #: Of operators without control; every other message that is not for all needs control.
 _FREE = (messages.Control, messages.Role, messages.Goal, messages.Drive)
@@ -68,7 +69,6 @@ class Sessions:
         self._ending = False
 
     def people(self) -> dict[str, Any]:
-        """Fields of the message ``people``."""
         control = self.control
         return {
             "viewers": len(self.audience.viewers),
@@ -91,7 +91,6 @@ class Sessions:
             self._log.error("the game cannot be shown", error)
 
     async def end(self) -> None:
-        """Say good bye to every page, and accept no other."""
         self._ending = True
         for viewer in self.audience.viewers:
             viewer.outbox.end("the server ends")
@@ -104,7 +103,6 @@ class Sessions:
     # The websocket
 
     async def serve(self, socket: WebSocket) -> None:
-        """One page, from its connection to its end."""
         access = socket.scope["access"]
         if self._ending or not self.audience.has_room(access, self._arriving):
             words = "no room: there are as many viewers as may be"
@@ -133,7 +131,6 @@ class Sessions:
             self._disconnect(viewer)
 
     async def _converse(self, socket: WebSocket, viewer: Viewer) -> None:
-        """Send and receive, until either side ends it."""
         outbox = viewer.outbox
 
         async def send() -> None:
@@ -183,7 +180,7 @@ class Sessions:
         self.control.came(viewer.name)
         facts = {"version": __version__, "source": self._game.source, "access": access, "choices": choices}
         viewer.send({"kind": "hello", **vocabulary(), **facts, "you": viewer.name, "again": viewer.key})
-        self.audience.add(viewer)
+        self.audience.viewers.append(viewer)
         return viewer
 
     def _disconnect(self, viewer: Viewer) -> None:
@@ -205,7 +202,6 @@ class Sessions:
             self._log.error("a person left", error)
 
     def _forget_gone(self) -> None:
-        """Forget the keys of pages that did not come back in time."""
         late_s = time.monotonic() - KEPT_S
         for key, viewer in list(self._known.items()):
             late = viewer.gone_s is not None and (viewer.gone_s <= late_s or len(self._known) > MOST_REMEMBERED)
@@ -216,33 +212,29 @@ class Sessions:
 
     def _receive(self, viewer: Viewer, text: str | bytes) -> None:
         """One message. A stop is done at once, before all else and at any rate."""
-        now = time.monotonic()
-        may_stop = isinstance(text, str) and len(text) < 200 and '"stop"' in text
-        if not may_stop and not viewer.is_within_rate(now):
-            return
-        try:
-            if isinstance(text, bytes):
-                raise ValueError("bad message: text is understood, bytes are not")
-            message = parse(text)
-        except ValueError as error:
-            if not may_stop or viewer.is_within_rate(now):
-                viewer.send({"kind": "refused", "words": str(error)[:MOST_WORDS]})
-            return
+        message, error = None, "bad message: text is understood, bytes are not"
+        if isinstance(text, str):
+            try:
+                message = parse(text)
+            except ValueError as invalid:
+                error = str(invalid)[:MOST_WORDS]
         if isinstance(message, messages.Stop):
             self._stops += 1
             if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # without an id none is answered
                 viewer.stops.append(message)
             if viewer.stopping is None or viewer.stopping.done():
                 viewer.stopping = asyncio.create_task(self._stop(viewer))
-        elif may_stop and not viewer.is_within_rate(now):
+        elif not viewer.is_within_rate(time.monotonic()):
             return
+        elif message is None:
+            viewer.send({"kind": "refused", "words": error})
         elif isinstance(message, messages.Ping):
             _answer(viewer, message)
         elif isinstance(message, messages.Watch):
             viewer.why, viewer.lidar = message.why, message.lidar
             _answer(viewer, message)
         elif viewer.access == "viewer" and not isinstance(message, messages.FOR_ALL):
-            _answer(viewer, message, "your link is view only; STOP still works")
+            _answer(viewer, message, VIEW_ONLY)
         elif viewer.waiting.qsize() >= MOST_TEXTS - 1:  # one place is for the end
             _answer(viewer, message, "too much at once: the game has not done yet what you asked for")
         else:
@@ -282,7 +274,6 @@ class Sessions:
                 await self._leave(viewer, self._threads)
 
     async def _resume_role(self, viewer: Viewer) -> None:
-        """A person is back: the game has it in its role again."""
         role = self.control.roles.of(viewer.name)
         if role is not None:
             try:
@@ -291,18 +282,17 @@ class Sessions:
                 self.control.roles.leave(viewer.name)
 
     async def _do(self, viewer: Viewer, message: Message, stops: int) -> None:
-        """Carry out a message and answer it, or raise Refused."""
         name = viewer.name
         if not isinstance(message, (*messages.FOR_ALL, *_FREE)):
             self.control.take(name)
-        if isinstance(message, messages.Control):
+        if isinstance(message, messages.Role):
+            await self._change_role(viewer, message)
+        elif isinstance(message, messages.Control):
             await self._change_control(name, message.what)
             _answer(viewer, message)
         elif isinstance(message, messages.Release):
             await self._release(name, stops)
             _answer(viewer, message)
-        elif isinstance(message, messages.Role):
-            await self._change_role(viewer, message)
         else:
             if isinstance(message, messages.Goal | messages.Drive):
                 self._check_role(name, isinstance(message, messages.Drive))

@@ -51,10 +51,11 @@ class SimulatedGame:
         seed: int | None = None,
         speed: float = 1.0,
     ) -> None:
-        self._choices = Choices(maps, policies)
-        self._news = News()
+        choices, self._news = Choices(maps, policies), News()
         self._lock = threading.RLock()  # of the match and what follows
-        self._match = Match(rules or Rules(), self._choices, seed, speed, self._news, self._lock)
+        self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock)
+        self.choices, self.add_map, self.news = choices.facts, choices.add_map, self._news.after
+        self.story = self._match.recordings.frames
         self._why = False
         self._why_sent_s = 0.0
         self._orders: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any], bool] | None] = queue.SimpleQueue()
@@ -69,9 +70,6 @@ class SimulatedGame:
         self._orders.put(None)
         self._thread.join(10.0)
 
-    def choices(self) -> dict[str, Any]:
-        return self._choices.facts()
-
     def scene(self) -> Scene:
         with self._lock:
             return self._match.view.scene
@@ -80,15 +78,9 @@ class SimulatedGame:
         with self._lock:
             return self._match.frame()
 
-    def news(self, after: int) -> list[dict[str, Any]]:
-        return self._news.after(after)
-
     def watch(self, *, why: bool, lidar: bool) -> None:
         with self._lock:
-            view = self._match.view
-            if view.lidar != lidar:
-                view.changed()
-            self._why, view.lidar = why, lidar
+            self._why, self._match.view.lidar = why, lidar
             self._why_sent_s = 0.0
 
     def handle(self, person: str, message: Message) -> Any:
@@ -108,24 +100,16 @@ class SimulatedGame:
         self._orders.put(None)
 
     def _hold(self, stopped: bool, person: str) -> None:
-        """Time stands still, and with it the robot, or goes on."""
         with self._lock:
             if self._match.clock.stopped != stopped:
                 self._match.clock.hold(stopped=stopped)
                 if not stopped:
                     self._match.driving.release()
-                self._match.view.changed()
                 self._news.add(words=f"{'stopped' if stopped else 'released'} by {person}")
 
     def leave(self, person: str) -> None:
         with self._lock:
             self._match.driving.leave(person)
-
-    def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
-        return self._choices.add_map(name, yaml, image)
-
-    def story(self, number: int) -> bytes | None:
-        return self._match.recordings.frames(number)
 
     # The thread
 
@@ -194,10 +178,8 @@ class SimulatedGame:
                 game.reset()
             case messages.Pause(on=on):
                 game.clock.hold(paused=on)
-                game.view.changed()
             case messages.Speed(times=times):
                 game.clock.set_speed(times)
-                game.view.changed()
             case messages.Setup():
                 return game.set_up(message)
             case messages.ClydeSpeed(mps=mps):

@@ -23,29 +23,21 @@ _COMPILING = "Preparing the first round. On a new computer the rules are compile
 
 
 class SimulatedView:
-    """The scene and the frames of the last two ticks."""
-
     def __init__(self, clock: TickClock, feedback: Feedback) -> None:
         self.scene = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
         self.lidar = False
         self._clock, self._feedback = clock, feedback
         self._before: Frame | None = None
         self._now: Frame | None = None
-        self._changes = self._number = 0
+        self._number = 0
         self._key: Any = None
 
-    def changed(self) -> None:
-        """Another frame is due."""
-        self._changes += 1
-
     def show(self, before: Frame | None, now: Frame | None) -> None:
-        """Move from one tick to the next."""
         self._before, self._now = before, now
-        self.changed()
 
     def stay(self) -> None:
         """A tick in which nothing moves."""
-        self.show(self._now, self._now)
+        self._before = self._now
 
     def show_round(self, played: PlayedRound, rules: Rules) -> None:
         """Another round, or one whose ghosts were placed."""
@@ -56,33 +48,30 @@ class SimulatedView:
         """The game at a moment of real time; None: no round is laid out yet."""
         if self._now is None or self._before is None or played is None:
             return None
-        clock, feedback, now = self._clock, self._feedback, self._now
-        share, ring = int(clock.share(real_s) * _STEPS) / _STEPS, feedback.ring.ring(real_s)
-        key = (self._changes, share, ring, feedback.turned, clock.paused, clock.stopped)
+        clock, feedback, before, now = self._clock, self._feedback, self._before, self._now
+        share, runs = int(clock.share(real_s) * _STEPS) / _STEPS, controller.state == "running"
+        shown = between(before, now, share)
+        fields: dict[str, Any] = {
+            "state": controller.state,
+            "revision": self.scene.revision,
+            "speed": clock.speed,
+            "score": controller.score - (now.collected - shown.collected if runs else 0),
+            "round": controller.round,
+            "paused": clock.paused,
+            "stopped": clock.stopped,
+            "ring": feedback.ring.ring(real_s),
+        }
+        key = (fields, share, before.time_s, now.time_s, feedback.turned, self.lidar)
         if key != self._key:
             self._key = key
             self._number += 1
-        shown = between(self._before, now, share)
-        runs = controller.state == "running"
-        changes: dict[str, Any] = {} if runs and not clock.is_held else {"velocity": (0.0, 0.0)}
+        moved: dict[str, Any] = {} if runs and not clock.is_held else {"velocity": (0.0, 0.0)}
         for name in ("true", "believed") if feedback.turned else ():
             x, y, heading = getattr(shown, name)
-            changes[name] = x, y, heading + feedback.turned
+            moved[name] = x, y, heading + feedback.turned
         if self.lidar:
-            changes["scan"] = played.lidar()
-        return structs.replace(
-            shown,
-            state=controller.state,
-            revision=self.scene.revision,
-            number=self._number,
-            speed=clock.speed,
-            score=controller.score - (now.collected - shown.collected if runs else 0),
-            round=controller.round,
-            paused=clock.paused,
-            stopped=clock.stopped,
-            ring=ring,
-            **changes,
-        )
+            moved["scan"] = played.lidar()
+        return structs.replace(shown, number=self._number, **fields, **moved)
 
 
 def between(old: Frame, new: Frame, share: float) -> Frame:

@@ -21,12 +21,10 @@ class TickClock:
 
     @property
     def period_s(self) -> float:
-        """Real time of a tick."""
         return self.tick_s / self.speed
 
     @property
     def due_s(self) -> float:
-        """When the next tick is due."""
         return self._began_s + self.period_s
 
     def share(self, real_s: float) -> float:
@@ -39,7 +37,6 @@ class TickClock:
         self._began_s = max(due_s, time.monotonic() - self.period_s, self._held_s or 0.0)
 
     def restart(self) -> None:
-        """A tick begins now."""
         self._began_s = time.monotonic()
 
     def set_speed(self, times: float) -> None:
@@ -50,7 +47,6 @@ class TickClock:
         self._began_s = (self._held_s or now) - share * self.period_s
 
     def hold(self, *, paused: bool | None = None, stopped: bool | None = None) -> None:
-        """Hold the time for either reason, or resume it."""
         self.paused = self.paused if paused is None else paused
         self.stopped = self.stopped if stopped is None else stopped
         now = time.monotonic()

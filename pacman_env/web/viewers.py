@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from pacman_env.web.access import Kind
 from pacman_env.web.frame import Frame
@@ -96,6 +96,7 @@ class Viewer:
     rate_limit: RateLimit
     outbox: Outbox = field(default_factory=Outbox)
     key: str = field(default_factory=lambda: secrets.token_urlsafe(16))
+    is_fresh: bool = True  # nothing has been sent to it yet
     why: bool = False  # the page shows the terms
     lidar: bool = False
     gone_s: float | None = None  # when the page went away
@@ -126,10 +127,7 @@ class Viewer:
         self.outbox.put_text(as_json(message))
 
 
-@dataclass(frozen=True)
-class Update:
-    """What a game has shown at one moment."""
-
+class Update(NamedTuple):
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
@@ -145,10 +143,7 @@ class Audience:
     def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
         self.viewers: list[Viewer] = []
         self.pictures: dict[int, bytes] = {}  # by the scene's revision
-        self._fresh: list[Viewer] = []  # that nothing has been sent to yet
-        self._game = game
-        self._most = most
-        self._people = people
+        self._game, self._most, self._people = game, most, people
         self._number: int | None = None
         self._frame = ""
         self._scene: Scene | None = None
@@ -161,28 +156,22 @@ class Audience:
         """Whether one more viewer may come, beside those that are about to."""
         return len(self.viewers) + arriving < self._most + (MORE_OPERATORS if access == "operator" else 0)
 
-    def add(self, viewer: Viewer) -> None:
-        """The next update sends the viewer everything, further ones what is new."""
-        self.viewers.append(viewer)
-        self._fresh.append(viewer)
-
     def remove(self, viewer: Viewer) -> None:
-        self.viewers = [one for one in self.viewers if one is not viewer]
-        self._fresh = [one for one in self._fresh if one is not viewer]
+        if viewer in self.viewers:
+            self.viewers.remove(viewer)
 
     def wanted(self) -> tuple[bool, bool] | None:
         """Whether any page shows the terms, and the lidar; None: there is no viewer."""
         return (any(v.why for v in self.viewers), any(v.lidar for v in self.viewers)) if self.viewers else None
 
     def poll(self, wanted: tuple[bool, bool] | None) -> Update | None:
-        why, lidar = wanted or (False, False)
-        if (why, lidar) != self._watched:
+        watched = why, lidar = wanted or (False, False)
+        if watched != self._watched:
             self._game.watch(why=why, lidar=lidar)
-            self._watched = (why, lidar)
+            self._watched = watched
         if wanted is None:
             return None
-        frame = self._game.frame()
-        scene = self._scene
+        frame, scene = self._game.frame(), self._scene
         if scene is None or frame is None or frame.revision != scene.revision:
             scene = self._game.scene()
         news = self._game.news(self._news or 0)
@@ -190,25 +179,30 @@ class Audience:
         return Update(scene, news, frame, encoded)
 
     def send(self, update: Update | None) -> None:
+        """What is new to all viewers, and everything to those that have come since the last update."""
         if update is None:
             self._news, self._number, self._frame, self._scene = None, None, "", None
             return
-        if self._scene is None or update.scene.revision != self._scene.revision:
+        scene_changed = self._scene is None or update.scene.revision != self._scene.revision
+        if scene_changed:
             self._change_scene(update.scene)
-            _put(self._scene_text, (v for v in self.viewers if v not in self._fresh))
-        _put(self._scene_text, self._fresh)
-        if self._news is not None:
-            self._send_news(update.news)
+        news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
-        people = as_json({"kind": "people", **self._people()})
-        _put(people, self._fresh if people == self._people_text else self.viewers)
-        self._people_text = people
+        without_why = [item for item in news if "why" not in item]  # the terms are long: only to pages that show them
+        news_texts = {why: _news_text(items) for why, items in ((True, news), (False, without_why))}
+        before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
         if update.encoded and update.frame is not None:
             self._number, self._frame = update.frame.number, update.encoded
-        if self._frame:
-            for viewer in self.viewers if update.encoded else self._fresh:
+        for viewer in self.viewers:
+            if viewer.is_fresh or scene_changed:
+                viewer.outbox.put_text(self._scene_text)
+            if news_texts[viewer.why]:
+                viewer.outbox.put_text(news_texts[viewer.why])
+            if viewer.is_fresh or self._people_text != before:
+                viewer.outbox.put_text(self._people_text)
+            if self._frame and (viewer.is_fresh or update.encoded):
                 viewer.outbox.put_frame(self._frame)
-        self._fresh = []
+            viewer.is_fresh = False
 
     def _change_scene(self, scene: Scene) -> None:
         facts = dict(scene.facts)
@@ -221,14 +215,6 @@ class Audience:
         while len(self.pictures) > MOST_PICTURES:
             del self.pictures[next(iter(self.pictures))]
 
-    def _send_news(self, items: list[dict[str, Any]]) -> None:
-        """The terms only to pages that show them: they are long."""
-        plain = [item for item in items if "why" not in item]
-        for some, why in ((items, True), (plain, False)):
-            if some:
-                _put(as_json({"kind": "news", "items": some}), (v for v in self.viewers if v.why == why))
 
-
-def _put(text: str, viewers: Iterable[Viewer]) -> None:
-    for viewer in viewers:
-        viewer.outbox.put_text(text)
+def _news_text(items: list[dict[str, Any]]) -> str:
+    return as_json({"kind": "news", "items": items}) if items else ""

@@ -29,7 +29,6 @@ CANDIDATE_KINDS = {"pellet": "Pellet", "refuge": "Refuge", "hold": "Hold"}
 
 
 def vocabulary() -> dict[str, Any]:
-    """The part of ``hello`` about names, colours, lights and sounds (docs/web_protocol.md)."""
     ghosts = {
         ghost_role(number): {"name": name.capitalize(), "colour": GHOST_COLOURS[name]}
         for number, name in enumerate(GHOST_NAMES)

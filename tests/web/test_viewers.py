@@ -39,7 +39,7 @@ def kinds(things: list[Any]) -> list[str]:
 def audience(game: ScriptedGame, *here: Viewer, most: int = 100) -> Audience:
     there = Audience(game, most, lambda: {"viewers": len(there.viewers)})
     for one in here:
-        there.add(one)
+        there.viewers.append(one)
     return there
 
 
@@ -129,7 +129,7 @@ def test_a_game_that_stands_still_is_not_shown_again_but_to_newcomers() -> None:
     tick(there)
     assert kinds(taken(first)) == ["scene", "people", "frame"]
     tick(there)
-    there.add(second)
+    there.viewers.append(second)
     tick(there)
     assert kinds(taken(second)) == ["scene", "people", "frame"]
     assert kinds(taken(first)) == ["people"]

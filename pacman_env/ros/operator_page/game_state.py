@@ -31,7 +31,6 @@ class GameState:
         self.forget()
 
     def forget(self) -> None:
-        """The robot is gone: nothing of its game is to be shown."""
         self.pellets: dict[int, Position] = {}
         self.ghosts: dict[int, Position] = {}
         self.places: list[Position] = []  # of the candidates
@@ -68,7 +67,6 @@ class GameState:
         self.numbers[name] = message.data
 
     def on_shown(self, name: str, message: Any) -> None:
-        """An event, a light or a sound."""
         self._news.add(**{name: word_of(message)})
 
     def on_ghost(self, number: int, message: Any) -> None:
@@ -104,5 +102,4 @@ class GameState:
         self.scores = {one.id: float(one.text.split()[-1]) for one in markers if 0 <= one.id < _MOST}
 
     def on_why(self, message: Any) -> None:
-        """The terms of the candidates."""
         self._news.add(why=object_of(message, _LONGEST))

@@ -96,7 +96,6 @@ class RobotState:
 
     @property
     def clock_s(self) -> float:
-        """The time by the robot's clock."""
         return self._clock[2] if self._clock is not None else self._surroundings.time_ns() * 1e-9
 
     @property

@@ -55,7 +55,6 @@ class RosDriving:
 
     @property
     def stopped(self) -> bool:
-        """Whether the robot is to stand until the release."""
         return self._stop.stopped
 
     def stop(self, person: str) -> None:
@@ -72,7 +71,6 @@ class RosDriving:
         self._stop.say(False, person)
 
     def keep_stopped(self) -> None:
-        """While stopped, end goals again and again."""
         again_s = _CANCEL_AGAIN_S if self._node.robot.navigating else _CANCEL_UNSEEN_S
         if self.stopped and self._surroundings.monotonic() - self._cancelled_s >= again_s:
             self._cancel_goals()
@@ -91,7 +89,6 @@ class RosDriving:
         return {"name": "STOP", "state": "bad", "words": "no node of the game obeys it", "remedy": remedy}
 
     def _on_stop(self, stopped: bool, who: str) -> None:
-        """By this page or any other node."""
         self._news.add(words=f"{'stopped' if stopped else 'released'} by {who}")
         if stopped:
             self.wheels.stop()
@@ -119,7 +116,6 @@ class RosDriving:
             self.wheels.end_drive()
 
     def assume(self, person: str, role: str) -> None:
-        """Drive the robot by hand from now on."""
         if role != ROBOT:
             raise Refused("ghosts are moved by the game here: roles of ghosts are the simulator's")
         if self.roles.people.get(role, person) != person:
@@ -170,6 +166,5 @@ class RosDriving:
 
 
 def require_word(what: str, word: str) -> None:
-    """Refuse an event, a light or a sound that does not exist."""
     if word not in _SHOWN[what][0]:
         raise Refused(f"{what} {word!r}: there is none")

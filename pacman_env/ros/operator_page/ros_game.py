@@ -85,7 +85,9 @@ class RosGame:
         options = {} if lock_step else {"namespace": namespace, "context": self._context}
         self.node = node = PageNode(sim, self._news, **options)
         self._view = RosView(node, f"{namespace}, ROS domain {domain}", self._news)
-        self._driving = RosDriving(node, self._news)
+        self._driving = driving = RosDriving(node, self._news)
+        self.stop, self.release, self.leave = driving.stop, driving.release, driving.leave
+        self.news = self._news.after
         services = (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
         self._services = {service.name: service.client(node) for service in services}
         self._clicked_point = topics.CLICKED_POINT.publisher(node)
@@ -122,20 +124,8 @@ class RosGame:
     def frame(self) -> Frame | None:
         return self._view.frame
 
-    def news(self, after: int) -> list[dict[str, Any]]:
-        return self._news.after(after)
-
     def watch(self, *, why: bool, lidar: bool) -> None:
         self._why, self._lidar = why, lidar
-
-    def stop(self, person: str) -> None:
-        self._driving.stop(person)
-
-    def release(self, person: str) -> None:
-        self._driving.release(person)
-
-    def leave(self, person: str) -> None:
-        self._driving.leave(person)
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
         raise Refused(f"map {name}: a robot's map is chosen when its localization and the game are started")
@@ -229,7 +219,6 @@ class RosGame:
             raise Refused(str(answer.message))
 
     def _call(self, service: topics.Service, request: Any, who: str) -> Any:
-        """The answer of a service; in the caller's thread, while the node's thread goes on."""
         client = self._services[service.name]
         if not self._surroundings.wait_for(client.service_is_ready, _THERE_S):
             raise Refused(f"{who} is not there: nobody answers on {service.name} in {self._where}")

@@ -8,6 +8,7 @@ from functools import cache, lru_cache
 from typing import Any, cast
 
 import numpy as np
+from msgspec.structs import replace
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
 from pacman_env.ros import topics
@@ -55,7 +56,6 @@ class RosView:
         return gone
 
     def update_scene(self) -> None:
-        """Another scene, where it has changed."""
         pellets = _pellets(self._node.game)
         facts = _facts(self._node, pellets) | {"notice": self._notice}
         picture = self._node.robot.map
@@ -65,16 +65,16 @@ class RosView:
             self.scene = Scene(self.scene.next_revision(), facts, b"" if picture is None else picture.png)
 
     def update_frame(self, stopped: bool, lidar: bool) -> None:
-        """Another frame, where what it shows has changed."""
         if not (self.game_is_there or self._node.robot.alive):
             self.frame, self._encoded = None, ""
             return
-        encoded = self._framed(0, stopped, lidar).encode()
+        frame = self._framed(stopped, lidar)
+        encoded = frame.encode()
         if encoded != self._encoded:
             self._encoded, self._number = encoded, self._number + 1
-            self.frame = self._framed(self._number, stopped, lidar)
+            self.frame = replace(frame, number=self._number)
 
-    def _framed(self, number: int, stopped: bool, lidar: bool) -> Frame:
+    def _framed(self, stopped: bool, lidar: bool) -> Frame:
         robot, game = self._node.robot, self._node.game
         numbers, candidates = game.numbers, len(game.places)
         scores = [game.scores.get(k, math.nan) for k in range(candidates + 1)] if candidates else []
@@ -82,7 +82,7 @@ class RosView:
         return Frame(
             state=cast(State, game.state or "menu"),
             revision=self.scene.revision,
-            number=number,
+            number=0,
             time_s=round(game.round_time_s, 2),
             speed=round(robot.rate, 1),
             score=int(numbers.get("score", 0)),
@@ -111,7 +111,6 @@ def _pellets(game: GameState) -> dict[int, Position]:
 
 
 def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
-    """As docs/web_protocol.md, "scene"."""
     own: Config = make_config(*_STANDARD)
     game, picture = node.game, node.robot.map
     configuration, condition = game.configuration, game.condition
@@ -166,7 +165,6 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
 
 @cache
 def _presets() -> dict[str, dict[str, Any]]:
-    """All fields by preset and execution, in words."""
     return {
         preset if execution == _STANDARD[1] else f"{preset}, {execution}": make_config(preset, execution).as_dict()
         for preset in PRESETS

@@ -36,7 +36,6 @@ class Wheels:
 
     @property
     def driven(self) -> bool:
-        """Whether a person drives by hand."""
         return self._driven is not None
 
     def stop(self) -> None:
@@ -61,7 +60,6 @@ class Wheels:
         return True
 
     def end_drive(self) -> None:
-        """If a person drove by hand, the robot stands."""
         with self._change:
             if self._driven is not None:
                 self._end_drive()
