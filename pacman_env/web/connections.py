@@ -21,77 +21,57 @@ class Connections:
 
     def __init__(self, most: int, headers_s: float):
         self.most = most
-        self.headers_s = headers_s  # for the head of a request
-        self._closing: dict[asyncio.Transport, float | None] = {}  # since when, None: open
-
-    def add(self, transport: asyncio.Transport) -> None:
-        transport.set_write_buffer_limits(high=HIGH_WATER)
-        self._closing[transport] = None
-
-    def abort_slow(self) -> None:
-        """Abort those that do not receive what is sent to them; called twice a second."""
-        now = time.monotonic()
-        for transport, since in list(self._closing.items()):
-            unsent = transport.get_write_buffer_size()
-            if transport.is_closing() and unsent == 0:
-                del self._closing[transport]
-            elif unsent > MOST_UNSENT or (since is not None and now - since > CLOSING_S):
-                transport.abort()
-                del self._closing[transport]
-            elif transport.is_closing() and since is None:
-                self._closing[transport] = now
-
-    def abort_all(self) -> None:
-        for transport in self._closing:
-            transport.abort()
-        self._closing.clear()
+        self.open: dict[LimitedConnection, float | None] = {}  # since when it closes or waits for a request
+        self._headers_s = headers_s  # for the head of a request
 
     def protocol(self) -> type[LimitedConnection]:
         return type("Connection", (LimitedConnection,), {"all": self})
 
+    def end_slow(self) -> None:
+        """End those that do not send their request, or do not receive what is sent to them; called twice a second."""
+        now = time.monotonic()
+        for connection, since in list(self.open.items()):
+            transport = connection.transport
+            unsent = transport.get_write_buffer_size()
+            waits_s = 0.0 if since is None else now - since
+            if transport.is_closing() and unsent == 0:
+                del self.open[connection]
+            elif unsent > MOST_UNSENT or (transport.is_closing() and waits_s > CLOSING_S):
+                transport.abort()
+                del self.open[connection]
+            elif not transport.is_closing() and not connection.waits_for_request():
+                self.open[connection] = None
+            elif since is None:
+                self.open[connection] = now
+            elif not transport.is_closing() and waits_s > self._headers_s:
+                transport.close()
+                self.open[connection] = now
+
+    def abort_all(self) -> None:
+        for connection in self.open:
+            connection.transport.abort()
+        self.open.clear()
+
 
 class LimitedConnection(H11Protocol):
     all: ClassVar[Connections]
-    _timer: asyncio.TimerHandle | None = None
     _is_full = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self.all.add(transport)
+        transport.set_write_buffer_limits(high=HIGH_WATER)
+        self.all.open[self] = time.monotonic()
         if len(self.connections) > 2 * self.all.most:
             transport.abort()
-            return
         self._is_full = len(self.connections) > self.all.most
-        self._set_timer()
 
     def data_received(self, data: bytes) -> None:
         if self._is_full:
             self.transport.write(_FULL)
             self.transport.close()
-            return
-        super().data_received(data)
-        self._set_timer()
+        else:
+            super().data_received(data)
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._cancel_timer()
-        super().connection_lost(exc)
-
-    def _waits_for_request(self) -> bool:
+    def waits_for_request(self) -> bool:
         is_websocket = self.transport.get_protocol() is not self
         return not is_websocket and (self.cycle is None or self.cycle.response_complete)
-
-    def _set_timer(self) -> None:
-        if self.transport.is_closing() or not self._waits_for_request():
-            self._cancel_timer()
-        elif self._timer is None:
-            self._timer = self.loop.call_later(self.all.headers_s, self._time_out)
-
-    def _cancel_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-    def _time_out(self) -> None:
-        self._timer = None
-        if self._waits_for_request():
-            self.transport.close()

@@ -21,12 +21,9 @@ class Refused(ValueError):
 class Scene:
     """What stays the same from frame to frame."""
 
-    revision: int  # 1 to 65535, another for each scene; a frame names the scene it belongs to
+    revision: int  # counts up from 1; a frame names the scene it belongs to
     facts: dict[str, Any] = field(default_factory=dict)  # as JSON (docs/web_protocol.md, "scene")
     picture: bytes = b""  # the map as a PNG, one pixel a cell, top row first; empty: no map yet
-
-    def next_revision(self) -> int:
-        return self.revision % 65535 + 1
 
 
 class News:
@@ -56,39 +53,20 @@ class Game(Protocol):
 
     source: Literal["simulator", "ros"]
 
-    def close(self) -> None:
-        """End it; a robot stands then."""
-
-    def choices(self) -> dict[str, Any]:
-        """What a setup can name (docs/web_protocol.md, "choices")."""
-
+    def close(self) -> None: ...  # a robot stands then
+    def choices(self) -> dict[str, Any]: ...  # what a setup can name (docs/web_protocol.md, "choices")
     def scene(self) -> Scene: ...
-
-    def frame(self) -> Frame | None:
-        """The present frame; None: nothing is known yet."""
-
-    def news(self, after: int) -> list[dict[str, Any]]:
-        """The news after a number, at most the last 100, oldest first."""
-
-    def watch(self, *, why: bool, lidar: bool) -> None:
-        """Whether any page shows the terms and the lidar now."""
-
-    def handle(self, person: str, message: Message) -> Any:
-        """Do what a page asks; returns ``data`` of the answer, JSON values. After Refused nothing has changed."""
-
-    def stop(self, person: str) -> None:
-        """Stop the robot at once, until ``release``; may be repeated."""
-
+    def frame(self) -> Frame | None: ...  # None: nothing is known yet
+    def news(self, after: int) -> list[dict[str, Any]]: ...  # those after a number, at most 100, oldest first
+    def watch(self, *, why: bool, lidar: bool) -> None: ...  # whether any page shows the terms and the lidar now
+    def handle(self, person: str, message: Message) -> Any: ...  # ``data`` of the answer, or Refused: nothing changed
+    def stop(self, person: str) -> None: ...  # the robot, at once, until ``release``; may be repeated
     def release(self, person: str) -> None: ...
-
-    def leave(self, person: str) -> None:
-        """A person is gone: the role is free, and what was driven by hand stands."""
+    def leave(self, person: str) -> None: ...  # the person's role is free, and what was driven by hand stands
+    def story(self, number: int) -> bytes | None: ...  # frames of a recorded round, as a JSON list; None: no such one
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
         """Let a map be chosen: its YAML file and its image. Raises Refused if it cannot be played on.
 
         Returns ``{"map": the name to choose it by, "words": the report of the map's checker}``.
         """
-
-    def story(self, number: int) -> bytes | None:
-        """The frames of a recorded round, as a JSON list; None if there is none."""

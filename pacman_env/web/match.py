@@ -1,4 +1,4 @@
-"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1."""
+"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; and who drives."""
 
 from __future__ import annotations
 
@@ -14,19 +14,77 @@ from pacman_env import __version__
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
-from pacman_env.web.driving import Driving
-from pacman_env.web.feedback import Feedback
+from pacman_env.web.control import ROBOT, Roles, ghost_role
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused
-from pacman_env.web.played_round import Orders, PlayedRound
-from pacman_env.web.recordings import Recordings, in_words
+from pacman_env.web.played_round import Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.simulated_view import SimulatedView, link_to
-from pacman_env.web.tick_clock import TickClock
+from pacman_env.web.simulated_view import Feedback, SimulatedView, TickClock
 
+_HAND_S = 0.5  # after so long without a velocity the robot stands (Create 3)
 _LOG = logging.getLogger(__name__)
 _HOME_S = 2.0  # real time after a round, in which its end is shown
 _REHEARSED = 6  # ticks: the planner plans, goals begin
+
+
+class Driving:
+    """The roles, the goal of each, and the velocities by hand."""
+
+    def __init__(self) -> None:
+        self.roles = Roles()
+        self.goals: dict[str, int | None] = {}  # candidates, by role
+        self._hand: tuple[float, float, float] | None = None  # v, omega, when
+
+    @property
+    def plays_robot(self) -> bool:
+        return ROBOT in self.roles.people
+
+    def assume(self, person: str, role: str, ghosts: int) -> None:
+        if role != ROBOT and role not in map(ghost_role, range(ghosts)):
+            raise Refused(f"{role}: there are {ghosts} ghosts")
+        self.roles.assume(person, role)
+        self.goals[role] = None
+        if not self.plays_robot:
+            self._hand = None
+
+    def leave(self, person: str) -> None:
+        if self.roles.leave(person) == ROBOT:
+            self._hand = None
+
+    def steer(self, person: str, v: float, omega: float) -> None:
+        """Velocities by hand, m/s and rad/s; at once, the newest counts."""
+        self.roles.require(person, ROBOT)
+        self._hand = (v, omega, time.monotonic())
+
+    def release(self) -> None:
+        self._hand = None
+
+    def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
+        """Send the role of a person to a candidate, or to the one nearest to a place."""
+        role = self.roles.of(person)
+        if role is None:
+            raise Refused("take a role first")
+        candidate = goal.candidate
+        if candidate is None:
+            if goal.x is None or goal.y is None:
+                raise Refused("goal: give a candidate, or x and y")
+            candidate = played.nearest(goal.x, goal.y)
+            if candidate is None:
+                raise Refused("no pellet or refuge within 1 m")
+        elif candidate > played.hold:
+            raise Refused(f"candidate {candidate}: there are 0 to {played.hold}")
+        self.goals[role] = None if candidate in (-1, played.hold) else candidate
+        if role == ROBOT:
+            self._hand = None
+
+    def orders(self, played: PlayedRound) -> Orders:
+        orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT))
+        if orders.robot and self._hand is not None:
+            v, omega, at_s = self._hand
+            orders.velocity = (v, omega) if time.monotonic() - at_s < _HAND_S else (0.0, 0.0)
+        playable = self.roles.ghosts().keys() & played.ghost_roles
+        orders.ghosts = {number: self.goals.get(ghost_role(number)) for number in playable}
+        return orders
 
 
 class Match:
@@ -279,7 +337,7 @@ class Match:
                 for _ in range(2):  # what two reports show is of this round
                     self._act(self._controller.pellets_left(ids, self._clock_s))
             elif self._controller.state == "starting":
-                self.clock.restart()
+                self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:
         self._home_due_s = None
@@ -289,11 +347,9 @@ class Match:
             self._news.add(words=str(refused))
 
     def _record(self, played: PlayedRound) -> None:
-        facts = {
-            "map": self._rules.map,
-            "round": self._controller.round,
-            "revision": self.view.scene.revision,
-            "link": link_to(played, self._rules),
-        }
-        summary = self.recordings.keep(played, facts)
-        self._news.add(story=summary["story"], words=in_words(summary))
+        scene = self.view.scene
+        link = "" if played.by_person else scene.facts["link"]
+        words = self.recordings.keep(
+            played, map=self._rules.map, round=self._controller.round, revision=scene.revision, link=link
+        )
+        self._news.add(story=self.recordings.count, words=words)

@@ -22,7 +22,8 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.web.frame import Frame, thinned
+from pacman_env.web.frame import Frame, encode_all, thinned
+from pacman_env.web.game import Refused
 from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.lidar import scan
 
@@ -30,6 +31,7 @@ _RAYS = 180
 _RANGE_M = (0.15, 12.0)  # of the RPLIDAR A1
 _ONE = np.zeros(1, dtype=np.int64)
 _ALL = np.ones(1, dtype=np.bool_)
+_KEPT = 10
 
 
 @dataclass
@@ -43,7 +45,7 @@ class Orders:
 
 
 class PlayedRound:
-    """A round with its policies.
+    """A round with its policies; ConfigError or MapError if it cannot be played.
 
     ``snapshots`` are the frames before the first tick and after each, ``situations`` those that each tick was decided
     in. ``choices`` (T, 3) are candidates as on the page: the robot's goal, and what the two policies have chosen.
@@ -54,16 +56,10 @@ class PlayedRound:
         config: Config,
         source: LevelSource,
         ghosts: Mapping[int, Policy],
-        policies: Sequence[str],
+        policies: Sequence[str],  # the robot follows the first, the second is asked beside it
         seed: int,
-        ghost_roles: frozenset[int] = frozenset(),
+        ghost_roles: frozenset[int] = frozenset(),  # that people may send, and that behave as configured until then
     ) -> None:
-        """Lay it out. The robot follows the first of the ``policies``, the second is asked beside it; ``ghosts`` have
-        policies of their own. People may send those of ``ghost_roles``, which behave as configured until then.
-
-        Raises:
-            ConfigError, MapError: it cannot be played.
-        """
         self.seed, self.names = seed, tuple(policies)
         self._behaviours = config.clyde.ghosts
         outside = tuple(POLICY if k in ghost_roles else name for k, name in enumerate(self._behaviours))
@@ -259,3 +255,57 @@ def _plain(terms: Mapping[str, Any]) -> dict[str, Any]:
         for name, value in terms.items()
         if name not in ("kind", "allowed")
     }
+
+
+class Recordings:
+    """The last ten rounds, by number from 1."""
+
+    def __init__(self) -> None:
+        self.count = 0  # in all
+        self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
+
+    def keep(self, played: PlayedRound, **facts: Any) -> str:
+        """One more, whose summary (docs/web_protocol.md, "stories") has ``facts`` of the game; returns it in words."""
+        self.count += 1
+        choices = np.array(played.choices).reshape(-1, 3)
+        differ = choices[:, 1] != choices[:, 2]
+        last, second = played.snapshots[-1], played.baseline_result() if played.by_person else None
+        self._kept.pop(self.count - _KEPT, None)
+        summary = {
+            "story": self.count,
+            "result": played.outcome,
+            "seed": played.seed,
+            "collected": last.collected,
+            "spawned": last.spawned,
+            "time_s": round(last.time_s, 2),
+            "ticks": played.ticks,
+            "parts": np.flatnonzero(differ & ~np.concatenate([[False], differ[:-1]])).tolist(),
+            "decisions": np.flatnonzero(np.diff(choices[:, 0], prepend=-1)).tolist(),
+            "player": "person" if played.by_person else "policy",
+            "policies": list(played.names),
+            "second": second,
+            **facts,
+        }
+        self._kept[self.count] = played, summary
+        words = f"{played.outcome}: {last.collected} of {last.spawned} pellets in {round(last.time_s, 2):g} s"
+        if second is not None:
+            words += f"; {played.names[0]} {second['result']}, {second['collected']} in {second['time_s']:g} s"
+        return words
+
+    def summaries(self) -> list[dict[str, Any]]:
+        return [summary for _, summary in reversed(self._kept.values())]
+
+    def frames(self, number: int) -> bytes | None:
+        if number not in self._kept:
+            return None
+        played, summary = self._kept[number]
+        fields = {name: summary[name] for name in ("revision", "round")}
+        return encode_all([replace(snapshot, **fields) for snapshot in played.snapshots])
+
+    def why(self, number: int, tick: int) -> dict[str, Any]:
+        if number not in self._kept:
+            raise Refused(f"story {number}: not kept")
+        played, _ = self._kept[number]
+        if tick > played.ticks:
+            raise Refused(f"tick {tick}: the round has {played.ticks}")
+        return played.why(tick)

@@ -1,11 +1,14 @@
-"""The server of the operator's page: a thread with its connections, over a game."""
+"""The server of the operator's page, a thread with its connections, over a game; and the links that lead to it."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
+import io
 import logging
 import signal
+import socket
 import sys
 import threading
 import time
@@ -24,7 +27,6 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 
 from pacman_env.web.access import AccessControl, Tokens, is_loopback, names_of
-from pacman_env.web.address import bind, greeting, link, shown_address
 from pacman_env.web.connections import Connections
 from pacman_env.web.game import Game
 from pacman_env.web.log import Log
@@ -38,6 +40,7 @@ REQUEST_S = 120.0  # for all over HTTP but an upload
 PING_S, PONG_S = 3.0, 5.0  # a page that does not answer is gone after 8 s
 CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
 SPARE_CONNECTIONS = 50
+WILDCARDS = ("0.0.0.0", "::")
 
 
 @dataclass(frozen=True)
@@ -49,28 +52,17 @@ class Limits:
 
 
 class WebServer:
-    """The page over a game, in a thread of its own; ``with`` starts and closes it. The game is the caller's to close.
-
-    Args:
-        game: that is shown.
-        host: an address of this machine, or a name of one; 0.0.0.0: all of them.
-        port: 0: any that is free.
-        tokens: None: new ones where the address is reached from other machines, and none on a loopback address.
-        names: accepted as Host beside the address, such as that of a router that passes connections on.
-        write: writes a line of the log; to stderr if not given.
-        limits: of viewers and of time.
-        static: the page's files.
-    """
+    """The page over a game, which the caller closes, in a thread of its own; ``with`` starts and closes it."""
 
     def __init__(
         self,
         game: Game,
-        host: str = "127.0.0.1",
-        port: int = 0,
+        host: str = "127.0.0.1",  # an address of this machine, or a name of one; 0.0.0.0: all of them
+        port: int = 0,  # 0: any that is free
         *,
-        tokens: Tokens | None = None,
-        names: Iterable[str] = (),
-        write: Callable[[str], None] | None = None,
+        tokens: Tokens | None = None,  # None: new ones where other machines reach the address, else none
+        names: Iterable[str] = (),  # accepted as Host beside the address, such as that of a router in between
+        write: Callable[[str], None] | None = None,  # a line of the log; to stderr if not given
         limits: Limits = Limits(),
         static: Path = STATIC,
     ):
@@ -89,9 +81,6 @@ class WebServer:
     @property
     def viewer_url(self) -> str:
         return link(shown_address(self.address), self.port, self.tokens.viewer if self.tokens else "")
-
-    def greeting(self) -> str:
-        return greeting(self.address, self.port, self.tokens)
 
     def __enter__(self) -> WebServer:
         self.start()
@@ -171,9 +160,7 @@ def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Co
         application,
         http=connections.protocol(),
         ws="websockets-sansio",
-        loop="asyncio",
         lifespan="off",
-        interface="asgi3",
         log_config=None,
         log_level="critical",  # this server writes its own log, once for each kind, without addresses
         access_log=False,  # the token would be in it
@@ -195,7 +182,7 @@ async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
             await sessions.tick()
             count += 1
             if count % 10 == 0:
-                connections.abort_slow()
+                connections.end_slow()
         except Exception as error:
             log.error("a tick", error)
         at = max(at + TICK_S, time.monotonic())  # a late tick is not made up for
@@ -243,10 +230,78 @@ def serve(
     with WebServer(game, host, port, names=names, limits=limits) as server:
         before = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}
         try:
-            print(server.greeting(), flush=True)
+            print(greeting(server.address, server.port, server.tokens), flush=True)
             if opened is not None:
                 opened(server.url)
             ended.wait()
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def link(address: str, port: int, token: str = "") -> str:
+    host = f"[{address}]" if ":" in address else address
+    return f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+
+
+def own_address(family: int = socket.AF_INET) -> str | None:
+    """The address by which others reach this machine, if there is one; nothing is sent."""
+    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses of documentation
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((there, 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return None
+
+
+def shown_address(address: str) -> str:
+    """The address of a link, for one that a server is bound to."""
+    if address not in WILDCARDS:
+        return address
+    return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
+
+
+def qr_code(text: str) -> str:
+    """For a terminal, in half blocks; empty where segno is missing."""
+    try:
+        import segno
+    except ImportError:
+        return ""
+    out = io.StringIO()
+    segno.make(text, error="l", micro=False).terminal(out, compact=True, border=2)
+    return out.getvalue().rstrip("\n")
+
+
+def greeting(address: str, port: int, tokens: Tokens | None) -> str:
+    shown = shown_address(address)
+    if tokens is None:
+        return f"The page: {link(shown, port)} (on this computer alone; Ctrl-C ends it)"
+    operator = link(shown, port, tokens.operator)
+    return (
+        f"To play and run it: {operator}\n{qr_code(operator)}\n"
+        f"To view, and to STOP: {link(shown, port, tokens.viewer)}\n"
+        "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page."
+    )
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """A bound socket; OSError says why there is none."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError) as error:
+        raise OSError(f"{host}: no such address") from error
+    bound = socket.socket(family, kind, protocol)
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a slow reader gets newer frames
+        bound.bind(address)
+    except OSError as error:
+        bound.close()
+        reasons = {
+            errno.EADDRINUSE: f"port {port} of {host} is taken: another one, or 0 for any that is free",
+            errno.EADDRNOTAVAIL: f"{host} is no address of this computer",
+            errno.EACCES: f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free",
+        }
+        raise OSError(reasons.get(error.errno or 0, f"{host}, port {port}: {error.strerror}")) from error
+    return bound

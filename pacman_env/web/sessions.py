@@ -64,7 +64,6 @@ class Sessions:
         self._known: dict[str, Viewer] = {}  # by the key of the page
         self._guests = 0
         self._stops = 0
-        self._open: set[asyncio.Task[Any]] = set()
         self._arriving = 0
         self._ending = False
 
@@ -94,8 +93,9 @@ class Sessions:
         self._ending = True
         for viewer in self.audience.viewers:
             viewer.outbox.end("the server ends")
-        if self._open:
-            await asyncio.wait(self._open, timeout=GOODBYE_S)
+        end_s = time.monotonic() + GOODBYE_S
+        while self.audience.viewers and time.monotonic() < end_s:
+            await asyncio.sleep(0.01)
 
     async def in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
         return await in_thread(self._threads, work, *arguments)
@@ -121,13 +121,9 @@ class Sessions:
             return
         finally:
             self._arriving -= 1
-        task = asyncio.current_task()
-        assert task is not None
-        self._open.add(task)
         try:
             await self._converse(socket, viewer)
         finally:
-            self._open.discard(task)
             self._disconnect(viewer)
 
     async def _converse(self, socket: WebSocket, viewer: Viewer) -> None:
@@ -257,7 +253,12 @@ class Sessions:
         pending = [task for task in (before.worker, before.leaving) if task is not None] if before else []
         if pending:
             await asyncio.wait(pending)
-            await self._resume_role(viewer)
+        role = self.control.roles.of(viewer.name)
+        if role is not None:  # the person is back: the game has it in its role again
+            try:
+                await self.in_thread(self._game.handle, viewer.name, messages.Role(role=role))  # type: ignore[arg-type]
+            except Exception:
+                self.control.roles.leave(viewer.name)
         while (item := await viewer.waiting.get()) is not None:
             message, stops = item
             words = ""
@@ -272,14 +273,6 @@ class Sessions:
                 _answer(viewer, message, words[:MOST_WORDS])
             if viewer.gone_s is not None and not viewer.is_replaced:  # it went away meanwhile
                 await self._leave(viewer, self._threads)
-
-    async def _resume_role(self, viewer: Viewer) -> None:
-        role = self.control.roles.of(viewer.name)
-        if role is not None:
-            try:
-                await self.in_thread(self._game.handle, viewer.name, messages.Role(role=role))  # type: ignore[arg-type]
-            except Exception:
-                self.control.roles.leave(viewer.name)
 
     async def _do(self, viewer: Viewer, message: Message, stops: int) -> None:
         name = viewer.name

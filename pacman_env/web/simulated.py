@@ -28,16 +28,7 @@ _WHY_S = 0.25  # between two times that the terms are sent
 class SimulatedGame:
     """A :class:`~pacman_env.web.game.Game` that a thread plays, from the preparation of the first round on.
 
-    Args:
-        rules: to begin with.
-        maps: files of maps that can be chosen beside those that ship.
-        policies: files of policies, likewise.
-        seed: of the first round, from which those of the others follow; None: drawn.
-        speed: times real time.
-
-    Raises:
-        MapError, ValueError: a file that cannot be used.
-        Refused: rules that cannot be chosen.
+    Raises MapError or ValueError for a file that cannot be used, Refused for rules that cannot be chosen.
     """
 
     source: Literal["simulator", "ros"] = "simulator"
@@ -46,10 +37,10 @@ class SimulatedGame:
         self,
         rules: Rules | None = None,
         *,
-        maps: Sequence[str] = (),
-        policies: Sequence[str] = (),
-        seed: int | None = None,
-        speed: float = 1.0,
+        maps: Sequence[str] = (),  # files of maps that can be chosen beside those that ship
+        policies: Sequence[str] = (),  # files of policies, likewise
+        seed: int | None = None,  # of the first round, from which those of the others follow; None: drawn
+        speed: float = 1.0,  # times real time
     ) -> None:
         choices, self._news = Choices(maps, policies), News()
         self._lock = threading.RLock()  # of the match and what follows

@@ -1,25 +1,134 @@
-"""What is shown of a simulated game: its scene, and frames on the way from tick to tick."""
+"""What is shown of a simulated game: its scene, frames on the way from tick to tick, lights, sounds and motions."""
 
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
 import cv2
 from msgspec import structs
 
+from pacman_env.config import ShowConfig
+from pacman_env.game.dances import Motion, angular_velocity
+from pacman_env.game.events import FEEDBACK
+from pacman_env.game.lights import LASTING, LightRing
 from pacman_env.game.round import RoundController
+from pacman_env.game.sounds import SoundQueue, duration_s
 from pacman_env.web.control import ghost_role
-from pacman_env.web.feedback import Feedback
 from pacman_env.web.frame import Frame, Pose
 from pacman_env.web.game import Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
-from pacman_env.web.tick_clock import TickClock
 
 _STEPS = 64  # of a tick that frames distinguish
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
+
+
+class TickClock:
+    """Ticks at ``speed`` times real time, held while the game is paused or stopped."""
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self.tick_s = 0.5  # simulated
+        self.paused = self.stopped = False
+        self._began_s = time.monotonic()  # the last tick
+        self._held_s: float | None = None  # since when
+
+    @property
+    def is_held(self) -> bool:
+        return self.paused or self.stopped
+
+    @property
+    def period_s(self) -> float:
+        return self.tick_s / self.speed
+
+    @property
+    def due_s(self) -> float:
+        return self._began_s + self.period_s
+
+    def share(self, real_s: float) -> float:
+        """How much of the last tick is over, 0 to 1."""
+        at_s = real_s if self._held_s is None else self._held_s
+        return min(max((at_s - self._began_s) / self.period_s, 0.0), 1.0)
+
+    def begin(self, due_s: float) -> None:
+        """A tick begins: a late one is not made up for, and of one that is held nothing is shown yet."""
+        self._began_s = max(due_s, time.monotonic() - self.period_s, self._held_s or 0.0)
+
+    def set_speed(self, times: float) -> None:
+        """Another speed, from the present share of the tick on."""
+        now = time.monotonic()
+        share = self.share(now)
+        self.speed = times
+        self._began_s = (self._held_s or now) - share * self.period_s
+
+    def hold(self, *, paused: bool | None = None, stopped: bool | None = None) -> None:
+        self.paused = self.paused if paused is None else paused
+        self.stopped = self.stopped if stopped is None else stopped
+        now = time.monotonic()
+        if self.is_held:
+            self._held_s = now if self._held_s is None else self._held_s
+        elif self._held_s is not None:
+            self._began_s += now - self._held_s
+            self._held_s = None
+
+
+class Feedback:
+    """Of one game; times are real, s."""
+
+    def __init__(self, show: ShowConfig) -> None:
+        self.armed = False
+        self.turned = 0.0  # rad, by motions
+        self.ring = LightRing(show)
+        self._show = show
+        self._sounds = SoundQueue()
+        self._sounds_until_s: float | None = None
+        self._motion: Motion = "stop"
+        self._motion_s = self._moved_s = 0.0
+
+    def show(self, what: str, word: str, now: float) -> list[dict[str, str]]:
+        """The news of an ``event``, ``light`` or ``sound``; KeyError or ValueError for an unknown word."""
+        if what == "light":
+            self.ring.command(word, now)
+            return [{"light": word}]
+        if what == "sound":
+            return self._play(self._sounds.ask(word, now), now)
+        answer = FEEDBACK[word]
+        news = [{"event": word}]
+        if answer.light is not None:
+            news += self.show("light", answer.light, now)
+        if answer.sound is not None:
+            news += self.show("sound", answer.sound, now)
+        if answer.motion is not None:
+            self._motion = answer.motion if self.armed else "stop"
+            self._motion_s = self._moved_s = now
+        return news
+
+    def enter(self, state: str, now: float) -> None:
+        """The game is in another state, which may have a lasting light."""
+        if state in LASTING:
+            self.ring.command(LASTING[state], now)
+
+    def update(self, now: float) -> list[dict[str, str]]:
+        """Do what is due; returns its news: a sound that has waited."""
+        turn = angular_velocity(self._motion, now - self._motion_s, self._show)
+        if turn is None or not self.armed:
+            self._motion = "stop"
+        else:
+            self.turned += turn * (now - self._moved_s)
+        self._moved_s = now
+        if self._sounds_until_s is not None and now >= self._sounds_until_s:
+            self._sounds_until_s = None
+            return self._play(self._sounds.ended(now), now)
+        return []
+
+    def _play(self, word: str | None, now: float) -> list[dict[str, str]]:
+        if word is None:
+            return []
+        self._sounds_until_s = now + duration_s(word)
+        return [{"sound": word}]
 
 
 class SimulatedView:
@@ -42,7 +151,7 @@ class SimulatedView:
     def show_round(self, played: PlayedRound, rules: Rules) -> None:
         """Another round, or one whose ghosts were placed."""
         self.show(played.snapshots[-1], played.snapshots[-1])
-        self.scene = scene_of(played, rules, self.scene.next_revision())
+        self.scene = scene_of(played, rules, self.scene.revision + 1)
 
     def frame(self, played: PlayedRound | None, controller: RoundController, real_s: float) -> Frame | None:
         """The game at a moment of real time; None: no round is laid out yet."""
@@ -105,6 +214,8 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
     occupancy, config = played.assets.occupancy, played.config
     xy = played.assets.goal_xy.round(4).tolist()
     pellets = played.assets.pellets
+    named = rules if played.level is None else replace(rules, level=played.level)
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # by names and numbers alone
     facts = {
         "map": {
             "name": rules.map,
@@ -132,15 +243,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         "level": played.level,
         "settings": dict(rules.settings),
         "clyde_speed_mps": config.clyde.speed_mps,
-        "link": link_to(played, rules),
+        "link": named.link(played.seed, config.clyde.speed_mps) if reproducible else "",
         "preparing": False,
     }
     return Scene(revision, facts, cv2.imencode(".png", occupancy.grey)[1].tobytes())
-
-
-def link_to(played: PlayedRound, rules: Rules) -> str:
-    """The link to a round; empty where names and numbers alone do not reproduce it."""
-    if played.placed or played.by_person or played.ghost_roles:
-        return ""
-    named = rules if played.level is None else replace(rules, level=played.level)
-    return named.link(played.seed, played.config.clyde.speed_mps)

@@ -57,13 +57,9 @@ _REFUSALS: dict[type[Message], str] = {
 
 
 class RosGame:
-    """A :class:`~pacman_env.web.game.Game` that the nodes of a namespace play.
+    """A :class:`~pacman_env.web.game.Game` that the nodes of a namespace, with its slash, play.
 
-    ``namespace`` has its slash; this process has joined the ROS ``domain``. ``sim``: a simulated robot, on this machine
-    alone. The readiness list compares the robot's map with ``map``; None: with none.
-
-    Raises:
-        MapError, OSError: the map cannot be read.
+    The readiness list compares the robot's map with ``map``, which raises MapError or OSError if it cannot be read.
     """
 
     source: Literal["simulator", "ros"] = "ros"

@@ -13,8 +13,7 @@ from msgspec.structs import replace
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
 from pacman_env.ros import topics
 from pacman_env.ros.messages import Position
-from pacman_env.ros.operator_page.game_state import GameState
-from pacman_env.ros.operator_page.page_node import PageNode
+from pacman_env.ros.operator_page.page_node import GameState, PageNode
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, State, thinned
 from pacman_env.web.game import News, Scene
@@ -62,7 +61,7 @@ class RosView:
         key = json.dumps([facts, list(pellets), id(picture)])
         if key != self._scene_key:
             self._scene_key, self._pellet_ids = key, list(pellets)
-            self.scene = Scene(self.scene.next_revision(), facts, b"" if picture is None else picture.png)
+            self.scene = Scene(self.scene.revision + 1, facts, b"" if picture is None else picture.png)
 
     def update_frame(self, stopped: bool, lidar: bool) -> None:
         if not (self.game_is_there or self._node.robot.alive):
