@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import traceback
 from collections.abc import Callable, Iterable
 
 EVERY_S = 60.0
@@ -28,10 +29,8 @@ class Log:
 
     def error(self, what: str, error: BaseException) -> None:
         """One line about an unexpected error, with the place where it was raised."""
-        trace = error.__traceback__
-        while trace is not None and trace.tb_next is not None:
-            trace = trace.tb_next
-        where = "" if trace is None else f" ({trace.tb_frame.f_code.co_name}, line {trace.tb_lineno})"
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f" ({frames[-1].name}, line {frames[-1].lineno})" if frames else ""
         self.add(f"{what} {type(error).__name__}", f"{what}: {type(error).__name__}: {error}{where}")
 
     def redact(self, record: logging.LogRecord) -> bool:

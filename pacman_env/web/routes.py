@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
-import hashlib
 import mimetypes
 import re
 from collections.abc import AsyncIterator
@@ -16,7 +15,7 @@ import msgspec
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
-from starlette.staticfiles import NotModifiedResponse, StaticFiles
+from starlette.staticfiles import StaticFiles
 
 from pacman_env import __version__
 from pacman_env.web.game import Game, Refused
@@ -25,7 +24,6 @@ from pacman_env.web.sessions import VIEW_ONLY, Sessions
 
 STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
-_CACHE = {"cache-control": "no-cache"}  # kept, and revalidated each time
 
 for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the system's list may be wrong
     mimetypes.add_type(f"text/{_kind}", f".{_suffix}")
@@ -46,7 +44,7 @@ def map_name(name: str) -> str:
 class PageFiles(StaticFiles):
     def file_response(self, *arguments: Any, **options: Any) -> Response:
         response = super().file_response(*arguments, **options)
-        response.headers.update(_CACHE)
+        response.headers["cache-control"] = "no-cache"  # kept, and revalidated each time
         return response
 
 
@@ -79,10 +77,7 @@ class Routes:
         picture = self._sessions.audience.pictures.get(request.path_params["revision"])
         if not picture:
             return PlainTextResponse("no such map\n", 404)
-        etag = f'"{hashlib.sha256(picture).hexdigest()[:24]}"'
-        response = Response(picture, media_type="image/png", headers={"etag": etag, **_CACHE})
-        unchanged = self._files.is_not_modified(response.headers, request.headers)
-        return NotModifiedResponse(response.headers) if unchanged else response
+        return Response(picture, media_type="image/png", headers={"cache-control": "no-store"})
 
     async def _story(self, request: Request) -> Response:
         number = request.path_params["number"]

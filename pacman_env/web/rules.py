@@ -12,7 +12,7 @@ from urllib.parse import quote, urlencode
 import yaml
 
 from pacman_env.config import Config, ConfigError, preset_names
-from pacman_env.config.described import Setting, settings
+from pacman_env.config.described import settings
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.game.ghosts import POLICY, behaviour_names
 from pacman_env.game.pellets import generate_pellets
@@ -77,7 +77,8 @@ class Choices:
             make_policy(spec)
             if spec not in self._policies:
                 self._policies.append(spec)
-        self._settings = [s for s in settings() if _shown(s)]
+        shown = {s.name for s in settings() if s.name.partition(".")[0] in _GROUPS} - set(_CHOSEN_ELSEWHERE)
+        self._settings = [s for s in settings() if s.name in {*shown, "time_limit_s"}]
 
     def facts(self) -> dict[str, Any]:
         return {
@@ -100,10 +101,8 @@ class Choices:
         ):
             if name not in known:
                 raise Refused(f"{what} {name!r}: choose one of {', '.join(known)}")
-        names = {setting.name for setting in self._settings}
-        for name in rules.settings:
-            if name not in names:
-                raise Refused(f"setting {name!r}: not one of those that can be set here")
+        for name in rules.settings.keys() - {setting.name for setting in self._settings}:
+            raise Refused(f"setting {name!r}: not one of those that can be set here")
         longest = rules.settings.get("time_limit_s", 0.0)
         if isinstance(longest, float | int) and longest > _LONGEST_S:
             raise Refused(f"time_limit_s = {longest}: at most {_LONGEST_S:g} s here")
@@ -130,10 +129,7 @@ class Choices:
             raise Refused(str(error)) from error
 
     def add_map(self, name: str, text: str, image: bytes) -> dict[str, Any]:
-        try:
-            loaded = _loaded(name, text, image)
-        except (MapError, OSError) as error:
-            raise Refused(str(error)) from error
+        loaded = _loaded(name, text, image)
         if name in shipped_maps() or name == GENERATED:
             raise Refused(f"map {name!r}: a map that ships has this name")
         own = [known for known, one in self._maps.items() if not isinstance(one, str)]
@@ -150,11 +146,6 @@ class Choices:
         return {"map": name, "words": report.render()}
 
 
-def _shown(setting: Setting) -> bool:
-    group = setting.name.partition(".")[0]
-    return setting.name == "time_limit_s" or (group in _GROUPS and setting.name not in _CHOSEN_ELSEWHERE)
-
-
 def _loaded(name: str, text: str, image: bytes) -> OccupancyMap:
     """A map from a YAML file's text and an image's bytes; the YAML's name of the image is ignored."""
     try:
@@ -168,11 +159,11 @@ def _loaded(name: str, text: str, image: bytes) -> OccupancyMap:
         raise Refused(f"the image of {name}: must be a PGM or a PNG")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.yaml"
-        (path.parent / f"{name}{suffix}").write_bytes(image)
-        path.write_text(yaml.safe_dump(keys | {"image": f"{name}{suffix}"}))
         try:
+            (path.parent / f"{name}{suffix}").write_bytes(image)
+            path.write_text(yaml.safe_dump(keys | {"image": f"{name}{suffix}"}))
             loaded = load_map(path)
-        except MapError as error:
+        except (MapError, OSError) as error:
             raise Refused(str(error).replace(f"{folder}/", "")) from error
     if loaded.grey.size > _MOST_PIXELS:
         raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")

@@ -84,8 +84,7 @@ class Sessions:
         if expired:
             self._forget_gone()
         try:
-            wanted = self.audience.wanted()
-            self.audience.send(await in_thread(self._poll_thread, self.audience.poll, wanted))
+            self.audience.send(await in_thread(self._poll_thread, self.audience.poll))
         except Exception as error:
             self._log.error("the game cannot be shown", error)
 

@@ -160,16 +160,14 @@ class Audience:
         if viewer in self.viewers:
             self.viewers.remove(viewer)
 
-    def wanted(self) -> tuple[bool, bool] | None:
-        """Whether any page shows the terms, and the lidar; None: there is no viewer."""
-        return (any(v.why for v in self.viewers), any(v.lidar for v in self.viewers)) if self.viewers else None
-
-    def poll(self, wanted: tuple[bool, bool] | None) -> Update | None:
-        watched = why, lidar = wanted or (False, False)
-        if watched != self._watched:
+    def poll(self) -> Update | None:
+        """None: there is no viewer."""
+        viewers = tuple(self.viewers)
+        why, lidar = any(v.why for v in viewers), any(v.lidar for v in viewers)
+        if (why, lidar) != self._watched:
             self._game.watch(why=why, lidar=lidar)
-            self._watched = watched
-        if wanted is None:
+            self._watched = (why, lidar)
+        if not viewers:
             return None
         frame, scene = self._game.frame(), self._scene
         if scene is None or frame is None or frame.revision != scene.revision:

@@ -44,7 +44,7 @@ def audience(game: ScriptedGame, *here: Viewer, most: int = 100) -> Audience:
 
 
 def tick(there: Audience) -> None:
-    there.send(there.poll(there.wanted()))
+    there.send(there.poll())
 
 
 def test_of_frames_the_newest_alone_waits_and_texts_keep_their_order() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import BadMessage, Position, object_of, pellets_of, pose_of, word_of
+from pacman_env.ros.messages import BadMessage, Position, number_of, object_of, pellets_of, pose_of, word_of
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.robot_state import RobotState
 from pacman_env.ros.selector.goal_scores import CANDIDATES, DIAGNOSTICS, NAMESPACE, SCORES, WHY
@@ -70,9 +70,7 @@ class GameState:
         self.state = state
 
     def on_number(self, name: str, message: Any) -> None:
-        if not 0 <= message.data < 2**31:
-            raise BadMessage(f"number {message.data!r}")
-        self.numbers[name] = message.data
+        self.numbers[name] = number_of(message, 0, 2**31 - 1)
 
     def on_shown(self, name: str, message: Any) -> None:
         self._news.add(**{name: word_of(message)})

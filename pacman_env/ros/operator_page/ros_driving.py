@@ -48,92 +48,69 @@ class Wheels:
         own_thread: bool = True,
     ) -> None:
         self._publish, self._monotonic = publish, monotonic
-        self._change = threading.Condition()
+        self.driven: tuple[float, float, float] | None = None  # by hand: v, omega, since when
+        self._lock = threading.RLock()
         self._stopped = False
-        self._driven: tuple[float, float, float] | None = None  # v, omega, since when
         self._zeros = 0  # to be published yet
-        self._closed = False
-        self._thread = threading.Thread(target=self._run, name="wheels", daemon=True) if own_thread else None
-        if self._thread is not None:
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="wheels", daemon=True)
+        if own_thread:
             self._thread.start()
-
-    @property
-    def driven(self) -> bool:
-        return self._driven is not None
 
     def stop(self) -> None:
         """Zero velocity now, and again and again until ``release``; a drive has ended."""
-        with self._change:
-            self._stopped, self._driven = True, None
+        with self._lock:
+            self._stopped, self.driven = True, None
             self._publish(0.0, 0.0)
-            self._change.notify()
 
     def release(self) -> None:
-        with self._change:
+        with self._lock:
             self._stopped = False
 
     def drive(self, v: float, omega: float) -> bool:
         """That velocity, for half a second at most; False: the robot is stopped."""
-        with self._change:
-            if self._stopped or self._closed:
+        with self._lock:
+            if self._stopped or self._closed.is_set():
                 return False
-            self._driven = v, omega, self._monotonic()
+            self.driven = v, omega, self._monotonic()
             self._publish(v, omega)
-            self._change.notify()
         return True
 
     def end_drive(self) -> None:
-        with self._change:
-            if self._driven is not None:
-                self._end_drive()
-                self._change.notify()
+        with self._lock:
+            if self.driven is not None:
+                self.driven, self._zeros = None, _ENDS
+                self._publish(0.0, 0.0)
 
     def close(self) -> None:
         """Publish no more; what was driven by hand stands."""
-        with self._change:
-            if self._driven is not None:
-                self._publish(0.0, 0.0)
-            self._driven, self._closed = None, True
-            self._change.notify()
-        if self._thread is not None:
+        with self._lock:
+            self.end_drive()
+            self._closed.set()
+        if self._thread.is_alive():
             self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closed.wait(PERIOD_S):
+            self.beat()
 
     def beat(self) -> None:
         """Publish what is due after a period."""
-        with self._change:
-            if self._due and not self._closed:
-                self._publish_due()
-
-    def _run(self) -> None:
-        while True:
-            with self._change:
-                self._change.wait_for(lambda: self._closed or self._due)
-                if self._closed:
-                    return
-                self._publish_due()
-            time.sleep(PERIOD_S)
-
-    @property
-    def _due(self) -> bool:
-        return self._stopped or self._driven is not None or self._zeros > 0
-
-    def _publish_due(self) -> None:
-        if self._stopped:
-            self._zeros = 0
-            self._publish(0.0, 0.0)
-        elif self._driven is not None:
-            v, omega, since_s = self._driven
-            if self._monotonic() - since_s >= DEAD_MAN_S:
-                self._end_drive()
-            else:
-                self._publish(v, omega)
-        else:
-            self._zeros -= 1
-            self._publish(0.0, 0.0)
-
-    def _end_drive(self) -> None:
-        self._driven, self._zeros = None, _ENDS
-        self._publish(0.0, 0.0)
+        with self._lock:
+            if self._closed.is_set():
+                return
+            if self._stopped:
+                self._zeros = 0
+                self._publish(0.0, 0.0)
+            elif self.driven is not None:
+                v, omega, since_s = self.driven
+                if self._monotonic() - since_s >= DEAD_MAN_S:
+                    self.end_drive()
+                else:
+                    self._publish(v, omega)
+            elif self._zeros:
+                self._zeros -= 1
+                self._publish(0.0, 0.0)
 
 
 class RosDriving:
