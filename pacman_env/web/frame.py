@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 from msgspec import Meta, field
 from numpy.typing import NDArray
 
+from pacman_env.game.lights import Ring
+from pacman_env.game.round import State
+
 MOST_PLAN_POINTS = 64
 _DECIMALS = 4  # of what is in an array: a tenth of a millimetre
 
-State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
 Metres = Annotated[float, Meta(extra_json_schema={"unit": "m"})]
 Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
 Radians = Annotated[float, Meta(extra_json_schema={"unit": "rad"})]
 MetresPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "m/s"})]
 RadiansPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "rad/s"})]
-Byte = Annotated[int, Meta(ge=0, le=255)]
-Colour = tuple[Byte, Byte, Byte]  # red, green, blue
 Points = Annotated[NDArray[np.float64], Meta(description="(N, 2)", extra_json_schema={"unit": "m"})]
 Ranges = Annotated[NDArray[np.float64], Meta(description="(R,)", extra_json_schema={"unit": "m"})]
 Scores = Annotated[NDArray[np.float64], Meta(description="(C,)")]
@@ -48,7 +48,7 @@ class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
     velocity: tuple[MetresPerSecond, RadiansPerSecond] = (0.0, 0.0)
     baseline: Pose | None = None  # of the policy's robot in the same round, beside a person's
     baseline_collected: int = 0
-    ring: tuple[Colour, ...] | None = None  # six LEDs, None: not the game's
+    ring: Ring | None = None  # six LEDs, None: not the game's
     ghosts: Points = field(default_factory=lambda: np.zeros((0, 2)))
     alive: Present = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))  # pellets that are there
     scores: Scores = field(default_factory=lambda: np.zeros(0))  # of the candidates, NaN: none

@@ -179,7 +179,9 @@ class PlayedRound:
         batch, g, situation = self.batch, self.batch.games[0], self._situation
         scores = self._policies[0].scores(situation)[0][self._numbers]
         v, omega = situation.robot_velocity[0].tolist()
-        frame = Frame(
+        plan = slice(int(g["nav_at"]), int(g["nav_points"]) if g["nav_state"] == navigator.ACTIVE else 0)
+        baseline = None if self._baseline is None else self._baseline.snapshots[-1]
+        return Frame(
             state="running",
             revision=0,
             number=self.ticks,
@@ -194,24 +196,16 @@ class PlayedRound:
             ghosts=np.stack([batch.ghosts["x"][0], batch.ghosts["y"][0]], axis=1),
             alive=batch.alive[0, : self.assets.pellets].copy(),
             scores=np.where(np.isfinite(scores) & situation.mask[0, self._numbers], scores, np.nan),
+            plan=thinned(batch.paths[0, plan].astype(float)),
+            baseline=None if baseline is None else baseline.true,
+            baseline_collected=0 if baseline is None else baseline.collected,
         )
-        changes: dict[str, Any] = {}
-        if g["nav_state"] == navigator.ACTIVE:
-            changes["plan"] = thinned(batch.paths[0, int(g["nav_at"]) : int(g["nav_points"])].astype(float))
-        if self._baseline is not None:
-            other = self._baseline.snapshots[-1]
-            changes |= {"baseline": other.true, "baseline_collected": other.collected}
-        return replace(frame, **changes)
 
     def lidar(self) -> NDArray[np.float64]:
         """(R,) the scan at the robot's true pose, m, NaN: nothing met; without noise."""
-        level, ranges, pose = (
-            int(self.batch.games["level"][0]),
-            np.zeros(_RAYS, dtype=np.float32),
-            self.snapshots[-1].true,
-        )
+        pose, ranges = self.snapshots[-1].true, np.zeros(_RAYS, dtype=np.float32)
         assert pose is not None
-        arrays = self.batch.levels.arrays
+        arrays, level = self.batch.levels.arrays, int(self.batch.games["level"][0])
         affine, clearance_cm = np.asarray(arrays["affine"][level]), np.asarray(arrays["clearance_cm"][level])
         scan(affine, clearance_cm, self.assets.grid.resolution, *pose, np.uint64(0), 0, 0.0, *_RANGE_M, ranges)
         return np.where(ranges >= _RANGE_M[1], np.nan, ranges.astype(float))
@@ -231,11 +225,9 @@ class PlayedRound:
         return self._terms(self._situation, copy.deepcopy(self._policies), self.snapshots[-1].goal)
 
     def _terms(self, situation: Situation, policies: list[Any], goal: int) -> dict[str, Any]:
-        explained = {name: one.explain(situation)[0] for name, one in zip(self.names, policies, strict=True)}
-        chosen = {
-            name: self._page_number(int(one.select(situation)[0]))
-            for name, one in zip(self.names, policies, strict=True)
-        }
+        named = dict(zip(self.names, policies, strict=True))
+        explained = {name: policy.explain(situation)[0] for name, policy in named.items()}
+        chosen = {name: self._page_number(int(policy.select(situation)[0])) for name, policy in named.items()}
         rows = [
             {
                 "candidate": number,
@@ -296,16 +288,18 @@ class Recordings:
         return [summary for _, summary in reversed(self._kept.values())]
 
     def frames(self, number: int) -> bytes | None:
-        if number not in self._kept:
+        kept = self._kept.get(number)
+        if kept is None:
             return None
-        played, summary = self._kept[number]
+        played, summary = kept
         fields = {name: summary[name] for name in ("revision", "round")}
         return encode_all([replace(snapshot, **fields) for snapshot in played.snapshots])
 
     def why(self, number: int, tick: int) -> dict[str, Any]:
-        if number not in self._kept:
+        kept = self._kept.get(number)
+        if kept is None:
             raise Refused(f"story {number}: not kept")
-        played, _ = self._kept[number]
+        played = kept[0]
         if tick > played.ticks:
             raise Refused(f"tick {tick}: the round has {played.ticks}")
         return played.why(tick)

@@ -1,4 +1,4 @@
-"""What is shown of a simulated game: its scene, frames on the way from tick to tick, lights, sounds and motions."""
+"""What is shown of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ class SimulatedView:
 
 
 def between(old: Frame, new: Frame, share: float) -> Frame:
-    """A frame on the way from one tick to the next; 1: there."""
+    """A frame between two ticks; ``share`` 1: that of the later one."""
     if share >= 1.0 or new.time_s < old.time_s:
         return new
     moved = {

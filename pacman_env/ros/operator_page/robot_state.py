@@ -11,6 +11,7 @@ import numpy as np
 from action_msgs.msg import GoalStatus
 from numpy.typing import NDArray
 
+from pacman_env.game.lights import Ring
 from pacman_env.ros.messages import BadMessage, Pose, pose_of, seconds_of, transform_of
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
@@ -23,8 +24,6 @@ _FRESH_S = 3.0  # odometry that is older is that of a robot that is gone
 _MOST_TRANSFORMS = 10_000
 _MOST_CELLS = 50_000_000
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
-
-Ring = tuple[tuple[int, int, int], ...]
 
 
 @dataclass(frozen=True)

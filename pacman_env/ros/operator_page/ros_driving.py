@@ -1,6 +1,6 @@
 """Driving a robot by hand, its motions at events, and the operator's stop.
 
-A stop goes three ways at once: zero velocity from a thread that does nothing else (``Wheels``), the end of every
+A stop has three effects at once: zero velocity from a thread that does nothing else (``Wheels``), the end of every
 goal that Nav2 pursues, and the message that the nodes obey until the release (``operator_stop.py``).
 """
 

@@ -11,11 +11,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
+from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.messages import Position
 from pacman_env.ros.operator_page.page_node import GameState, PageNode
 from pacman_env.web.control import ghost_role
-from pacman_env.web.frame import Frame, State, thinned
+from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
 
 _STANDARD = "robot", "robust"
