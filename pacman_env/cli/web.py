@@ -69,7 +69,7 @@ def _robots_game(arguments: argparse.Namespace) -> Any:
     from pacman_env.cli.ros_group import what_ros_needs
 
     with what_ros_needs():  # of ROS, the call imports more than its module
-        from pacman_env.ros.operator_page import open_game
+        from pacman_env.ros.operator_page.ros_game import open_game
 
         return open_game(arguments.namespace, arguments.domain_id, arguments.sim)
 

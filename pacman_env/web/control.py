@@ -6,6 +6,7 @@ from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.web.game import Refused
 
 KEPT_S = 10.0  # control and role of a person whose page is gone
+DEAD_MAN_S = 0.5  # after the last velocity by hand the robot stands, as the Create 3 does
 ROBOT = "robot"
 
 

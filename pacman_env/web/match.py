@@ -12,16 +12,16 @@ import numpy as np
 
 from pacman_env import __version__
 from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.game.lights import LASTING
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
-from pacman_env.web.control import ROBOT, Roles, ghost_role
+from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles, ghost_role
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused
 from pacman_env.web.played_round import Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import Feedback, SimulatedView, TickClock
 
-_HAND_S = 0.5  # after so long without a velocity the robot stands (Create 3)
 _LOG = logging.getLogger(__name__)
 _HOME_S = 2.0  # real time after a round, in which its end is shown
 _REHEARSED = 6  # ticks: the planner plans, goals begin
@@ -33,7 +33,7 @@ class Driving:
     def __init__(self) -> None:
         self.roles = Roles()
         self.goals: dict[str, int | None] = {}  # candidates, by role
-        self._hand: tuple[float, float, float] | None = None  # v, omega, when
+        self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
 
     @property
     def plays_robot(self) -> bool:
@@ -44,20 +44,13 @@ class Driving:
             raise Refused(f"{role}: there are {ghosts} ghosts")
         self.roles.assume(person, role)
         self.goals[role] = None
-        if not self.plays_robot:
-            self._hand = None
-
-    def leave(self, person: str) -> None:
-        if self.roles.leave(person) == ROBOT:
-            self._hand = None
+        if role == ROBOT:
+            self.hand = None
 
     def steer(self, person: str, v: float, omega: float) -> None:
         """Velocities by hand, m/s and rad/s; at once, the newest counts."""
         self.roles.require(person, ROBOT)
-        self._hand = (v, omega, time.monotonic())
-
-    def release(self) -> None:
-        self._hand = None
+        self.hand = (v, omega, time.monotonic())
 
     def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
         """Send the role of a person to a candidate, or to the one nearest to a place."""
@@ -75,13 +68,13 @@ class Driving:
             raise Refused(f"candidate {candidate}: there are 0 to {played.hold}")
         self.goals[role] = None if candidate in (-1, played.hold) else candidate
         if role == ROBOT:
-            self._hand = None
+            self.hand = None
 
     def orders(self, played: PlayedRound) -> Orders:
         orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT))
-        if orders.robot and self._hand is not None:
-            v, omega, at_s = self._hand
-            orders.velocity = (v, omega) if time.monotonic() - at_s < _HAND_S else (0.0, 0.0)
+        if orders.robot and self.hand is not None:
+            v, omega, at_s = self.hand
+            orders.velocity = (v, omega) if time.monotonic() - at_s < DEAD_MAN_S else (0.0, 0.0)
         playable = self.roles.ghosts().keys() & played.ghost_roles
         orders.ghosts = {number: self.goals.get(ghost_role(number)) for number in playable}
         return orders
@@ -309,7 +302,8 @@ class Match:
             elif action.kind == "event":
                 self.show("event", value)
             elif action.kind == "state":
-                self.feedback.enter(value, time.monotonic())
+                if value in LASTING:
+                    self.feedback.ring.command(LASTING[value], time.monotonic())
                 self._news.add(state=value)
             elif action.kind == "result" and action.value:
                 self._news.add(words=value)

@@ -95,12 +95,12 @@ class SimulatedGame:
             if self._match.clock.stopped != stopped:
                 self._match.clock.hold(stopped=stopped)
                 if not stopped:
-                    self._match.driving.release()
+                    self._match.driving.hand = None
                 self._news.add(words=f"{'stopped' if stopped else 'released'} by {person}")
 
     def leave(self, person: str) -> None:
         with self._lock:
-            self._match.driving.leave(person)
+            self._match.driving.roles.leave(person)
 
     # The thread
 
@@ -178,7 +178,7 @@ class SimulatedGame:
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 game.place_ghost(ghost, x, y)
             case messages.Role(role="none"):
-                game.driving.leave(person)
+                game.driving.roles.leave(person)
                 return {"words": ""}
             case messages.Role(role=role):
                 return {"words": game.assume_role(person, role)}

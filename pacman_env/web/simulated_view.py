@@ -13,7 +13,7 @@ from msgspec import structs
 from pacman_env.config import ShowConfig
 from pacman_env.game.dances import Motion, angular_velocity
 from pacman_env.game.events import FEEDBACK
-from pacman_env.game.lights import LASTING, LightRing
+from pacman_env.game.lights import LightRing
 from pacman_env.game.round import RoundController
 from pacman_env.game.sounds import SoundQueue, duration_s
 from pacman_env.web.control import ghost_role
@@ -105,11 +105,6 @@ class Feedback:
             self._motion = answer.motion if self.armed else "stop"
             self._motion_s = self._moved_s = now
         return news
-
-    def enter(self, state: str, now: float) -> None:
-        """The game is in another state, which may have a lasting light."""
-        if state in LASTING:
-            self.ring.command(LASTING[state], now)
 
     def update(self, now: float) -> list[dict[str, str]]:
         """Do what is due; returns its news: a sound that has waited."""

@@ -6,8 +6,6 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from pacman_env.ros.operator_page import open_game
-
 BAD_START = 2  # exit status
 
 
@@ -20,6 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--sim", action="store_true", help="of a simulated robot, on this machine only")
     arguments = parser.parse_args(argv)
     try:
+        from pacman_env.ros.operator_page.ros_game import open_game
         from pacman_env.web.server import serve
 
         game = open_game(arguments.namespace, None, arguments.sim, arguments.map)

@@ -18,11 +18,10 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.web.control import ROBOT, Roles
+from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles
 from pacman_env.web.game import News, Refused
 
 PERIOD_S = 0.05  # while stopped, as often as Nav2 publishes the opposite
-DEAD_MAN_S = 0.5  # after the last velocity by hand the robot stands
 _ENDS = 5  # zero velocities at the end of a drive: one may be lost
 _CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
 _CANCEL_UNSEEN_S = 0.5  # while stopped and none is seen: the base's own motions are not published

@@ -23,13 +23,14 @@ from std_msgs.msg import Header
 
 from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
+from pacman_env.ros.discovery import join
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_page.ros_driving import RosDriving, require_word
 from pacman_env.ros.operator_page.ros_view import RosView
 from pacman_env.ros.supervisor.checks import examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import Doctor
-from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
+from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR, full_namespace
 from pacman_env.ros.surroundings import current
 from pacman_env.web import messages
 from pacman_env.web.control import ROBOT
@@ -271,6 +272,17 @@ class RosGame:
             for one in findings
         ]
         return [*rows, self._driving.stop_row()]
+
+
+def open_game(
+    namespace: str = "robot_15", domain: int | None = None, sim: bool = False, map: str | None = None
+) -> RosGame:
+    """The game in a robot's namespace, running or not yet; ``sim``: of a simulated robot, on this machine alone.
+
+    ``domain`` is the ROS_DOMAIN_ID, None: that of the environment; ``map`` the game's, a file or a shipped one's name.
+    Raises ValueError for one of them that does not exist.
+    """
+    return RosGame(full_namespace(namespace), join(domain, this_machine=sim), sim, map)
 
 
 def _context(domain: int) -> Context:

@@ -19,9 +19,10 @@ from pacman_env.config import make_config
 from pacman_env.ros import operator_stop, topics
 from pacman_env.ros.messages import BadMessage
 from pacman_env.ros.operator_page.robot_state import RAYS, picture_of, rays_of
-from pacman_env.ros.operator_page.ros_driving import DEAD_MAN_S, Wheels
+from pacman_env.ros.operator_page.ros_driving import Wheels
 from pacman_env.ros.operator_page.ros_view import played_by
 from pacman_env.ros.operator_stop import OperatorStop
+from pacman_env.web.control import DEAD_MAN_S
 from pacman_env.web.game import MOST_NEWS, News
 from pacman_env.world.maps.occupancy import load_map
 
