@@ -91,15 +91,11 @@ def is_same_origin(origin: str, host: str) -> bool:
 
 
 class AccessControl:
-    """The middleware that refuses requests; those that pass have ``access`` in their scope, and no token any more.
-
-    Without ``tokens`` every request is an operator's. ``names`` are accepted as Host beside the address of the
-    connection.
-    """
+    """The middleware that refuses requests; those that pass have ``access`` in their scope, and no token any more."""
 
     def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[str], log: Log):
         self._application, self._tokens, self._log = application, tokens, log
-        self._names = frozenset(name.lower().removesuffix(".") for name in names)
+        self._names = frozenset(name.lower().removesuffix(".") for name in names)  # beside the own address
         self._headers = HEADERS | (LOCAL_HEADERS if tokens is None else {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

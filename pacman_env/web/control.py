@@ -54,30 +54,27 @@ class Control:
         self.operator: str | None = None
         self.asking: list[str] = []  # in the order in which they asked
         self.roles = Roles()
-        self._gone: dict[str, float] = {}  # since when, by person
+        self.gone: dict[str, float] = {}  # since when, by person that control or a role is kept for
 
     def came(self, person: str) -> None:
-        self._gone.pop(person, None)
+        self.gone.pop(person, None)
 
     def went(self, person: str, now: float) -> None:
         """A page is gone: control and role of its person are kept for a while."""
         if person in self.asking:
             self.asking.remove(person)
         if person == self.operator or self.roles.of(person) is not None:
-            self._gone[person] = now
+            self.gone[person] = now
 
     def expire(self, now: float) -> list[str]:
         """Free what is kept for people that did not come back; returns them."""
-        late = [person for person, since in self._gone.items() if now - since >= KEPT_S]
+        late = [person for person, since in self.gone.items() if now - since >= KEPT_S]
         for person in late:
-            del self._gone[person]
+            del self.gone[person]
             self.roles.leave(person)
             if person == self.operator:
                 self._pass_to(None)
         return late
-
-    def is_kept_for(self, person: str) -> bool:
-        return person in self._gone
 
     def take(self, person: str) -> None:
         if self.operator not in (None, person):

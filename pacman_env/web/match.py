@@ -81,10 +81,9 @@ class Driving:
 
 
 class Match:
-    """One round after the other; it begins without any, until ``lay_out``.
+    """One round after the other, from the first ``lay_out`` on, with seeds that follow from ``seed``.
 
-    ``seed`` is that of the first round, from which those of the others follow; None: drawn. ``lock`` is held while
-    what is shown changes, and never while a round is stepped or laid out.
+    ``lock`` is held while what is shown changes, and never while a round is stepped or laid out.
     """
 
     def __init__(
@@ -94,7 +93,7 @@ class Match:
         self.clock = TickClock(speed)
         self.driving = Driving()
         self.recordings = Recordings()
-        self.feedback = Feedback(config.show)
+        self.feedback = Feedback(config.show, news)
         self.view = SimulatedView(self.clock, self.feedback)
         self.round: PlayedRound | None = None
         self._choices, self._rules, self._news, self._lock = choices, rules, news, lock
@@ -106,29 +105,19 @@ class Match:
         self._controller = RoundController(config.clyde)
 
     @property
-    def in_menu(self) -> bool:
-        return self._controller.state == "menu"
+    def state(self) -> str:
+        return self._controller.state
 
     @property
     def runs(self) -> bool:
         """Whether ticks are due."""
-        return self.round is not None and not self.in_menu and not self.clock.is_held
-
-    @property
-    def runs_round(self) -> bool:
-        return self._controller.state == "running"
+        return self.round is not None and self.state != "menu" and not self.clock.is_held
 
     def frame(self) -> Frame | None:
         real_s = time.monotonic()
         if self.round is not None:
-            self._add(self.feedback.update(real_s))
+            self.feedback.update(real_s)
         return self.view.frame(self.round, self._controller, real_s)
-
-    def _add(self, news: Iterable[dict[str, Any]]) -> None:
-        for one in news:
-            self._news.add(**one)
-
-    # What people ask for
 
     def require_round(self) -> PlayedRound:
         if self.round is None:
@@ -150,7 +139,7 @@ class Match:
         """Clyde's speed of round 1, m/s."""
         self._clyde_mps = mps
         self._controller.base_clyde_speed(mps)
-        if self.in_menu:
+        if self.state == "menu":
             self.lay_out(self.round.seed if self.round is not None else None)
 
     def set_up(self, setup: messages.Setup) -> Any:
@@ -163,7 +152,7 @@ class Match:
         if setup.seed is not None:
             self._next_seed = setup.seed
             self._seeds = np.random.default_rng(setup.seed)
-        if (self._controller.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
+        if (self.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
             self._act(self._controller.reset(self._clock_s))
         self.lay_out()
         if not setup.finish:
@@ -177,7 +166,7 @@ class Match:
 
     def place_ghost(self, ghost: int, x: float, y: float) -> None:
         played = self.require_round()
-        if not self.in_menu:
+        if self.state != "menu":
             raise Refused("Clyde is placed in the menu, before a round")
         if ghost >= len(self._rules.ghosts):
             raise Refused(f"there is no ghost {ghost}")
@@ -185,18 +174,21 @@ class Match:
         self.view.show_round(played, self._rules)
 
     def assume_role(self, person: str, role: str) -> str:
-        """Have a role; returns when it counts, empty: at once."""
+        """Have a role or ``none``; returns when it counts, empty: at once."""
+        if role == "none":
+            self.driving.roles.leave(person)
+            return ""
         self.driving.assume(person, role, len(self._rules.ghosts))
         played = self.round
-        if self.in_menu and played is not None and played.ticks == 0:
+        if self.state == "menu" and played is not None and played.ticks == 0:
             self.lay_out(played.seed)
         ghosts = self.driving.roles.ghosts()
         waits = any(who == person and (played is None or k not in played.ghost_roles) for k, who in ghosts.items())
-        return "yours from the next round on" if waits and not self.in_menu else ""
+        return "yours from the next round on" if waits and self.state != "menu" else ""
 
     def show(self, what: str, word: str) -> None:
         try:
-            self._add(self.feedback.show(what, word, time.monotonic()))
+            self.feedback.show(what, word, time.monotonic())
         except (KeyError, ValueError) as error:
             raise Refused(f"{what} {word!r}: there is none") from error
 
@@ -215,8 +207,6 @@ class Match:
             {"name": "map", "state": state, "words": words, "remedy": remedy},
             {"name": "configuration", "state": "ok", "words": f"hash {self.round.config.hash}", "remedy": ""},
         ]
-
-    # The round
 
     def lay_out(self, seed: int | None = None) -> None:
         """A new round in the menu; with ``seed`` the same once more. After Refused the former round is still there."""
@@ -262,10 +252,10 @@ class Match:
                 return
             due_s = self.clock.due_s
             self._clock_s += played.config.execution.tick_s
-            if not self.runs_round:
+            if self.state != "running":
                 self.clock.begin(due_s)
                 self._follow_clock()
-                self.view.stay()
+                self.view.show(played.snapshots[-1], played.snapshots[-1])  # nothing moves
                 return
             orders = self.driving.orders(played)
         played.step(orders)  # people are answered and frames are made meanwhile
@@ -288,7 +278,7 @@ class Match:
             catcher = int(played.batch.games["catcher"][0])
             self.show("event", f"{GHOST_NAMES[max(catcher, 0)]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
-        elif self.runs_round:  # the time limit: the referee on a robot has none
+        elif self.state == "running":  # the time limit: the referee on a robot has none
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
             self.reset()
 
@@ -316,21 +306,21 @@ class Match:
     def _follow_clock(self) -> None:
         """Shows end by the clock, and the robot is home at once: nothing drives it there."""
         while True:
-            state = self._controller.state
+            state = self.state
             self._act(self._controller.tick(self._clock_s))
             due_s = self._home_due_s
-            if due_s is not None and time.monotonic() >= due_s and self._controller.state == "returning_home":
+            if due_s is not None and time.monotonic() >= due_s and self.state == "returning_home":
                 self._home_due_s = None
                 self._act(self._controller.status("home_reached", self._clock_s))
-                if self.in_menu:
+                if self.state == "menu":
                     self._to_menu()
-            if self._controller.state == state:
+            if self.state == state:
                 return
-            if self.runs_round:
+            if self.state == "running":
                 ids = [int(number) for number in self.require_round().assets.pellet_ids]
                 for _ in range(2):  # what two reports show is of this round
                     self._act(self._controller.pellets_left(ids, self._clock_s))
-            elif self._controller.state == "starting":
+            elif self.state == "starting":
                 self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:

@@ -61,10 +61,7 @@ class Rules:
 
 
 class Choices:
-    """All that can be chosen: what ships, what is installed, and the ``maps`` and ``policies`` named at the start.
-
-    A policy is a file or ``module:Class``; none can be brought over the network.
-    """
+    """What ships, what is installed, and ``maps`` and ``policies`` (files, ``module:Class``) named at the start."""
 
     def __init__(self, maps: Sequence[str | OccupancyMap] = (), policies: Sequence[str] = ()) -> None:
         self._maps: dict[str, str | OccupancyMap] = {name: name for name in shipped_maps()}

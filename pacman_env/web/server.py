@@ -40,7 +40,6 @@ REQUEST_S = 120.0  # for all over HTTP but an upload
 PING_S, PONG_S = 3.0, 5.0  # a page that does not answer is gone after 8 s
 CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
 SPARE_CONNECTIONS = 50
-WILDCARDS = ("0.0.0.0", "::")
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,7 @@ class WebServer:
 
     @property
     def url(self) -> str:
-        """The page, with the operator's token where one is needed."""
         return link(shown_address(self.address), self.port, self.tokens.operator if self.tokens else "")
-
-    @property
-    def viewer_url(self) -> str:
-        return link(shown_address(self.address), self.port, self.tokens.viewer if self.tokens else "")
 
     def __enter__(self) -> WebServer:
         self.start()
@@ -219,12 +213,11 @@ def serve(
     *,
     names: Iterable[str] = (),
     limits: Limits = Limits(),
-    opened: Callable[[str], Any] | None = None,
+    opened: Callable[[str], Any] | None = None,  # called with the page's address, such as to open a browser
 ) -> None:
-    """Serve the page until Ctrl-C or SIGTERM; to be called in the main thread. The game is the caller's to close.
+    """Print the page's links and serve it until Ctrl-C or SIGTERM; to be called in the main thread.
 
-    Its links are printed; ``opened`` is called with the page's address then, such as to open a browser. Raises OSError
-    if there is no such address.
+    Raises OSError if there is no such address.
     """
     ended = threading.Event()
     with WebServer(game, host, port, names=names, limits=limits) as server:
@@ -257,7 +250,7 @@ def own_address(family: int = socket.AF_INET) -> str | None:
 
 def shown_address(address: str) -> str:
     """The address of a link, for one that a server is bound to."""
-    if address not in WILDCARDS:
+    if address not in ("0.0.0.0", "::"):
         return address
     return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
 

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
@@ -191,16 +191,13 @@ class Sessions:
             viewer.leaving = asyncio.create_task(self._leave(viewer, self._stop_threads))
 
     async def _leave(self, viewer: Viewer, limit: asyncio.Semaphore) -> None:
-        try:
-            await in_thread(limit, self._game.leave, viewer.name)
-        except Exception as error:
-            self._log.error("a person left", error)
+        await self._attempt("a person left", in_thread(limit, self._game.leave, viewer.name))
 
     def _forget_gone(self) -> None:
         late_s = time.monotonic() - KEPT_S
         for key, viewer in list(self._known.items()):
             late = viewer.gone_s is not None and (viewer.gone_s <= late_s or len(self._known) > MOST_REMEMBERED)
-            if late and not self.control.is_kept_for(viewer.name):
+            if late and viewer.name not in self.control.gone:
                 del self._known[key]
 
     # Messages
@@ -238,14 +235,21 @@ class Sessions:
     async def _stop(self, viewer: Viewer) -> None:
         """One stop at a time; all that arrive meanwhile are one more."""
         while viewer.stops:
-            stops, viewer.stops, words = viewer.stops, [], ""
-            try:
-                await in_thread(self._stop_threads, self._game.stop, viewer.name)
-            except Exception as error:
-                self._log.error("a stop", error)
-                words = "internal error"
+            stops, viewer.stops = viewer.stops, []
+            refusal = await self._attempt("a stop", in_thread(self._stop_threads, self._game.stop, viewer.name))
             for message in stops:
-                _answer(viewer, message, words)
+                _answer(viewer, message, refusal)
+
+    async def _attempt(self, what: str, work: Awaitable[Any]) -> str:
+        """Words about a failure; empty: it is done."""
+        try:
+            await work
+        except Refused as refused:
+            return str(refused)[:MOST_WORDS] or "refused"
+        except Exception as error:
+            self._log.error(what, error)
+            return "internal error"
+        return ""
 
     async def _work(self, viewer: Viewer, before: Viewer | None) -> None:
         """Carry out the messages of one person in their order, after those of the connection ``before``."""
@@ -260,16 +264,9 @@ class Sessions:
                 self.control.roles.leave(viewer.name)
         while (item := await viewer.waiting.get()) is not None:
             message, stops = item
-            words = ""
-            try:
-                await self._do(viewer, message, stops)
-            except Refused as refused:
-                words = str(refused) or "refused"
-            except Exception as error:
-                self._log.error(f"what a page asked for ({type(message).__name__.lower()})", error)
-                words = "internal error"
-            if words:
-                _answer(viewer, message, words[:MOST_WORDS])
+            what = f"what a page asked for ({type(message).__name__.lower()})"
+            if refusal := await self._attempt(what, self._do(viewer, message, stops)):
+                _answer(viewer, message, refusal)
             if viewer.gone_s is not None and not viewer.is_replaced:  # it went away meanwhile
                 await self._leave(viewer, self._threads)
 

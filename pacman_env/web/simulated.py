@@ -130,22 +130,21 @@ class SimulatedGame:
     def _send_why(self) -> None:
         with self._lock:
             real_s, played = time.monotonic(), self._match.round
-            if self._why and self._match.runs_round and played is not None and real_s - self._why_sent_s >= _WHY_S:
+            is_due = self._why and self._match.state == "running" and real_s - self._why_sent_s >= _WHY_S
+            if is_due and played is not None:
                 self._why_sent_s = real_s
                 self._news.add(why=played.why_now())
 
     def _do_order(self, wait_s: float | None) -> None:
-        try:
+        order = None
+        with contextlib.suppress(queue.Empty):
             order = self._orders.get(block=wait_s != 0.0, timeout=wait_s)
-        except queue.Empty:
-            return
         if order is None:
             return
         what, answer, waits = order
         try:
             with contextlib.nullcontext() if waits else self._lock:
-                result = what()
-            answer.set_result(result)
+                answer.set_result(what())
         except Exception as error:
             answer.set_exception(error)
 
@@ -177,9 +176,6 @@ class SimulatedGame:
                 game.set_clyde_speed(mps)
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 game.place_ghost(ghost, x, y)
-            case messages.Role(role="none"):
-                game.driving.roles.leave(person)
-                return {"words": ""}
             case messages.Role(role=role):
                 return {"words": game.assume_role(person, role)}
             case messages.Goal():

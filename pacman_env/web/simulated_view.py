@@ -18,7 +18,7 @@ from pacman_env.game.round import RoundController
 from pacman_env.game.sounds import SoundQueue, duration_s
 from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, Pose
-from pacman_env.web.game import Scene
+from pacman_env.web.game import News, Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 
@@ -76,38 +76,38 @@ class TickClock:
 
 
 class Feedback:
-    """Of one game; times are real, s."""
+    """Lights, sounds and motions by the robot's rules, for one game; times are real, s. What is shown becomes news."""
 
-    def __init__(self, show: ShowConfig) -> None:
+    def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False
         self.turned = 0.0  # rad, by motions
         self.ring = LightRing(show)
-        self._show = show
+        self._show, self._news = show, news
         self._sounds = SoundQueue()
         self._sounds_until_s: float | None = None
         self._motion: Motion = "stop"
         self._motion_s = self._moved_s = 0.0
 
-    def show(self, what: str, word: str, now: float) -> list[dict[str, str]]:
-        """The news of an ``event``, ``light`` or ``sound``; KeyError or ValueError for an unknown word."""
+    def show(self, what: str, word: str, now: float) -> None:
+        """An ``event``, ``light`` or ``sound``; KeyError or ValueError for an unknown word."""
         if what == "light":
             self.ring.command(word, now)
-            return [{"light": word}]
-        if what == "sound":
-            return self._play(self._sounds.ask(word, now), now)
-        answer = FEEDBACK[word]
-        news = [{"event": word}]
-        if answer.light is not None:
-            news += self.show("light", answer.light, now)
-        if answer.sound is not None:
-            news += self.show("sound", answer.sound, now)
-        if answer.motion is not None:
-            self._motion = answer.motion if self.armed else "stop"
-            self._motion_s = self._moved_s = now
-        return news
+            self._news.add(light=word)
+        elif what == "sound":
+            self._play(self._sounds.ask(word, now), now)
+        else:
+            answer = FEEDBACK[word]
+            self._news.add(event=word)
+            if answer.light is not None:
+                self.show("light", answer.light, now)
+            if answer.sound is not None:
+                self.show("sound", answer.sound, now)
+            if answer.motion is not None:
+                self._motion = answer.motion if self.armed else "stop"
+                self._motion_s = self._moved_s = now
 
-    def update(self, now: float) -> list[dict[str, str]]:
-        """Do what is due; returns its news: a sound that has waited."""
+    def update(self, now: float) -> None:
+        """Turn by the motion, play the sound that has waited."""
         turn = angular_velocity(self._motion, now - self._motion_s, self._show)
         if turn is None or not self.armed:
             self._motion = "stop"
@@ -116,14 +116,12 @@ class Feedback:
         self._moved_s = now
         if self._sounds_until_s is not None and now >= self._sounds_until_s:
             self._sounds_until_s = None
-            return self._play(self._sounds.ended(now), now)
-        return []
+            self._play(self._sounds.ended(now), now)
 
-    def _play(self, word: str | None, now: float) -> list[dict[str, str]]:
-        if word is None:
-            return []
-        self._sounds_until_s = now + duration_s(word)
-        return [{"sound": word}]
+    def _play(self, word: str | None, now: float) -> None:
+        if word is not None:
+            self._sounds_until_s = now + duration_s(word)
+            self._news.add(sound=word)
 
 
 class SimulatedView:
@@ -136,12 +134,8 @@ class SimulatedView:
         self._number = 0
         self._key: Any = None
 
-    def show(self, before: Frame | None, now: Frame | None) -> None:
+    def show(self, before: Frame, now: Frame) -> None:
         self._before, self._now = before, now
-
-    def stay(self) -> None:
-        """A tick in which nothing moves."""
-        self._before = self._now
 
     def show_round(self, played: PlayedRound, rules: Rules) -> None:
         """Another round, or one whose ghosts were placed."""

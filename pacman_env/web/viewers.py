@@ -135,10 +135,7 @@ class Update(NamedTuple):
 
 
 class Audience:
-    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends what is new.
-
-    ``most`` viewers at once; ``people`` makes the message about who does what.
-    """
+    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends what is new."""
 
     def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
         self.viewers: list[Viewer] = []
@@ -187,7 +184,10 @@ class Audience:
         news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
         without_why = [item for item in news if "why" not in item]  # the terms are long: only to pages that show them
-        news_texts = {why: _news_text(items) for why, items in ((True, news), (False, without_why))}
+        news_texts = {
+            why: as_json({"kind": "news", "items": items}) if items else ""
+            for why, items in ((True, news), (False, without_why))
+        }
         before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
         if update.encoded and update.frame is not None:
             self._number, self._frame = update.frame.number, update.encoded
@@ -212,7 +212,3 @@ class Audience:
         self.pictures[scene.revision] = scene.picture
         while len(self.pictures) > MOST_PICTURES:
             del self.pictures[next(iter(self.pictures))]
-
-
-def _news_text(items: list[dict[str, Any]]) -> str:
-    return as_json({"kind": "news", "items": items}) if items else ""

@@ -24,6 +24,12 @@ def at(url: str, path: str = "") -> str:
     return base + path + (("&" if "?" in path else "?") + query if query else "")
 
 
+def viewer_url(server: WebServer) -> str:
+    """The page for one that only looks."""
+    assert server.tokens is not None
+    return server.url.replace(server.tokens.operator, server.tokens.viewer)
+
+
 def eventually(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> None:
     """Wait until it is so."""
     end = time.monotonic() + seconds

@@ -27,7 +27,7 @@ from pacman_env.web.access import Tokens
 from pacman_env.web.server import CONNECTIONS, SPARE_CONNECTIONS, WebServer
 from tests.web.frames import decode
 from tests.web.page_messages import RIGHT, as_sent, is_right, texts
-from tests.web.pages import Page, at, eventually
+from tests.web.pages import Page, at, eventually, viewer_url
 from tests.web.scripted_game import ScriptedGame
 
 
@@ -111,7 +111,7 @@ def test_without_a_token_with_a_wrong_one_or_from_elsewhere_one_is_refused_and_i
             assert web.get(server.url, headers={"host": "evil.example"}).status_code == 421
             assert web.post(at(server.url, "map"), headers={"origin": "http://evil.example"}).status_code == 403
         assert status(at(server.url, "ws"), Origin=f"http://{host}") == 101
-        assert status(at(server.viewer_url, "ws")) == 101
+        assert status(at(viewer_url(server), "ws")) == 101
     assert len(said) == 3
     assert game.told == []
 
@@ -317,7 +317,7 @@ def test_more_viewers_than_may_be_are_refused_and_operators_still_come_in(
             refused = []
             for _ in range(60):
                 try:
-                    await them.enter_async_context(connect_async(at(server.viewer_url, "ws"), **options))
+                    await them.enter_async_context(connect_async(at(viewer_url(server), "ws"), **options))
                 except InvalidStatus as error:
                     refused.append(error.response.status_code)
             operator = await them.enter_async_context(connect_async(at(server.url, "ws"), **options))
@@ -415,7 +415,7 @@ def test_one_who_looks_gets_no_further_by_any_message(serve: Callable[..., WebSe
     game = ScriptedGame()
     server = serve(game, tokens=Tokens.new(), messages_per_s=1e9)
     said_by: Any = {}
-    with Page(server, server.viewer_url) as page:
+    with Page(server, viewer_url(server)) as page:
         for word, fields in RIGHT.items():
             said_by[word] = page.ask(word, **fields)["ok"]
     allowed = {kind.__struct_config__.tag for kind in messages.FOR_ALL}

@@ -26,7 +26,7 @@ from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
 from pacman_env.web.routes import MOST_UPLOAD, map_name
 from pacman_env.web.server import WebServer
-from tests.web.pages import FILES, Page, at, eventually
+from tests.web.pages import FILES, Page, at, eventually, viewer_url
 from tests.web.scripted_game import PICTURE, ScriptedGame
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,7 +85,7 @@ def test_maps_and_rounds_are_fetched_with_the_token(serve: Callable[..., WebServ
     with Page(server) as page:
         scene = page.wait("scene")
         where = scene["map"]["url"].removeprefix("/")
-        assert web.get(at(server.viewer_url, where)).content == PICTURE
+        assert web.get(at(viewer_url(server), where)).content == PICTURE
         headers = {"authorization": f"Bearer {server.tokens.viewer}"}
         base = server.url.partition("?")[0]
         assert web.get(f"{base}story/3.json", headers=headers).content == game.stories[3]
@@ -126,7 +126,7 @@ def test_a_map_too_large_or_of_one_who_looks_is_refused(serve: Callable[..., Web
     game = ScriptedGame()
     server = serve(game, tokens=Tokens.new())
     assert upload(web, server.url, image="A" * (MOST_UPLOAD + 4)).status_code == 413
-    assert upload(web, server.viewer_url).status_code == 403
+    assert upload(web, viewer_url(server)).status_code == 403
     assert web.post(server.url.partition("?")[0] + "map", json={}).status_code == 401
     assert game.calls == []
     assert upload(web, server.url).status_code == 200
@@ -300,7 +300,7 @@ def test_more_than_may_wait_is_refused(serve: Callable[..., WebServer]) -> None:
 def test_one_who_looks_may_stop_and_ask_and_nothing_else(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game, tokens=Tokens.new())
-    with Page(server, server.viewer_url) as page:
+    with Page(server, viewer_url(server)) as page:
         assert page.hello["access"] == "viewer"
         for do, fields in {"start": {}, "control": {"what": "take"}, "role": {"role": "robot"}, "release": {}}.items():
             answer = page.ask(do, **fields)

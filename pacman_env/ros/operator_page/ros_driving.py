@@ -34,17 +34,13 @@ _SHOWN = {  # by kind: the words, and their topic
 
 
 class Wheels:
-    """Publishes velocities while a person drives by hand, zero while the robot is stopped, and nothing else.
-
-    ``publish`` is called with v (m/s) and omega (rad/s), from any thread; without ``own_thread`` the caller calls
-    ``beat`` every ``PERIOD_S``.
-    """
+    """Publishes velocities while a person drives by hand, zero while the robot is stopped, and nothing else."""
 
     def __init__(
         self,
-        publish: Callable[[float, float], None],
+        publish: Callable[[float, float], None],  # v (m/s) and omega (rad/s), from any thread
         monotonic: Callable[[], float] = time.monotonic,
-        own_thread: bool = True,
+        own_thread: bool = True,  # False: the caller calls ``beat`` every ``PERIOD_S``
     ) -> None:
         self._publish, self._monotonic = publish, monotonic
         self.driven: tuple[float, float, float] | None = None  # by hand: v, omega, since when
@@ -134,8 +130,6 @@ class RosDriving:
         self._publishers = {what: topic.publisher(node) for what, (_, topic) in _SHOWN.items()}
         self._stop = OperatorStop(node, self._on_stop)
 
-    # Stop
-
     @property
     def stopped(self) -> bool:
         return self._stop.stopped
@@ -189,8 +183,6 @@ class RosDriving:
     def _publish_velocity(self, v: float, omega: float) -> None:
         self._velocity.publish(twist_message(v, omega, self._node.get_clock().now().to_msg()))
 
-    # Roles, and what they do
-
     def leave(self, person: str) -> None:
         """What the person drove by hand stands, and what the person armed is not armed any more."""
         if self._armed == person:
@@ -199,6 +191,10 @@ class RosDriving:
             self.wheels.end_drive()
 
     def assume(self, person: str, role: str) -> None:
+        """Drive by hand from now on, or no more."""
+        if role == "none":
+            self.leave(person)
+            return
         if role != ROBOT:
             raise Refused("ghosts are moved by the game here: roles of ghosts are the simulator's")
         if self.roles.people.get(role, person) != person:
@@ -206,10 +202,7 @@ class RosDriving:
         self.roles.assume(person, role)
 
     def drive(self, v: float, omega: float, most: dict[str, Any]) -> None:
-        """By hand, only while nothing else drives: in the menu, without a goal of Nav2's, not stopped.
-
-        m/s and rad/s; ``most`` has what the wheels and the robot can, ``wheels_mps`` and ``turn_radps`` of the scene.
-        """
+        """By hand, m/s and rad/s, while nothing else drives; ``most``: the limits, as in the facts of the scene."""
         if self._node.game.state != "menu":
             raise Refused("the game drives: by hand in the menu alone; Reset leads there")
         if self._node.robot.navigating:

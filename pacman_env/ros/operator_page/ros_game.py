@@ -1,9 +1,7 @@
 """A running game of a robot as the operator's page sees it: the interface ``Game`` over ROS.
 
-A node with a context and a thread of its own receives (``page_node.py``); scenes and frames are made of what it has
-received (``ros_view.py``). A request is carried out in the thread of its caller, by the referee's services and the
-public topics; the robot is moved and stopped by ``ros_driving.py``. In a lock-step game the node is one of the game's,
-and has no thread.
+A request is carried out in the thread of its caller, by the referee's services and the public topics. The node has a
+context and a thread of its own, but in a lock-step game, where it is one of the game's.
 """
 
 from __future__ import annotations
@@ -145,9 +143,6 @@ class RosGame:
                 self._clyde_speed.publish(topics.BASE_CLYDE_SPEED.type(data=mps))
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 self._place(x, y, ghost)
-            case messages.Role(role="none"):
-                self._driving.leave(person)
-                return {"words": ""}
             case messages.Role(role=role):
                 self._driving.assume(person, role)
                 return {"words": ""}
@@ -277,10 +272,9 @@ class RosGame:
 def open_game(
     namespace: str = "robot_15", domain: int | None = None, sim: bool = False, map: str | None = None
 ) -> RosGame:
-    """The game in a robot's namespace, running or not yet; ``sim``: of a simulated robot, on this machine alone.
+    """The game in a robot's namespace, running or not yet; ValueError for a domain or map that does not exist.
 
-    ``domain`` is the ROS_DOMAIN_ID, None: that of the environment; ``map`` the game's, a file or a shipped one's name.
-    Raises ValueError for one of them that does not exist.
+    ``domain`` None: ROS_DOMAIN_ID; ``sim``: a simulated robot, on this machine alone; ``map``: a file or shipped name.
     """
     return RosGame(full_namespace(namespace), join(domain, this_machine=sim), sim, map)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from functools import cache, lru_cache
+from functools import lru_cache
+from itertools import product
 from typing import Any, cast
 
 import numpy as np
@@ -126,15 +127,7 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
         return float(value if isinstance(value, int | float) and math.isfinite(value) else own.value(name))
 
     return {
-        "map": None
-        if picture is None
-        else {
-            "name": str(condition.get("map") or "map"),
-            "resolution": picture.resolution,
-            "width": picture.width,
-            "height": picture.height,
-            "origin": list(picture.origin),
-        },
+        "map": None if picture is None else {"name": str(condition.get("map") or "map"), **picture.facts},
         "home": home if isinstance(home, list) and len(home) == 3 else [0.0, 0.0, 0.0],
         "pellets": [list(place) for place in pellets.values()],
         "candidates": candidates,
@@ -163,23 +156,15 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
     }
 
 
-@cache
-def _presets() -> dict[str, dict[str, Any]]:
-    return {
-        preset if execution == _STANDARD[1] else f"{preset}, {execution}": make_config(preset, execution).as_dict()
-        for preset in PRESETS
-        for execution in EXECUTIONS
-    }
-
-
 @lru_cache(maxsize=4)
 def played_by(text: str) -> tuple[str, dict[str, Any]]:
     """The preset that a configuration, as JSON, is nearest to, and its differences, by dotted names."""
     configuration, found = json.loads(text), {}
-    for preset, fields in _presets().items():
+    for preset, execution in product(PRESETS, EXECUTIONS):
+        fields = make_config(preset, execution).as_dict()
+        name = preset if execution == _STANDARD[1] else f"{preset}, {execution}"
         try:
-            found[preset] = {name: value for name, (value, _) in differences(configuration, fields).items()}
+            found[name] = {field: value for field, (value, _) in differences(configuration, fields).items()}
         except (TypeError, ValueError, AttributeError):  # of another version
             return "", {}
-    preset = min(found, key=lambda name: len(found[name]))
-    return preset, found[preset]
+    return min(found.items(), key=lambda pair: len(pair[1]))

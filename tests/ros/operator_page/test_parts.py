@@ -18,7 +18,7 @@ pytest.importorskip("rclpy")
 from pacman_env.config import make_config
 from pacman_env.ros import operator_stop, topics
 from pacman_env.ros.messages import BadMessage
-from pacman_env.ros.operator_page.robot_state import RAYS, picture_of, rays_of
+from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
 from pacman_env.ros.operator_page.ros_driving import Wheels
 from pacman_env.ros.operator_page.ros_view import played_by
 from pacman_env.ros.operator_stop import OperatorStop
@@ -180,9 +180,9 @@ def test_a_map_becomes_the_picture_of_its_file() -> None:
     message = map_message(house, Time())
     picture = picture_of(message)
     pixels = cv2.imdecode(np.frombuffer(picture.png, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert (picture.width, picture.height) == (house.width, house.height)
-    assert picture.resolution == pytest.approx(house.resolution)
-    assert picture.origin == pytest.approx(house.origin)
+    assert (picture.facts["width"], picture.facts["height"]) == (house.width, house.height)
+    assert picture.facts["resolution"] == pytest.approx(house.resolution)
+    assert picture.facts["origin"] == pytest.approx(house.origin)
     assert ((pixels == 254) == (house.occupancy == 0)).all()
     assert ((pixels == 0) == (house.occupancy == 100)).all()
     assert ((pixels == 205) == (house.occupancy < 0)).all()
