@@ -114,7 +114,9 @@ class AccessControl:
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = Headers(scope=scope)
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
-        if len(hosts) != 1 or not self._is_own(hosts[0], (scope.get("server") or ("", 0))[0]):
+        name = host_name(hosts[0]) if len(hosts) == 1 else None
+        address = (scope.get("server") or ("", 0))[0].lower().removeprefix("::ffff:")  # IPv4 on an IPv6 socket
+        if name is None or (name != address and name not in self._names):
             return 421, "a Host that is not this server's (a name of your own: --name)"
         if len(origins) > 1 or (origins and not is_same_origin(origins[0], hosts[0])):
             return 403, "a page of another origin"
@@ -122,7 +124,7 @@ class AccessControl:
             query = parse_qsl(scope["query_string"].decode("ascii"), keep_blank_values=True, max_num_fields=20)
         except ValueError:
             return 400, "an address that cannot be read"
-        token = next((value for name, value in query if name == "token"), None)
+        token = next((value for key, value in query if key == "token"), None)
         for value in headers.getlist("authorization"):
             if value[:7].lower() == "bearer ":
                 token = value[7:].strip()
@@ -133,12 +135,6 @@ class AccessControl:
             return 401, "no token, or a wrong one (use the link that was printed at the start)"
         scope["access"] = access
         return None
-
-    def _is_own(self, host: str, address: str) -> bool:
-        """Whether a Host header names this server; ``address`` is the own one of the connection."""
-        name = host_name(host)
-        address = address.lower().removeprefix("::ffff:")  # an IPv4 address on an IPv6 socket
-        return name is not None and (name == address or name in self._names)
 
 
 def refusal_response(status: int, words: str) -> PlainTextResponse:

@@ -36,7 +36,6 @@ class Roles:
         self.people[role] = person
 
     def leave(self, person: str) -> str | None:
-        """Have no role; returns the former one."""
         role = self.of(person)
         if role is not None:
             del self.people[role]

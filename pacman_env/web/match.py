@@ -108,11 +108,6 @@ class Match:
     def state(self) -> str:
         return self._controller.state
 
-    @property
-    def runs(self) -> bool:
-        """Whether ticks are due."""
-        return self.round is not None and self.state != "menu" and not self.clock.is_held
-
     def frame(self) -> Frame | None:
         real_s = time.monotonic()
         if self.round is not None:

@@ -99,16 +99,12 @@ class Arm(Message, frozen=True):
 
 
 class Watch(Message, frozen=True):
-    """What the page shows beside the map."""
-
-    why: bool = False
+    why: bool = False  # the page shows the terms
     lidar: bool = False
 
 
 class Why(Message, frozen=True):
-    """The terms of the candidates at one tick of a recorded round."""
-
-    story: Annotated[int, Meta(ge=1)]
+    story: Annotated[int, Meta(ge=1)]  # the number of a recorded round
     tick: Annotated[int, Meta(ge=0)]
 
 

@@ -132,7 +132,6 @@ class PlayedRound:
         return {"result": baseline.outcome, "collected": last.collected, "time_s": last.time_s}
 
     def step(self, orders: Orders) -> None:
-        """One tick; nothing after the end."""
         if self.over:
             return
         batch, situation = self.batch, self._situation
@@ -250,8 +249,6 @@ def _plain(terms: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Recordings:
-    """The last ten rounds, by number from 1."""
-
     def __init__(self) -> None:
         self.count = 0  # in all
         self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}

@@ -49,8 +49,6 @@ class PageFiles(StaticFiles):
 
 
 class Routes:
-    """The answers to each path; ``body_s`` is the time for an upload."""
-
     def __init__(self, game: Game, sessions: Sessions, log: Log, static: Path, body_s: float):
         self._game, self._sessions, self._log = game, sessions, log
         self._files = PageFiles(directory=static)

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import io
+import itertools
 import logging
 import signal
 import socket
@@ -170,11 +171,10 @@ def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Co
 
 
 async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
-    at, count = time.monotonic(), 0
-    while True:
+    at = time.monotonic()
+    for count in itertools.count(1):
         try:
             await sessions.tick()
-            count += 1
             if count % 10 == 0:
                 connections.end_slow()
         except Exception as error:
@@ -249,7 +249,6 @@ def own_address(family: int = socket.AF_INET) -> str | None:
 
 
 def shown_address(address: str) -> str:
-    """The address of a link, for one that a server is bound to."""
     if address not in ("0.0.0.0", "::"):
         return address
     return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
@@ -279,7 +278,6 @@ def greeting(address: str, port: int, tokens: Tokens | None) -> str:
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """A bound socket; OSError says why there is none."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:

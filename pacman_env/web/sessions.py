@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
+from functools import partial
 from typing import Any, TypeVar
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -51,14 +52,13 @@ async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments
 
 
 class Sessions:
-    """``most`` viewers at once, each with ``rate`` messages a second."""
-
     def __init__(self, game: Game, log: Log, most: int, rate: float):
         self.control = Control()
         self.audience = Audience(game, most, self.people)
         self._game, self._log, self._rate = game, log, rate
         # The game is never asked in the thread of the connections: any of its answers may take long.
         self._threads = asyncio.Semaphore(MOST_THREADS)
+        self.in_thread = partial(in_thread, self._threads)
         self._poll_thread = asyncio.Semaphore(1)  # however many requests wait for the game, frames go on
         self._stop_threads = asyncio.Semaphore(MOST_STOPS)  # only stops and leaving wait before a stop
         self._known: dict[str, Viewer] = {}  # by the key of the page
@@ -95,11 +95,6 @@ class Sessions:
         end_s = time.monotonic() + GOODBYE_S
         while self.audience.viewers and time.monotonic() < end_s:
             await asyncio.sleep(0.01)
-
-    async def in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
-        return await in_thread(self._threads, work, *arguments)
-
-    # The websocket
 
     async def serve(self, socket: WebSocket) -> None:
         access = socket.scope["access"]
@@ -188,10 +183,8 @@ class Sessions:
             viewer.outbox.end("gone")
             viewer.gone_s = time.monotonic()
             self.control.went(viewer.name, viewer.gone_s)
-            viewer.leaving = asyncio.create_task(self._leave(viewer, self._stop_threads))
-
-    async def _leave(self, viewer: Viewer, limit: asyncio.Semaphore) -> None:
-        await self._attempt("a person left", in_thread(limit, self._game.leave, viewer.name))
+            leaving = in_thread(self._stop_threads, self._game.leave, viewer.name)
+            viewer.leaving = asyncio.create_task(self._attempt("a person left", leaving))
 
     def _forget_gone(self) -> None:
         late_s = time.monotonic() - KEPT_S
@@ -268,7 +261,7 @@ class Sessions:
             if refusal := await self._attempt(what, self._do(viewer, message, stops)):
                 _answer(viewer, message, refusal)
             if viewer.gone_s is not None and not viewer.is_replaced:  # it went away meanwhile
-                await self._leave(viewer, self._threads)
+                await self._attempt("a person left", self.in_thread(self._game.leave, viewer.name))
 
     async def _do(self, viewer: Viewer, message: Message, stops: int) -> None:
         name = viewer.name
@@ -284,7 +277,11 @@ class Sessions:
             _answer(viewer, message)
         else:
             if isinstance(message, messages.Goal | messages.Drive):
-                self._check_role(name, isinstance(message, messages.Drive))
+                role, drives = self.control.roles.of(name), isinstance(message, messages.Drive)
+                if role is None or (drives and role != ROBOT):
+                    raise Refused("take the robot's role first" if drives else "take a role first")
+                if role == ROBOT and self._game.source == "ros":
+                    self.control.take(name)
             await self._handle(viewer, message)
 
     async def _handle(self, viewer: Viewer, message: Message) -> None:
@@ -308,15 +305,11 @@ class Sessions:
             raise Refused(STOPPED_AGAIN)
 
     async def _change_control(self, name: str, what: str) -> None:
-        if what == "take":
-            self.control.take(name)
-        elif what == "ask":
-            self.control.ask(name)
-        else:
-            self.control.give(name)
-            if self._game.source == "ros" and self.control.roles.of(name) == ROBOT:
-                self.control.roles.leave(name)
-                await self.in_thread(self._game.handle, name, messages.Role(role="none"))
+        control = self.control
+        {"take": control.take, "ask": control.ask, "give": control.give}[what](name)
+        if what == "give" and self._game.source == "ros" and control.roles.of(name) == ROBOT:
+            control.roles.leave(name)
+            await self.in_thread(self._game.handle, name, messages.Role(role="none"))
 
     async def _change_role(self, viewer: Viewer, message: messages.Role) -> None:
         name, roles = viewer.name, self.control.roles
@@ -335,13 +328,6 @@ class Sessions:
                 with contextlib.suppress(Refused):
                     roles.assume(name, before)
             raise
-
-    def _check_role(self, name: str, driving: bool) -> None:
-        role = self.control.roles.of(name)
-        if role is None or (driving and role != ROBOT):
-            raise Refused("take the robot's role first" if driving else "take a role first")
-        if role == ROBOT and self._game.source == "ros":
-            self.control.take(name)
 
 
 def _answer(viewer: Viewer, message: Message, refusal: str = "") -> None:

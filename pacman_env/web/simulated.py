@@ -54,8 +54,6 @@ class SimulatedGame:
         self._thread = threading.Thread(target=self._run, name="game", daemon=True)
         self._thread.start()
 
-    # What the server asks
-
     def close(self) -> None:
         self._closed = True
         self._orders.put(None)
@@ -124,8 +122,10 @@ class SimulatedGame:
 
     def _wait_s(self) -> float | None:
         """How long until the next tick is due; None: none is."""
+        game = self._match
         with self._lock:
-            return max(0.0, self._match.clock.due_s - time.monotonic()) if self._match.runs else None
+            runs = game.round is not None and game.state != "menu" and not game.clock.is_held
+            return max(0.0, game.clock.due_s - time.monotonic()) if runs else None
 
     def _send_why(self) -> None:
         with self._lock:

@@ -78,7 +78,6 @@ class RateLimit:
         self._at = now
 
     def allows(self, now: float) -> bool:
-        """Whether one more message is within the rate; it counts then."""
         self._left = min(self._rate, self._left + (now - self._at) * self._rate)
         self._at = now
         if self._left < 1.0:
@@ -105,7 +104,7 @@ class Viewer:
     stops: list[Message] = field(default_factory=list)  # that wait for the one that is being done
     stopping: asyncio.Task[None] | None = None
     worker: asyncio.Task[None] | None = None  # carries out what waits, one after the other
-    leaving: asyncio.Task[None] | None = None
+    leaving: asyncio.Task[str] | None = None
     over: int = 0  # messages over the rate, lately
     _warned_s: float = -1.0
 
@@ -150,7 +149,6 @@ class Audience:
         self._watched = (False, False)
 
     def has_room(self, access: Kind, arriving: int = 0) -> bool:
-        """Whether one more viewer may come, beside those that are about to."""
         return len(self.viewers) + arriving < self._most + (MORE_OPERATORS if access == "operator" else 0)
 
     def remove(self, viewer: Viewer) -> None:
@@ -158,7 +156,6 @@ class Audience:
             self.viewers.remove(viewer)
 
     def poll(self) -> Update | None:
-        """None: there is no viewer."""
         viewers = tuple(self.viewers)
         why, lidar = any(v.why for v in viewers), any(v.lidar for v in viewers)
         if (why, lidar) != self._watched:

@@ -10,7 +10,6 @@ BAD_START = 2  # exit status
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m pacman_env.ros.operator_page", description=__doc__)
     parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="0: any that is free (%(default)s)")

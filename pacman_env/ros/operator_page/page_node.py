@@ -257,7 +257,6 @@ class GameState:
             self.configuration_text = json.dumps(configuration, sort_keys=True)
 
     def on_condition(self, message: Any) -> None:
-        """The goal selector's diagnostics."""
         before, self.condition = self.condition, object_of(message, _LONGEST)
         known = before.get("troubles") or {}
         for trouble in self.condition.get("troubles") or {}:

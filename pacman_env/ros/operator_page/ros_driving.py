@@ -90,7 +90,6 @@ class Wheels:
             self.beat()
 
     def beat(self) -> None:
-        """Publish what is due after a period."""
         with self._lock:
             if self._closed.is_set():
                 return

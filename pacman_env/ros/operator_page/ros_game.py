@@ -45,7 +45,6 @@ _ANSWER_S = 5.0
 _PLACED_S = 2.0  # for a ghost that was placed
 _PLACED_M = 0.5
 _CHECKS_S = 6.0  # for the readiness list
-_NOWHERE = (math.nan, math.nan)
 _SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
 _REFUSALS: dict[type[Message], str] = {
     messages.Pause: "a robot's time cannot be held: STOP holds the robot, and Reset ends the round",
@@ -76,8 +75,13 @@ class RosGame:
         self._doctors = threading.Lock()
         self._surroundings = current()
         lock_step = self._surroundings.lock_step
-        self._context: Context | None = None if lock_step else _context(domain)
-        options = {} if lock_step else {"namespace": namespace, "context": self._context}
+        self._context: Context | None = None
+        options: dict[str, Any] = {}
+        if not lock_step:
+            self._context = Context()
+            words, no_signals = ["--ros-args", *QUIET], SignalHandlerOptions.NO
+            rclpy.init(args=words, context=self._context, domain_id=domain, signal_handler_options=no_signals)
+            options = {"namespace": namespace, "context": self._context}
         self.node = node = PageNode(sim, self._news, **options)
         self._view = RosView(node, f"{namespace}, ROS domain {domain}", self._news)
         self._driving = driving = RosDriving(node, self._news)
@@ -93,8 +97,6 @@ class RosGame:
             self._executor.add_node(node)
             self._thread = threading.Thread(target=self._spin, name="page", daemon=True)
             self._thread.start()
-
-    # What the server asks
 
     def close(self) -> None:
         """Receive no more. What was driven by hand stands, a stop stays, a game goes on."""
@@ -165,8 +167,6 @@ class RosGame:
                 raise Refused(_REFUSALS.get(type(message), f"{type(message).__name__}: not on a robot"))
         return None
 
-    # The node's thread
-
     def _spin(self) -> None:
         while not self._closed.is_set():
             try:
@@ -198,8 +198,6 @@ class RosGame:
             if state != "menu":  # the game drives
                 self._driving.wheels.end_drive()
         self._view.update_frame(self._driving.stopped, self._lidar)
-
-    # What people ask for
 
     def _require_game(self) -> None:
         if not self._view.game_is_there:
@@ -244,7 +242,7 @@ class RosGame:
         self._clicked_point.publish(point)
         game = self.node.game
         if not self._surroundings.wait_for(
-            lambda: math.dist(game.ghosts.get(0, _NOWHERE), (x, y)) < _PLACED_M, _PLACED_S
+            lambda: math.dist(game.ghosts.get(0, (math.nan, math.nan)), (x, y)) < _PLACED_M, _PLACED_S
         ):
             raise Refused("Clyde cannot be there: no place near it is wide enough for him")
 
@@ -277,10 +275,3 @@ def open_game(
     ``domain`` None: ROS_DOMAIN_ID; ``sim``: a simulated robot, on this machine alone; ``map``: a file or shipped name.
     """
     return RosGame(full_namespace(namespace), join(domain, this_machine=sim), sim, map)
-
-
-def _context(domain: int) -> Context:
-    context = Context()
-    no_signals = SignalHandlerOptions.NO
-    rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
-    return context

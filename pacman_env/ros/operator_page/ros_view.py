@@ -20,8 +20,6 @@ from pacman_env.web.control import ghost_role
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game import News, Scene
 
-_STANDARD = "robot", "robust"
-
 
 class RosView:
     """The scene and the newest frame of the game at ``where``; that it comes and goes is added to the ``news``."""
@@ -112,7 +110,7 @@ def _pellets(game: GameState) -> dict[int, Position]:
 
 
 def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
-    own: Config = make_config(*_STANDARD)
+    own: Config = make_config("robot", "robust")
     game, picture = node.game, node.robot.map
     configuration, condition = game.configuration, game.condition
     candidates, first_refuge = [list(place) for place in game.places], len(game.pellet_ids)
@@ -162,7 +160,7 @@ def played_by(text: str) -> tuple[str, dict[str, Any]]:
     configuration, found = json.loads(text), {}
     for preset, execution in product(PRESETS, EXECUTIONS):
         fields = make_config(preset, execution).as_dict()
-        name = preset if execution == _STANDARD[1] else f"{preset}, {execution}"
+        name = preset if execution == "robust" else f"{preset}, {execution}"
         try:
             found[name] = {field: value for field, (value, _) in differences(configuration, fields).items()}
         except (TypeError, ValueError, AttributeError):  # of another version
