@@ -25,7 +25,7 @@ class Connections:
         self._headers_s = headers_s  # for the head of a request
 
     def protocol(self) -> type[LimitedConnection]:
-        return type("Connection", (LimitedConnection,), {"all": self})
+        return type("Connection", (LimitedConnection,), {"owner": self})
 
     def end_slow(self) -> None:
         """End those that do not send their request, or do not receive what is sent to them; called twice a second."""
@@ -54,16 +54,16 @@ class Connections:
 
 
 class LimitedConnection(H11Protocol):
-    all: ClassVar[Connections]
+    owner: ClassVar[Connections]
     _is_full = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         transport.set_write_buffer_limits(high=HIGH_WATER)
-        self.all.open[self] = time.monotonic()
-        if len(self.connections) > 2 * self.all.most:
+        self.owner.open[self] = time.monotonic()
+        if len(self.connections) > 2 * self.owner.most:
             transport.abort()
-        self._is_full = len(self.connections) > self.all.most
+        self._is_full = len(self.connections) > self.owner.most
 
     def data_received(self, data: bytes) -> None:
         if self._is_full:

@@ -45,7 +45,7 @@ class Visitor:
 
     def watch(self) -> Visitor:
         host = self.url.split("/")[2]
-        self.page.on("console", lambda said: said.type == "error" and self._wrong(said.text))
+        self.page.on("console", lambda message: message.type == "error" and self._wrong(message.text))
         self.page.on("pageerror", lambda error: self._wrong(str(error)))
         for kind in ("request", "websocket"):
             self.page.on(kind, lambda asked: asked.url.split("/")[2] != host and self.foreign.append(asked.url))
@@ -100,9 +100,9 @@ class Visitor:
         self.page.mouse.click(box["x"] + left, box["y"] + top)
 
     def check(self) -> None:
-        said = [*self.errors, *(self.value("count?.errors ?? []") or [])]
-        said = [words for words in said if not words.startswith(self.allowed or ("\0",))]
-        assert not said, f"errors of the page: {said}"
+        errors = [*self.errors, *(self.value("count?.errors ?? []") or [])]
+        errors = [words for words in errors if not words.startswith(self.allowed or ("\0",))]
+        assert not errors, f"errors of the page: {errors}"
         assert not self.foreign, f"asked other hosts: {self.foreign}"
 
 

@@ -15,7 +15,7 @@ from tests.web.pages import FILES
 
 
 @pytest.fixture
-def said() -> list[str]:
+def lines() -> list[str]:
     """The log of the servers."""
     return []
 
@@ -27,7 +27,7 @@ def web() -> Iterator[httpx.Client]:
 
 
 @pytest.fixture
-def serve(tmp_path: Path, said: list[str]) -> Iterator[Callable[..., WebServer]]:
+def serve(tmp_path: Path, lines: list[str]) -> Iterator[Callable[..., WebServer]]:
     """Starts a server over a game."""
     folder = tmp_path / "static"
     folder.mkdir()
@@ -38,7 +38,7 @@ def serve(tmp_path: Path, said: list[str]) -> Iterator[Callable[..., WebServer]]
 
     def start(game: Any, **settings: Any) -> WebServer:
         limits = {name: settings.pop(name) for name in Limits.__dataclass_fields__ if name in settings}
-        server = WebServer(game, **{"static": folder, "write": said.append, "limits": Limits(**limits), **settings})
+        server = WebServer(game, **{"static": folder, "write": lines.append, "limits": Limits(**limits), **settings})
         started.append(server)
         server.start()
         return server

@@ -97,7 +97,7 @@ class Page:
         """Until the people are so."""
         return self.wait("people", lambda text: all(text[name] == value for name, value in wanted.items()))
 
-    def say(self, do: str, **fields: Any) -> int:
+    def send(self, do: str, **fields: Any) -> int:
         """Say something that is answered; returns its id."""
         self._id += 1
         self.socket.send(json.dumps({"do": do, "id": self._id, **fields}))
@@ -105,7 +105,7 @@ class Page:
 
     def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Say it and read the answer."""
-        number = self.say(do, **fields)
+        number = self.send(do, **fields)
         return self.wait("answer", lambda text: text["id"] == number)
 
     def listen(self, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""Who is let in: tokens, Host and Origin; and what browsers are told to do with what they get."""
+"""Which requests are accepted: tokens, Host and Origin; and the headers of every answer."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def ask(
     **headers: str,
 ) -> tuple[int, dict[str, Any], list[str]]:
     """Status, the scope as the application had it (empty: refused), and what the log had."""
-    said: list[str] = []
+    lines: list[str] = []
     passed: dict[str, Any] = {}
     sent: list[Any] = []
 
@@ -47,11 +47,11 @@ def ask(
         "extensions": {"websocket.http.response": {}},
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
-    log = Log(said.append, (TOKENS.operator, TOKENS.viewer))
+    log = Log(lines.append, (TOKENS.operator, TOKENS.viewer))
     control = AccessControl(application, tokens, (*names_of(address, address), *names), log)
     asyncio.run(control(scope, None, send))  # type: ignore[arg-type]
     assert dict(sent[0]["headers"])[b"content-security-policy"]
-    return sent[0]["status"], passed, said
+    return sent[0]["status"], passed, lines
 
 
 @pytest.mark.parametrize(
@@ -72,10 +72,10 @@ def test_files_and_health_need_no_token(path: str) -> None:
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_a_token_lets_in_and_is_not_handed_on(token: str, access: str, kind: str) -> None:
     for query, headers in ((f"a=1&token={token}", {}), ("a=1", {"authorization": f"Bearer {token}"})):
-        status, passed, said = ask("/ws", query, kind, host=f"{ADDRESS}:8000", **headers)
+        status, passed, lines = ask("/ws", query, kind, host=f"{ADDRESS}:8000", **headers)
         assert (status, passed["access"], passed["query_string"]) == (200, access, b"a=1")
         assert token not in repr(passed)
-        assert said == []
+        assert lines == []
 
 
 @given(st.text(max_size=40) | st.sampled_from([TOKENS.operator[:-1], TOKENS.operator + "x", TOKENS.operator.upper()]))
@@ -83,7 +83,7 @@ def test_a_wrong_token_is_for_nothing(token: str) -> None:
     assert TOKENS.access(token) is None
 
 
-def test_on_this_machine_alone_nobody_needs_one() -> None:
+def test_on_this_machine_alone_no_token_is_needed() -> None:
     for host in ("127.0.0.1:8000", "localhost:8000", "LOCALHOST", "localhost."):
         assert ask(host=host, tokens=None, address="127.0.0.1")[1]["access"] == "operator"
 
@@ -123,8 +123,8 @@ def test_its_own_page_is_let_in() -> None:
 
 
 def test_a_token_is_never_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    said: list[str] = []
-    log = Log(said.append, (TOKENS.operator, TOKENS.viewer))
+    lines: list[str] = []
+    log = Log(lines.append, (TOKENS.operator, TOKENS.viewer))
     log.add("a", f"GET /?token={TOKENS.operator}\nmore")
     log.error("b", ValueError(f"token={TOKENS.viewer}"))
     logger = logging.getLogger("pacman_env.test_tokens")
@@ -135,22 +135,22 @@ def test_a_token_is_never_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
             raise ValueError(TOKENS.viewer)
         except ValueError:
             logger.exception("an error %d", 5)
-    assert [line.count("\n") for line in said] == [0, 0]
-    assert "GET /?token=... more" in said[0]
-    for text in (*said, caplog.text):
+    assert [line.count("\n") for line in lines] == [0, 0]
+    assert "GET /?token=... more" in lines[0]
+    for text in (*lines, caplog.text):
         assert TOKENS.operator not in text
         assert TOKENS.viewer not in text
     assert "an error 5" in caplog.text
 
 
 def test_the_log_has_each_kind_once_a_minute() -> None:
-    said: list[str] = []
+    lines: list[str] = []
     now = 0.0
-    log = Log(said.append, clock=lambda: now)
+    log = Log(lines.append, clock=lambda: now)
     for k in range(1000):
         now = 0.1 * k
         log.add("refused", f"refused {k}")
-    assert said == ["refused 0", "refused 600 (and 599 more)"]
+    assert lines == ["refused 0", "refused 600 (and 599 more)"]
 
 
 def test_tokens_cannot_be_guessed() -> None:

@@ -27,7 +27,7 @@ def test_a_right_message_comes_out_as_it_went_in(word: str) -> None:
 
 @given(texts)
 @settings(max_examples=400)
-def test_whatever_is_said_is_a_message_or_a_value_error(text: str) -> None:
+def test_every_text_is_a_message_or_a_value_error(text: str) -> None:
     try:
         message = parse(text)
     except ValueError:
@@ -51,13 +51,13 @@ def test_whatever_is_said_is_a_message_or_a_value_error(text: str) -> None:
         (" " * (MOST_BYTES + 1), f"at most {MOST_BYTES}"),
     ],
 )
-def test_what_is_none_says_why(text: str, words: str) -> None:
+def test_the_error_of_a_bad_message_names_the_reason(text: str, words: str) -> None:
     with pytest.raises(ValueError, match="message") as error:
         parse(text)
     assert words in str(error.value)
 
 
-def test_one_who_only_looks_may_stop_the_robot_and_run_nothing() -> None:
+def test_a_viewer_may_stop_the_robot_and_run_nothing() -> None:
     names = {kind.__name__ for kind in messages.FOR_ALL}
     assert "Stop" in names
     assert names == {"Stop", "Watch", "Why", "Stories", "Ready", "Ping"}

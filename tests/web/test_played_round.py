@@ -48,7 +48,7 @@ def test_a_policys_round_is_that_of_the_environment_bit_for_bit(ghosts: tuple[st
     assert (info["outcome"], info["collected"]) == (ours.outcome, ours.snapshots[-1].collected)
 
 
-def test_a_ghost_that_nobody_sends_walks_as_if_nobody_played_it() -> None:
+def test_a_ghost_without_orders_moves_as_if_no_person_played_it() -> None:
     free, taken = (
         laid_out(ghosts=("chase", "arcade")),
         laid_out(ghosts=("chase", "arcade"), ghost_roles=frozenset([0, 1])),

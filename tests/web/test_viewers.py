@@ -1,4 +1,4 @@
-"""What waits for a viewer stays small, and he sees the newest; how much he may say."""
+"""What waits for a viewer stays small, and the newest is sent; how much a viewer may send."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_of_frames_the_newest_alone_waits_and_texts_keep_their_order() -> None:
     assert taken(outbox) == [*({"kind": str(k)} for k in range(0, 1000, 100)), 999]
 
 
-def test_who_takes_nothing_is_told_good_bye_and_nothing_else() -> None:
+def test_a_viewer_that_receives_nothing_gets_good_bye_and_nothing_else() -> None:
     for texts in (["{}"] * (MOST_TEXTS + 1), ["x" * (3 << 20)] * 2):
         outbox = Outbox()
         for text in texts:
@@ -90,20 +90,20 @@ def test_within_any_time_no_more_passes_than_the_rate(steps: list[float], rate: 
         assert passed <= rate * (now + 1.0) + 1e-6
 
 
-def test_who_says_too_much_is_told_so_once_a_second_and_then_sent_away() -> None:
-    one, heard, now, words = viewer(), 0, 0.0, []
+def test_a_viewer_over_the_rate_is_warned_once_a_second_and_then_disconnected() -> None:
+    one, allowed, now, words = viewer(), 0, 0.0, []
     while not one.outbox.ended.is_set() and now < 60.0:
         now += 0.005  # 200 a second
-        heard += one.is_within_rate(now)
+        allowed += one.is_within_rate(now)
         if one.outbox._texts:
             words += kinds(taken(one))
     assert one.over == PATIENCE
-    assert heard <= 50 * (now + 1)
+    assert allowed <= 50 * (now + 1)
     assert words[-1] == "bye"
     assert 1 <= words.count("refused") == len(words) - 1 <= now + 1
 
 
-def test_who_says_a_little_too_much_now_and_then_stays() -> None:
+def test_a_viewer_seldom_over_the_rate_stays() -> None:
     one = viewer()
     for second in range(0, 600, 3):
         for _ in range(60):
@@ -147,7 +147,7 @@ def test_a_new_scene_comes_before_its_frames_and_the_last_pictures_are_kept() ->
     assert list(there.pictures) == list(range(10 - MOST_PICTURES, 10))
 
 
-def test_news_are_told_once_and_not_those_from_before_one_came() -> None:
+def test_news_are_sent_once_and_only_those_since_the_viewer_came() -> None:
     game, one = ScriptedGame(), viewer()
     game.happens(event="before")
     there = audience(game, one)
@@ -162,7 +162,7 @@ def test_news_are_told_once_and_not_those_from_before_one_came() -> None:
     assert "news" not in kinds(taken(one))
 
 
-def test_the_terms_are_asked_for_and_told_only_while_somebody_looks_at_them() -> None:
+def test_the_terms_are_requested_and_sent_only_while_they_are_watched() -> None:
     game, ann, bob = ScriptedGame(), viewer("ann"), viewer("bob")
     there = audience(game, ann, bob)
     ann.why = True
