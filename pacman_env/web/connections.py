@@ -6,7 +6,7 @@ import asyncio
 import time
 from typing import ClassVar
 
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 CLOSING_S = 2.0  # for what is still to be sent on a connection that ends
 HIGH_WATER = 16 << 10  # bytes; a slow reader gets a newer frame the sooner
@@ -21,7 +21,8 @@ class Connections:
 
     def __init__(self, most: int, headers_s: float):
         self.most = most
-        self.open: dict[LimitedConnection, float | None] = {}  # since when it closes or waits for a request
+        #: Whether it waits for a request, is busy or closes; its last request; since when.
+        self.open: dict[LimitedConnection, tuple[tuple[str, RequestResponseCycle | None], float]] = {}
         self._headers_s = headers_s  # for the head of a request
 
     def protocol(self) -> type[LimitedConnection]:
@@ -30,22 +31,20 @@ class Connections:
     def end_slow(self) -> None:
         """End those that do not send their request, or do not receive what is sent to them; called twice a second."""
         now = time.monotonic()
-        for connection, since in list(self.open.items()):
+        for connection, (before, since) in list(self.open.items()):
             transport = connection.transport
             unsent = transport.get_write_buffer_size()
-            waits_s = 0.0 if since is None else now - since
-            if transport.is_closing() and unsent == 0:
+            state = "closes" if transport.is_closing() else "waits" if connection.waits_for_request() else "busy"
+            if (state, connection.cycle) != before:  # since the last sweep, also by another request
+                since = now
+                self.open[connection] = (state, connection.cycle), since
+            if state == "closes" and unsent == 0:
                 del self.open[connection]
-            elif unsent > MOST_UNSENT or (transport.is_closing() and waits_s > CLOSING_S):
+            elif unsent > MOST_UNSENT or (state == "closes" and now - since > CLOSING_S):
                 transport.abort()
                 del self.open[connection]
-            elif not transport.is_closing() and not connection.waits_for_request():
-                self.open[connection] = None
-            elif since is None:
-                self.open[connection] = now
-            elif not transport.is_closing() and waits_s > self._headers_s:
+            elif state == "waits" and now - since > self._headers_s:
                 transport.close()
-                self.open[connection] = now
 
     def abort_all(self) -> None:
         for connection in self.open:
@@ -60,7 +59,7 @@ class LimitedConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         transport.set_write_buffer_limits(high=HIGH_WATER)
-        self.owner.open[self] = time.monotonic()
+        self.owner.open[self] = ("waits", None), time.monotonic()
         if len(self.connections) > 2 * self.owner.most:
             transport.abort()
         self._is_full = len(self.connections) > self.owner.most

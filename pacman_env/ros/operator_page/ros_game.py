@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
+from functools import partial
 from typing import Any, Literal
 
 import rclpy
@@ -35,7 +36,7 @@ from pacman_env.web.control import ROBOT
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import News, Refused, Scene
 from pacman_env.web.messages import Message
-from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.maps.occupancy import load_map
 
 _LOG = logging.getLogger(__name__)
 _PERIOD_S = 0.05  # between two frames
@@ -63,9 +64,9 @@ class RosGame:
     source: Literal["simulator", "ros"] = "ros"
 
     def __init__(self, namespace: str, domain: int, sim: bool = False, map: str | None = None) -> None:
-        self._where, self._domain, self._sim = namespace, domain, sim
-        self._map_file = map or ""
-        self._occupancy: OccupancyMap | None = None if map is None else load_map(map)
+        self._where = namespace
+        occupancy = None if map is None else load_map(map)
+        self._make_doctor = partial(Doctor, namespace, domain, occupancy, map or "", sim, _CHECKS_S)
         self._news = News()
         self._why = self._lidar = False
         self._state: str | None = None
@@ -249,7 +250,7 @@ class RosGame:
     def _ready(self) -> list[dict[str, str]]:
         """The findings of ``pacman-env ros doctor``, one doctor at a time, and the nodes that obey a stop."""
         with self._doctors:
-            doctor = Doctor(self._where, self._domain, self._occupancy, self._map_file, self._sim, _CHECKS_S)
+            doctor = self._make_doctor()
             try:
                 doctor.observe(self._closed.is_set)
                 findings = examine(doctor.observations())
