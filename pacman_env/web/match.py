@@ -1,4 +1,4 @@
-"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; and who drives."""
+"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; the people in it."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ class Match:
         if self.state == "menu" and played is not None and played.ticks == 0:
             self.lay_out(played.seed)
         ghosts = self.driving.roles.ghosts()
-        waits = any(who == person and (played is None or k not in played.ghost_roles) for k, who in ghosts.items())
+        waits = any(one == person and (played is None or k not in played.ghost_roles) for k, one in ghosts.items())
         return "yours from the next round on" if waits and self.state != "menu" else ""
 
     def show(self, what: str, word: str) -> None:

@@ -57,8 +57,7 @@ class Sessions:
         self.audience = Audience(game, most, self.people)
         self._game, self._log, self._rate = game, log, rate
         # The game is never asked in the thread of the connections: any of its answers may take long.
-        self._threads = asyncio.Semaphore(MOST_THREADS)
-        self.in_thread = partial(in_thread, self._threads)
+        self.in_thread = partial(in_thread, asyncio.Semaphore(MOST_THREADS))
         self._poll_thread = asyncio.Semaphore(1)  # however many requests wait for the game, frames go on
         self._stop_threads = asyncio.Semaphore(MOST_STOPS)  # only stops and leaving wait before a stop
         self._known: dict[str, Viewer] = {}  # by the key of the page

@@ -164,8 +164,8 @@ class RosDriving:
         remedy = "start the game by pacman-env ros up; until then STOP ends Nav2's goals and holds the wheels by itself"
         return {"name": "STOP", "state": "bad", "words": "no node of the game obeys it", "remedy": remedy}
 
-    def _on_stop(self, stopped: bool, who: str) -> None:
-        self._news.add(words=f"{'stopped' if stopped else 'released'} by {who}")
+    def _on_stop(self, stopped: bool, by: str) -> None:
+        self._news.add(words=f"{'stopped' if stopped else 'released'} by {by}")
         if stopped:
             self.wheels.stop()
             self._cancel_goals()

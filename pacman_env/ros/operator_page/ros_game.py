@@ -209,16 +209,16 @@ class RosGame:
         if not answer.success:
             raise Refused(str(answer.message))
 
-    def _call(self, service: topics.Service, request: Any, who: str) -> Any:
+    def _call(self, service: topics.Service, request: Any, node: str) -> Any:
         client = self._services[service.name]
         if not self._surroundings.wait_for(client.service_is_ready, _THERE_S):
-            raise Refused(f"{who} is not there: nobody answers on {service.name} in {self._where}")
+            raise Refused(f"{node} is not there: nobody answers on {service.name} in {self._where}")
         answer = client.call_async(request)
         if not self._surroundings.wait_for(answer.done, _ANSWER_S):
             client.remove_pending_request(answer)
-            raise Refused(f"{who} has not answered within {_ANSWER_S:g} s: see whether it was done")
+            raise Refused(f"{node} has not answered within {_ANSWER_S:g} s: see whether it was done")
         if answer.exception() is not None:
-            raise Refused(f"{who}: {answer.exception()}")
+            raise Refused(f"{node}: {answer.exception()}")
         return answer.result()
 
     def _set_up(self, setup: messages.Setup) -> None:
