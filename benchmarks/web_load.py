@@ -38,7 +38,7 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str) -> dict
     """All figures, of the game for ``alone_s`` without viewers and for ``seconds`` with them."""
     from pacman_env.web.played_round import PlayedRound
     from pacman_env.web.rules import Rules
-    from pacman_env.web.server import WebServer
+    from pacman_env.web.server import Limits, WebServer
     from pacman_env.web.simulated import SimulatedGame
 
     made_s = np.full(MOST_FRAMES, np.nan)  # by number; of one size, as memory is measured
@@ -66,7 +66,7 @@ def measure(viewers: int, seconds: float, alone_s: float, game_map: str) -> dict
     with (
         mock.patch.object(PlayedRound, "step", timed_step),
         contextlib.closing(WatchedGame(Rules(map=game_map, policy="ppo"), seed=1)) as game,
-        WebServer(game, most_viewers=viewers) as server,
+        WebServer(game, limits=Limits(viewers=viewers)) as server,
         _played(game),
     ):
         _log(f"the game alone, for {alone_s:g} s")

@@ -115,7 +115,7 @@ def shoot(browser: Any, name: str) -> bytes:
     options = {"device_scale_factor": ratio, "color_scheme": scheme, "has_touch": phone, "is_mobile": phone}
     with (
         closing(SimulatedGame(Rules(), seed=_SEED)) as game,
-        WebServer(game, say=lambda _: None) as server,
+        WebServer(game, write=lambda _: None) as server,
         browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True, **options) as context,
     ):
         page = context.new_page()

@@ -42,7 +42,7 @@ def add_web(commands: Any) -> None:
 
 def _web(arguments: argparse.Namespace) -> int:
     try:
-        from pacman_env.web.server import serve
+        from pacman_env.web.server import Limits, serve
     except ModuleNotFoundError as error:
         raise OSError(f"needs {error.name}: pip install 'pacman_env[web]'") from error
     game = _robots_game(arguments) if arguments.ros else _simulated_game(arguments)
@@ -57,8 +57,7 @@ def _web(arguments: argparse.Namespace) -> int:
             arguments.host,
             arguments.port,
             names=arguments.name,
-            most_viewers=arguments.viewers,
-            tell=lambda text: print(text, flush=True),
+            limits=Limits(viewers=arguments.viewers),
             opened=opened,
         )
     finally:
@@ -70,7 +69,7 @@ def _robots_game(arguments: argparse.Namespace) -> Any:
     from pacman_env.cli.ros_group import what_ros_needs
 
     with what_ros_needs():  # of ROS, the call imports more than its module
-        from pacman_env.ros.operator_page import open_game
+        from pacman_env.ros.operator_page.ros_game import open_game
 
         return open_game(arguments.namespace, arguments.domain_id, arguments.sim)
 

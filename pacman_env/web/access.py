@@ -1,7 +1,7 @@
-"""Who may look at the page and who may run it: tokens, and which Host and Origin a request may come with.
+"""Which requests are accepted: tokens, and the Host and Origin of a request.
 
-On this machine's own address no token is needed: whoever has an account here may play. There the danger is a page of
-somebody else's in the same browser, which Host (a name that was made to lead here) and Origin give away.
+On a loopback address no token is needed: whoever has an account on this machine may play. The danger there is a page of
+another site in the same browser, which Host (a name that was made to resolve to this machine) and Origin reveal.
 """
 
 from __future__ import annotations
@@ -10,47 +10,36 @@ import hmac
 import ipaddress
 import secrets
 import socket
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 from urllib.parse import parse_qsl, urlencode
 
-from pacman_env.web.said import Said
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-Scope = MutableMapping[str, Any]
-Event = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Event]]
-Send = Callable[[Event], Awaitable[None]]
-Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+from pacman_env.web.log import Log
+
 Kind = Literal["operator", "viewer"]
 
 OPEN = ("/health", "/static/")  # without a token
-#: With every answer. Nothing from elsewhere, nothing inline, in nobody's frame.
+#: Of every answer: nothing from another site, nothing inline, not in a frame.
 HEADERS = {
-    "content-security-policy": "; ".join(
-        (
-            *("default-src 'none'", "script-src 'self'", "style-src 'self'", "img-src 'self'", "media-src 'self'"),
-            *("connect-src 'self'", "base-uri 'none'", "form-action 'none'", "frame-ancestors 'none'"),
-        )
-    ),
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
     "referrer-policy": "no-referrer",  # the address has the token
     "cross-origin-resource-policy": "same-origin",
     "permissions-policy": "camera=(), microphone=(), geolocation=()",
 }
-#: On this machine alone: elsewhere a browser heeds them over https only, and complains.
+#: On a loopback address only: elsewhere a browser obeys them over https only, and logs errors.
 LOCAL_HEADERS = {"cross-origin-opener-policy": "same-origin", "cross-origin-embedder-policy": "require-corp"}
 
 
 @dataclass(frozen=True)
 class Tokens:
-    """The secrets of those who run the game and of those who look.
-
-    Raises:
-        ValueError: one of them can be guessed, or both are the same.
-    """
-
     operator: str
     viewer: str
 
@@ -60,12 +49,16 @@ class Tokens:
 
     @classmethod
     def new(cls) -> Tokens:
-        """Two that nobody knows yet."""
         return cls(secrets.token_urlsafe(24), secrets.token_urlsafe(24))
+
+    def access(self, token: str | None) -> Kind | None:
+        given = (token or "").encode()
+        operator = hmac.compare_digest(given, self.operator.encode())
+        viewer = hmac.compare_digest(given, self.viewer.encode())  # always both: the time reveals nothing
+        return "operator" if operator else "viewer" if viewer else None
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an address is reached from this machine alone."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
@@ -73,7 +66,7 @@ def is_loopback(address: str) -> bool:
 
 
 def host_name(host: str) -> str | None:
-    """The name in a Host header, without port and in small letters; None: it is none."""
+    """The name in a Host header, without port and in small letters; None if invalid."""
     name, bracket, port = host.strip().lower().rpartition("]")
     if bracket:  # [::1]:8000
         name = name.removeprefix("[")
@@ -85,41 +78,8 @@ def host_name(host: str) -> str | None:
     return name.removesuffix(".")
 
 
-class Access:
-    """Which requests are let in.
-
-    Args:
-        tokens: None: nobody needs one.
-        names: that the page may be asked for by, beside the address that a connection came to.
-    """
-
-    def __init__(self, tokens: Tokens | None, names: Iterable[str] = ()):
-        self.tokens = tokens
-        self.names = frozenset(name.lower().removesuffix(".") for name in names)
-
-    def who(self, token: str | None) -> Kind | None:
-        """What a token is for; None: nothing."""
-        if self.tokens is None:
-            return "operator"
-        given = (token or "").encode()
-        operator = hmac.compare_digest(given, self.tokens.operator.encode())
-        viewer = hmac.compare_digest(given, self.tokens.viewer.encode())  # always both: the time tells nothing
-        return "operator" if operator else "viewer" if viewer else None
-
-    def is_ours(self, host: str, address: str) -> bool:
-        """Whether a Host header names this server.
-
-        Args:
-            host: the header.
-            address: of this machine, that the connection came to.
-        """
-        name = host_name(host)
-        address = address.lower().removeprefix("::ffff:")  # an older address on a socket of the newer kind
-        return name is not None and (name == address or name in self.names)
-
-
 def names_of(host: str, address: str) -> tuple[str, ...]:
-    """What a server bound to ``host``, which is ``address``, may be asked for by."""
+    """The names under which a server bound to ``host``, which is ``address``, may be requested."""
     if is_loopback(address):
         return (host, address, "localhost")
     here = socket.gethostname()
@@ -127,48 +87,36 @@ def names_of(host: str, address: str) -> tuple[str, ...]:
 
 
 def is_same_origin(origin: str, host: str) -> bool:
-    """Whether a page of ``origin`` was served under the Host of its request."""
     return origin.lower() in {f"http://{host.strip().lower()}", f"https://{host.strip().lower()}"}
 
 
-class Guard:
-    """Stands before the application: what may not come in gets a short answer, and the log one line a minute.
+class AccessControl:
+    """The middleware that refuses requests; those that pass have ``access`` in their scope, and no token any more."""
 
-    What passes has its ``access`` in the scope, and no token any more.
-    """
-
-    def __init__(self, application: Application, access: Access, said: Said):
-        self._application = application
-        self._access = access
-        self._said = said
-        headers = HEADERS | (LOCAL_HEADERS if access.tokens is None else {})
-        self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
+    def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[str], log: Log):
+        self._application, self._tokens, self._log = application, tokens, log
+        self._names = frozenset(name.lower().removesuffix(".") for name in names)  # beside the own address
+        self._headers = HEADERS | (LOCAL_HEADERS if tokens is None else {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request or websocket."""
-        if scope["type"] == "lifespan":
-            await self._application(scope, receive, send)
-            return
+        async def send_with_headers(message: Message) -> None:
+            if message["type"].endswith("http.response.start"):
+                MutableHeaders(scope=message).update(self._headers)
+            await send(message)
 
-        async def send_safely(event: Event) -> None:
-            if event["type"].endswith("http.response.start"):
-                event = {**event, "headers": [*event.get("headers", ()), *self._headers]}
-            await send(event)
-
-        refusal = self._refusal(scope)
-        if refusal is None:
-            await self._application(scope, receive, send_safely)
-            return
-        status, words = refusal
-        self._said(words, f"refused: {words}")
-        await refuse(scope, send_safely, status, words)
+        answer, refusal = self._application, self._refusal(scope)
+        if refusal is not None:
+            status, words = refusal
+            self._log.add(words, f"refused: {words}")
+            answer = refusal_response(status, words)
+        await answer(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
-        """Status and words; None: it may pass."""
-        headers = scope["headers"]
-        hosts = [value.decode("latin-1") for name, value in headers if name == b"host"]
-        origins = [value.decode("latin-1") for name, value in headers if name == b"origin"]
-        if len(hosts) != 1 or not self._access.is_ours(hosts[0], (scope.get("server") or ("", 0))[0]):
+        headers = Headers(scope=scope)
+        hosts, origins = headers.getlist("host"), headers.getlist("origin")
+        name = host_name(hosts[0]) if len(hosts) == 1 else None
+        address = (scope.get("server") or ("", 0))[0].lower().removeprefix("::ffff:")  # IPv4 on an IPv6 socket
+        if name is None or (name != address and name not in self._names):
             return 421, "a Host that is not this server's (a name of your own: --name)"
         if len(origins) > 1 or (origins and not is_same_origin(origins[0], hosts[0])):
             return 403, "a page of another origin"
@@ -176,26 +124,18 @@ class Guard:
             query = parse_qsl(scope["query_string"].decode("ascii"), keep_blank_values=True, max_num_fields=20)
         except ValueError:
             return 400, "an address that cannot be read"
-        token = next((value for name, value in query if name == "token"), None)
-        for name, value in headers:
-            if name == b"authorization" and value[:7].lower() == b"bearer ":
-                token = value[7:].decode("latin-1").strip()
+        token = next((value for key, value in query if key == "token"), None)
+        for value in headers.getlist("authorization"):
+            if value[:7].lower() == "bearer ":
+                token = value[7:].strip()
         scope["query_string"] = urlencode([pair for pair in query if pair[0] != "token"]).encode()
-        scope["headers"] = [pair for pair in headers if pair[0] != b"authorization"]
-        access = self._access.who(token)
+        scope["headers"] = [pair for pair in scope["headers"] if pair[0] != b"authorization"]
+        access = "operator" if self._tokens is None else self._tokens.access(token)
         if access is None and not scope["path"].startswith(OPEN):
             return 401, "no token, or a wrong one (use the link that was printed at the start)"
         scope["access"] = access
         return None
 
 
-async def refuse(scope: Scope, send: Send, status: int, words: str) -> None:
-    """A short answer instead of what was asked for."""
-    kind = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
-    if scope["type"] == "websocket" and kind not in scope.get("extensions", {}):
-        await send({"type": "websocket.close"})
-        return
-    body = f"{words}\n".encode()
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
-    await send({"type": f"{kind}.start", "status": status, "headers": [*headers, (b"connection", b"close")]})
-    await send({"type": f"{kind}.body", "body": body})
+def refusal_response(status: int, words: str) -> PlainTextResponse:
+    return PlainTextResponse(f"{words}\n", status, {"connection": "close"})

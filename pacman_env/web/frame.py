@@ -1,25 +1,25 @@
-"""How a game stands at one moment: the schema of the message ``frame``, which the page reads by field name."""
+"""The state of a game at one moment: the schema of the message ``frame``, which the page reads by field name."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, field
 from numpy.typing import NDArray
+
+from pacman_env.game.lights import Ring
+from pacman_env.game.round import State
 
 MOST_PLAN_POINTS = 64
 _DECIMALS = 4  # of what is in an array: a tenth of a millimetre
 
-State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
 Metres = Annotated[float, Meta(extra_json_schema={"unit": "m"})]
 Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
 Radians = Annotated[float, Meta(extra_json_schema={"unit": "rad"})]
 MetresPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "m/s"})]
 RadiansPerSecond = Annotated[float, Meta(extra_json_schema={"unit": "rad/s"})]
-Byte = Annotated[int, Meta(ge=0, le=255)]
-Colour = tuple[Byte, Byte, Byte]  # red, green, blue
 Points = Annotated[NDArray[np.float64], Meta(description="(N, 2)", extra_json_schema={"unit": "m"})]
 Ranges = Annotated[NDArray[np.float64], Meta(description="(R,)", extra_json_schema={"unit": "m"})]
 Scores = Annotated[NDArray[np.float64], Meta(description="(C,)")]
@@ -27,20 +27,8 @@ Present = Annotated[NDArray[np.bool_], Meta(description="(P,)")]
 Pose = tuple[Metres, Metres, Radians]  # x, y, heading
 
 
-def _no_points() -> NDArray[np.float64]:
-    return np.zeros((0, 2))
-
-
-def _no_numbers() -> NDArray[np.float64]:
-    return np.zeros(0)
-
-
-def _no_flags() -> NDArray[np.bool_]:
-    return np.zeros(0, dtype=np.bool_)
-
-
 class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
-    """A game at one moment; in JSON, NaN is null."""
+    """In JSON, NaN is null."""
 
     state: State
     revision: int  # of the scene it belongs to
@@ -60,15 +48,14 @@ class Frame(msgspec.Struct, frozen=True, tag_field="kind", tag="frame"):
     velocity: tuple[MetresPerSecond, RadiansPerSecond] = (0.0, 0.0)
     baseline: Pose | None = None  # of the policy's robot in the same round, beside a person's
     baseline_collected: int = 0
-    ring: tuple[Colour, ...] | None = None  # six LEDs, None: not the game's
-    ghosts: Points = msgspec.field(default_factory=_no_points)
-    alive: Present = msgspec.field(default_factory=_no_flags)  # pellets that are there
-    scores: Scores = msgspec.field(default_factory=_no_numbers)  # of the candidates, NaN: none
-    plan: Points = msgspec.field(default_factory=_no_points)  # the path to the goal
-    scan: Ranges = msgspec.field(default_factory=_no_numbers)  # ray 0 ahead, counter-clockwise, NaN: nothing met
+    ring: Ring | None = None  # six LEDs, None: not the game's
+    ghosts: Points = field(default_factory=lambda: np.zeros((0, 2)))
+    alive: Present = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))  # pellets that are there
+    scores: Scores = field(default_factory=lambda: np.zeros(0))  # of the candidates, NaN: none
+    plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # the path to the goal
+    scan: Ranges = field(default_factory=lambda: np.zeros(0))  # ray 0 ahead, counter-clockwise, NaN: nothing met
 
     def encode(self) -> str:
-        """The message, as JSON."""
         return _encoder.encode(self).decode()
 
 
@@ -85,33 +72,8 @@ def _from_array(array: Any) -> Any:
     return (array if array.dtype == np.bool_ else array.round(_DECIMALS)).tolist()
 
 
-def _to_array(kind: Any, values: Any) -> NDArray[Any]:
-    """Of the dtype that the field declares."""
-    return np.array(values, dtype=kind.__args__[1].__args__[0])
-
-
 _encoder = msgspec.json.Encoder(enc_hook=_from_array)
-_decoder = msgspec.json.Decoder(Frame, dec_hook=_to_array)
-_several = msgspec.json.Decoder(list[Frame], dec_hook=_to_array)
-
-
-def decode(message: str | bytes) -> Frame:
-    """A frame from its message.
-
-    Raises:
-        ValueError: it is none.
-    """
-    try:
-        return _decoder.decode(message)
-    except (msgspec.DecodeError, RecursionError) as error:
-        raise ValueError(f"no frame: {error}") from error
 
 
 def encode_all(frames: list[Frame]) -> bytes:
-    """The frames of a recorded round, as a JSON list."""
     return _encoder.encode(frames)
-
-
-def decode_all(message: bytes) -> list[Frame]:
-    """The frames of a recorded round."""
-    return _several.decode(message)

@@ -1,91 +1,72 @@
-"""What the server asks of a game, be it the simulator's or the robot's: one small interface with two sides."""
+"""What the server requires of a game, simulated or of a robot's nodes: the interface, its scene and its news."""
 
 from __future__ import annotations
 
+import threading
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from pacman_env.web.frame import Frame
 from pacman_env.web.messages import Message
 
+MOST_NEWS = 100
+
 
 class Refused(ValueError):
-    """What a person asked for is not done; the words say why, and are shown to him."""
+    """A request of a person is not carried out; the words say why, and are shown on the page."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What stays the same from frame to frame.
+    """What stays the same from frame to frame."""
 
-    Attributes:
-        revision: 1 to 65535, another for each scene; a frame names the scene it belongs to.
-        facts: for the page, as JSON (docs/web_protocol.md, "scene").
-        picture: the map as a PNG, one pixel a cell, top row first; empty: no map yet.
-    """
+    revision: int  # counts up from 1; a frame names the scene it belongs to
+    facts: dict[str, Any] = field(default_factory=dict)  # as JSON (docs/web_protocol.md, "scene")
+    picture: bytes = b""  # the map as a PNG, one pixel a cell, top row first; empty: no map yet
 
-    revision: int
-    facts: dict[str, Any] = field(default_factory=dict)
-    picture: bytes = b""
+
+class News:
+    """The last events of a game, numbered from 1; any thread may add and read."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._entries: deque[dict[str, Any]] = deque(maxlen=MOST_NEWS)
+        self._number = 0
+
+    def add(self, **entry: Any) -> None:
+        """``event``, ``light``, ``sound``, ``state`` (a word), ``words`` (a line of the log), ``why`` or ``story``."""
+        with self._lock:
+            self._number += 1
+            if "why" in entry:  # only the newest is of use, and they are long
+                for old in [one for one in self._entries if "why" in one]:
+                    self._entries.remove(old)
+            self._entries.append({"number": self._number, **entry})
+
+    def after(self, number: int) -> list[dict[str, Any]]:
+        with self._lock:
+            return [entry for entry in self._entries if entry["number"] > number]
 
 
 class Game(Protocol):
-    """A game that people look at. Every method may be called from any thread, and none waits for the game's next tick
-    but ``handle``.
-    """
+    """Every method may be called from any thread, and only ``handle`` waits for the game's next tick."""
 
     source: Literal["simulator", "ros"]
 
-    def close(self) -> None:
-        """End it; a robot stands then."""
-
-    def hello(self) -> dict[str, Any]:
-        """What does not change while it is there: what can be chosen, words, melodies."""
-
-    def scene(self) -> Scene:
-        """The scene now."""
-
-    def frame(self) -> Frame | None:
-        """How it stands now; None: nothing is known yet."""
-
-    def news(self, after: int) -> list[dict[str, Any]]:
-        """What has happened, numbered from 1: the entries after a number, at most the last 100, oldest first.
-
-        Each has ``number``, and ``event`` or ``light`` or ``sound`` (a word) or ``words`` (a line of the log) or
-        ``why`` (the terms of the candidates).
-        """
-
-    def watch(self, *, why: bool, lidar: bool) -> None:
-        """Whether anybody looks at the terms and at the lidar now."""
-
-    def handle(self, person: str, message: Message) -> Any:
-        """Do what a person asks; returns what the answer has as ``data``, JSON values.
-
-        Raises:
-            Refused: it is not done, and nothing has changed.
-        """
-
-    def stop(self, person: str) -> None:
-        """Stop the robot now, and let it stand until ``release``; at once, from any thread, again and again."""
-
-    def release(self, person: str) -> None:
-        """Let it go on.
-
-        Raises:
-            Refused: it cannot.
-        """
-
-    def leave(self, person: str) -> None:
-        """A person is gone: the role is free, and what was driven by hand stands."""
+    def close(self) -> None: ...  # a robot stands then
+    def choices(self) -> dict[str, Any]: ...  # what a setup can name (docs/web_protocol.md, "choices")
+    def scene(self) -> Scene: ...
+    def frame(self) -> Frame | None: ...  # None: nothing is known yet
+    def news(self, after: int) -> list[dict[str, Any]]: ...  # those after a number, at most 100, oldest first
+    def watch(self, *, why: bool, lidar: bool) -> None: ...  # whether any page shows the terms and the lidar now
+    def handle(self, person: str, message: Message) -> Any: ...  # ``data`` of the answer, or Refused: nothing changed
+    def stop(self, person: str) -> None: ...  # the robot, at once, until ``release``; may be repeated
+    def release(self, person: str) -> None: ...
+    def leave(self, person: str) -> None: ...  # the person's role is free, and what was driven by hand stands
+    def story(self, number: int) -> bytes | None: ...  # frames of a recorded round, as a JSON list; None: no such one
 
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
-        """A map of somebody's own, to be chosen from now on: its YAML file and its image.
+        """Let a map be chosen: its YAML file and its image. Raises Refused if it cannot be played on.
 
-        Returns:
-            ``{"map": the name to choose it by, "words": what the map's checker says}``.
-
-        Raises:
-            Refused: it cannot be played on; the words say why.
+        Returns ``{"map": the name to choose it by, "words": the report of the map's checker}``.
         """
-
-    def story(self, number: int) -> bytes | None:
-        """The frames of a round that has ended, as a JSON list; None: there is no such round."""

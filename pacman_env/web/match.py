@@ -1,67 +1,102 @@
-"""A simulated game as the robot's referee has it: menu, show, round, the next round or round 1."""
+"""A simulated game as the robot's referee plays it: menu, show, round, the next round or round 1; the people in it."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from pacman_env import __version__
-from pacman_env.config import Config
 from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.game.lights import LASTING
 from pacman_env.game.round import Action, RoundController
 from pacman_env.web import messages
-from pacman_env.web.driving import Driving
-from pacman_env.web.feedback import Feedback
+from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles, ghost_role
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused
-from pacman_env.web.news import News
-from pacman_env.web.played_round import Orders, PlayedRound, Snapshot
+from pacman_env.web.game import News, Refused
+from pacman_env.web.played_round import Orders, PlayedRound, Recordings
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.scenes import link_to
-from pacman_env.web.simulated_view import SimulatedView
-from pacman_env.web.stories import Stories, in_words
-from pacman_env.web.tick_clock import TickClock
+from pacman_env.web.simulated_view import Feedback, SimulatedView, TickClock
 
 _LOG = logging.getLogger(__name__)
-_HOME_S = 2.0  # real time after a round, in which its end is looked at
+_HOME_S = 2.0  # real time after a round, in which its end is shown
 _REHEARSED = 6  # ticks: the planner plans, goals begin
 
 
-class Match:
-    """One round after the other.
+class Driving:
+    """The roles, the goal of each, and the velocities by hand."""
 
-    Args:
-        rules: to begin with.
-        choices: what they are chosen from.
-        seed: of the first round; those of the others follow from it. None: drawn.
-        clock: of the ticks.
-        driving: who plays whom.
-        news: what happens is added to it.
-        lock: of what is shown; never held while a round is stepped or laid out.
+    def __init__(self) -> None:
+        self.roles = Roles()
+        self.goals: dict[str, int | None] = {}  # candidates, by role
+        self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
+
+    @property
+    def plays_robot(self) -> bool:
+        return ROBOT in self.roles.people
+
+    def assume(self, person: str, role: str, ghosts: int) -> None:
+        if role != ROBOT and role not in map(ghost_role, range(ghosts)):
+            raise Refused(f"{role}: there are {ghosts} ghosts")
+        self.roles.assume(person, role)
+        self.goals[role] = None
+        if role == ROBOT:
+            self.hand = None
+
+    def steer(self, person: str, v: float, omega: float) -> None:
+        """Velocities by hand, m/s and rad/s; at once, the newest counts."""
+        self.roles.require(person, ROBOT)
+        self.hand = (v, omega, time.monotonic())
+
+    def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
+        """Send the role of a person to a candidate, or to the one nearest to a place."""
+        role = self.roles.of(person)
+        if role is None:
+            raise Refused("take a role first")
+        candidate = goal.candidate
+        if candidate is None:
+            if goal.x is None or goal.y is None:
+                raise Refused("goal: give a candidate, or x and y")
+            candidate = played.nearest(goal.x, goal.y)
+            if candidate is None:
+                raise Refused("no pellet or refuge within 1 m")
+        elif candidate > played.hold:
+            raise Refused(f"candidate {candidate}: there are 0 to {played.hold}")
+        self.goals[role] = None if candidate in (-1, played.hold) else candidate
+        if role == ROBOT:
+            self.hand = None
+
+    def orders(self, played: PlayedRound) -> Orders:
+        orders = Orders(robot=self.plays_robot, goal=self.goals.get(ROBOT))
+        if orders.robot and self.hand is not None:
+            v, omega, at_s = self.hand
+            orders.velocity = (v, omega) if time.monotonic() - at_s < DEAD_MAN_S else (0.0, 0.0)
+        playable = self.roles.ghosts().keys() & played.ghost_roles
+        orders.ghosts = {number: self.goals.get(ghost_role(number)) for number in playable}
+        return orders
+
+
+class Match:
+    """One round after the other, from the first ``lay_out`` on, with seeds that follow from ``seed``.
+
+    ``lock`` is held while what is shown changes, and never while a round is stepped or laid out.
     """
 
     def __init__(
-        self,
-        rules: Rules,
-        choices: Choices,
-        seed: int | None,
-        clock: TickClock,
-        driving: Driving,
-        news: News,
-        lock: threading.RLock,
+        self, rules: Rules, choices: Choices, seed: int | None, speed: float, news: News, lock: threading.RLock
     ) -> None:
         config = choices.prepare(rules, None)[0]
-        self.stories = Stories()
-        self.feedback = Feedback(config.show)
-        self.view = SimulatedView(clock, self.feedback)
+        self.clock = TickClock(speed)
+        self.driving = Driving()
+        self.recordings = Recordings()
+        self.feedback = Feedback(config.show, news)
+        self.view = SimulatedView(self.clock, self.feedback)
         self.round: PlayedRound | None = None
-        self._choices, self._rules = choices, rules
-        self._clock, self._driving, self._news, self._lock = clock, driving, news, lock
+        self._choices, self._rules, self._news, self._lock = choices, rules, news, lock
         self._seeds = np.random.default_rng(seed)
         self._next_seed: int | None = seed
         self._clock_s = 0.0  # simulated, shows included
@@ -70,53 +105,28 @@ class Match:
         self._controller = RoundController(config.clyde)
 
     @property
-    def in_menu(self) -> bool:
-        """Whether no round is played."""
-        return self._controller.state == "menu"
-
-    @property
-    def runs(self) -> bool:
-        """Whether ticks are due."""
-        return self.round is not None and not self.in_menu and not self._clock.is_held
-
-    @property
-    def runs_round(self) -> bool:
-        """Whether a round is played now."""
-        return self._controller.state == "running"
+    def state(self) -> str:
+        return self._controller.state
 
     def frame(self) -> Frame | None:
-        """The game now, on the way from tick to tick."""
         real_s = time.monotonic()
         if self.round is not None:
-            self._add(self.feedback.go_on(real_s))
+            self.feedback.update(real_s)
         return self.view.frame(self.round, self._controller, real_s)
 
-    def _add(self, news: Sequence[dict[str, Any]]) -> None:
-        for one in news:
-            self._news.add(**one)
-
-    # What people ask for
-
     def require_round(self) -> PlayedRound:
-        """The round that is laid out.
-
-        Raises:
-            Refused: there is none.
-        """
         if self.round is None:
             raise Refused("no round could be laid out; choose another map or other settings")
         return self.round
 
     def start(self) -> None:
-        """Begin a round."""
         self.require_round()
-        if self._clock.stopped:
+        if self.clock.stopped:
             raise Refused("stopped: release first")
         self._act(self._controller.start(self._clock_s), refuse=True)
         self._follow_clock()
 
     def reset(self) -> None:
-        """Back to the menu, with another round."""
         self._act(self._controller.reset(self._clock_s))
         self._to_menu()
 
@@ -124,40 +134,34 @@ class Match:
         """Clyde's speed of round 1, m/s."""
         self._clyde_mps = mps
         self._controller.base_clyde_speed(mps)
-        if self.in_menu:
+        if self.state == "menu":
             self.lay_out(self.round.seed if self.round is not None else None)
 
     def set_up(self, setup: messages.Setup) -> Any:
-        """Other rules for the next rounds."""
         rules = self._rules.changed(setup)
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)
-        if self._driving.plays_robot and setup.finish:
+        if self.driving.plays_robot and setup.finish:
             raise Refused("somebody plays the robot: a round to be finished is played by a policy")
         self._rules, self._clyde_mps = rules, clyde_mps
         if setup.seed is not None:
             self._next_seed = setup.seed
             self._seeds = np.random.default_rng(setup.seed)
-        if (self._controller.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
+        if (self.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
             self._act(self._controller.reset(self._clock_s))
         self.lay_out()
-        if setup.finish:
-            return self._finish()
-        return None
-
-    def _finish(self) -> dict[str, int]:
-        """Play the round to its end as fast as can be; returns its story's number."""
+        if not setup.finish:
+            return None
         played = self.require_round()
         while not played.over:
             played.step(Orders())
-        self._keep_story(played)
+        self._record(played)
         self.lay_out(played.seed)
-        return {"story": self.stories.count}
+        return {"story": self.recordings.count}
 
     def place_ghost(self, ghost: int, x: float, y: float) -> None:
-        """Where a ghost starts, m."""
         played = self.require_round()
-        if self._controller.state != "menu":
+        if self.state != "menu":
             raise Refused("Clyde is placed in the menu, before a round")
         if ghost >= len(self._rules.ghosts):
             raise Refused(f"there is no ghost {ghost}")
@@ -165,185 +169,166 @@ class Match:
         self.view.show_round(played, self._rules)
 
     def assume_role(self, person: str, role: str) -> str:
-        """Have a role; returns when it counts, empty: at once."""
-        self._driving.assume(person, role, len(self._rules.ghosts))
+        """Have a role or ``none``; returns when it counts, empty: at once."""
+        if role == "none":
+            self.driving.roles.leave(person)
+            return ""
+        self.driving.assume(person, role, len(self._rules.ghosts))
         played = self.round
-        if self.in_menu and played is not None and played.ticks == 0:
+        if self.state == "menu" and played is not None and played.ticks == 0:
             self.lay_out(played.seed)
-        plays = self._driving.roles.ghosts()
-        waits = [k for k, who in plays.items() if who == person and (played is None or k not in played.ghost_roles)]
-        return "yours from the next round on" if waits and not self.in_menu else ""
+        ghosts = self.driving.roles.ghosts()
+        waits = any(one == person and (played is None or k not in played.ghost_roles) for k, one in ghosts.items())
+        return "yours from the next round on" if waits and self.state != "menu" else ""
 
     def show(self, what: str, word: str) -> None:
-        """An event, a light or a sound."""
         try:
-            self._add(self.feedback.show(what, word, time.monotonic()))
+            self.feedback.show(what, word, time.monotonic())
         except (KeyError, ValueError) as error:
             raise Refused(f"{what} {word!r}: there is none") from error
 
-    # The round
+    def readiness(self) -> list[dict[str, str]]:
+        if self.round is None:
+            return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
+        assets = self.round.assets
+        dropped = len(assets.dropped_ids)
+        words = f"{assets.occupancy.name}: {assets.pellets} pellets"
+        state, remedy = "ok", ""
+        if dropped:
+            words += f", {dropped} more cannot be reached"
+            state, remedy = "warning", "look at the map: pacman-env map check"
+        return [
+            {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
+            {"name": "map", "state": state, "words": words, "remedy": remedy},
+            {"name": "configuration", "state": "ok", "words": f"hash {self.round.config.hash}", "remedy": ""},
+        ]
 
     def lay_out(self, seed: int | None = None) -> None:
-        """A new round in the menu; ``seed``: the same once more.
-
-        Raises:
-            Refused: it cannot be played; the round before is still there.
-        """
+        """A new round in the menu; with ``seed`` the same once more. After Refused the former round is still there."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
-        config, source, ghosts = self._choices.prepare(self._rules, speed)
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
-        try:
-            played = PlayedRound(
-                config,
-                source,
-                ghosts,
-                (self._rules.policy, self._rules.second),
-                seed,
-                frozenset(k for k in self._driving.roles.ghosts() if k < len(self._rules.ghosts)),
-            )
-        except ValueError as error:
-            raise Refused(str(error)) from error
-        if self._driving.plays_robot:
+        ghost_roles = frozenset(k for k in self.driving.roles.ghosts() if k < len(self._rules.ghosts))
+        played = self._laid_out(speed, seed, ghost_roles)
+        if self.driving.plays_robot:
             played.play_beside()
+        config = played.config
         with self._lock:
             self._next_seed = None
-            self._controller.base_clyde_speed(config.clyde.speed_mps if speed is None else self._base_mps(config))
+            faster_mps = (self._controller.round - 1) * config.clyde.speed_step_mps if speed is not None else 0.0
+            self._controller.base_clyde_speed(config.clyde.speed_mps - faster_mps)
             self.round = played
-            self._clock.tick_s = config.execution.tick_s
-            self._driving.forget_goals()
+            self.clock.tick_s = config.execution.tick_s
+            self.driving.goals.clear()
             self.feedback.turned = 0.0
             self.view.show_round(played, self._rules)
 
+    def _laid_out(self, speed: float | None, seed: int, ghost_roles: frozenset[int] = frozenset()) -> PlayedRound:
+        config, source, ghosts = self._choices.prepare(self._rules, speed)
+        try:
+            return PlayedRound(config, source, ghosts, (self._rules.policy, self._rules.second), seed, ghost_roles)
+        except ValueError as error:
+            raise Refused(str(error)) from error
+
     def rehearse(self) -> None:
-        """Some ticks of a round that nobody sees: what has to be compiled is compiled now, not while one is played."""
-        config, source, ghosts = self._choices.prepare(self._rules, None)
-        played = PlayedRound(config, source, ghosts, (self._rules.policy, self._rules.second), 0)
+        """Some ticks of a round that is not shown: what has to be compiled is compiled now, not during a round."""
+        played = self._laid_out(None, 0)
         for _ in range(_REHEARSED):
             played.step(Orders())
         played.why_now()
         played.lidar()
         played.step(Orders(robot=True, velocity=(0.1, 0.0)))
 
-    def _base_mps(self, config: Config) -> float:
-        """Clyde's speed of round 1, of a configuration that has that of this round."""
-        return config.clyde.speed_mps - (self._controller.round - 1) * config.clyde.speed_step_mps
-
     def tick(self) -> None:
         """The next tick of the clock, of the round too where one is played."""
         with self._lock:
             played = self.round
-            if played is None or self._clock.is_held:
+            if played is None or self.clock.is_held:
                 return
-            due_s = self._clock.due_s
+            due_s = self.clock.due_s
             self._clock_s += played.config.execution.tick_s
-            if not self.runs_round:
-                self._clock.begin(due_s)
+            if self.state != "running":
+                self.clock.begin(due_s)
                 self._follow_clock()
-                self.view.stay()
+                self.view.show(played.snapshots[-1], played.snapshots[-1])  # nothing moves
                 return
-            orders = self._driving.orders(played)
+            orders = self.driving.orders(played)
         played.step(orders)  # people are answered and frames are made meanwhile
         with self._lock:
             if played is self.round:
-                self._clock.begin(due_s)
+                self.clock.begin(due_s)
                 before, now = played.snapshots[-2:]
                 self.view.show(before, now)
                 self._report(played, before, now)
 
-    def _report(self, played: PlayedRound, before: Snapshot, now: Snapshot) -> None:
-        """Tell the referee what the tick brought, as the robot's goal selector does."""
+    def _report(self, played: PlayedRound, before: Frame, now: Frame) -> None:
+        """Report the tick to the referee, as the robot's goal selector does."""
         ids = played.assets.pellet_ids
         for pellet in np.flatnonzero(before.alive & ~now.alive).tolist():
             self._act(self._controller.status(f"pellet_collected:{int(ids[pellet])}", self._clock_s))
         if not played.over:
             return
-        self._keep_story(played)
+        self._record(played)
         if played.outcome == "caught":
-            self.show("event", f"{GHOST_NAMES[max(played.catcher, 0)]} killed")
+            catcher = int(played.batch.games["catcher"][0])
+            self.show("event", f"{GHOST_NAMES[max(catcher, 0)]} killed")
             self._act(self._controller.status("death_detected", self._clock_s))
-        elif self._controller.state == "running":  # the time limit: the referee on a robot has none
-            self._add([{"words": f"the time is up after {now.time_s:g} s - Score: {self._controller.score}"}])
-            self._act(self._controller.reset(self._clock_s))
-            self._to_menu()
+        elif self.state == "running":  # the time limit: the referee on a robot has none
+            self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
+            self.reset()
 
-    def _act(self, actions: Sequence[Action], refuse: bool = False) -> None:
-        """Do what the referee wants done."""
+    def _act(self, actions: Iterable[Action], refuse: bool = False) -> None:
         for action in actions:
+            value = str(action.value)
             if action.kind == "ignored":
                 if refuse:
-                    raise Refused(str(action.value))
-                _LOG.info("the referee: %s", action.value)
+                    raise Refused(value)
+                _LOG.info("the referee: %s", value)
             elif action.kind == "event":
-                self.show("event", str(action.value))
+                self.show("event", value)
             elif action.kind == "state":
-                self.feedback.state(str(action.value), time.monotonic())
-                self._add([{"state": str(action.value)}])
+                if value in LASTING:
+                    self.feedback.ring.command(LASTING[value], time.monotonic())
+                self._news.add(state=value)
             elif action.kind == "result" and action.value:
-                self._add([{"words": str(action.value)}])
+                self._news.add(words=value)
             elif action.kind == "command":
                 self._home_due_s = None
-                if action.value == "return_home":
-                    played = self.round
-                    self._home_due_s = time.monotonic() + (_HOME_S if played is not None and played.over else 0.0)
-        self.view.changed()
+                if value == "return_home":
+                    over = self.round is not None and self.round.over
+                    self._home_due_s = time.monotonic() + (_HOME_S if over else 0.0)
 
     def _follow_clock(self) -> None:
-        """Shows end by the clock, and the robot is home at once: nobody drives it there."""
+        """Shows end by the clock, and the robot is home at once: nothing drives it there."""
         while True:
-            state = self._controller.state
+            state = self.state
             self._act(self._controller.tick(self._clock_s))
             due_s = self._home_due_s
-            if due_s is not None and time.monotonic() >= due_s and self._controller.state == "returning_home":
+            if due_s is not None and time.monotonic() >= due_s and self.state == "returning_home":
                 self._home_due_s = None
                 self._act(self._controller.status("home_reached", self._clock_s))
-                if self._controller.state == "menu":
+                if self.state == "menu":
                     self._to_menu()
-            if self._controller.state == state:
+            if self.state == state:
                 return
-            if self._controller.state == "running":
-                self._begin_round()
-            elif self._controller.state == "starting":
-                self._clock.restart()
-
-    def _begin_round(self) -> None:
-        assert self.round is not None
-        ids = [int(number) for number in self.round.assets.pellet_ids]
-        for _ in range(2):  # what two reports show is of this round
-            self._act(self._controller.pellets_left(ids, self._clock_s))
+            if self.state == "running":
+                ids = [int(number) for number in self.require_round().assets.pellet_ids]
+                for _ in range(2):  # what two reports show is of this round
+                    self._act(self._controller.pellets_left(ids, self._clock_s))
+            elif self.state == "starting":
+                self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:
-        """Another round is laid out."""
         self._home_due_s = None
         try:
             self.lay_out()
         except Refused as refused:
-            self._add([{"words": str(refused)}])
+            self._news.add(words=str(refused))
 
-    def _keep_story(self, played: PlayedRound) -> None:
-        facts = {
-            "map": self._rules.map,
-            "round": self._controller.round,
-            "revision": self.view.scene.revision,
-            "link": link_to(played, self._rules),
-        }
-        told = self.stories.keep(played, facts)
-        self._add([{"story": told["story"], "words": in_words(told)}])
-
-
-def readiness(played: PlayedRound | None) -> list[dict[str, str]]:
-    """The readiness list of a round; None: there is none."""
-    if played is None:
-        return [{"name": "round", "state": "bad", "words": "none is laid out", "remedy": "choose another map"}]
-    dropped = len(played.assets.dropped_ids)
-    return [
-        {"name": "simulator", "state": "ok", "words": f"pacman_env {__version__}", "remedy": ""},
-        {
-            "name": "map",
-            "state": "warning" if dropped else "ok",
-            "words": f"{played.assets.occupancy.name}: {played.assets.pellets} pellets"
-            + (f", {dropped} more cannot be reached" if dropped else ""),
-            "remedy": "look at the map: pacman-env map check" if dropped else "",
-        },
-        {"name": "configuration", "state": "ok", "words": f"hash {played.config.hash}", "remedy": ""},
-    ]
+    def _record(self, played: PlayedRound) -> None:
+        scene = self.view.scene
+        link = "" if played.by_person else scene.facts["link"]
+        words = self.recordings.keep(
+            played, map=self._rules.map, round=self._controller.round, revision=scene.revision, link=link
+        )
+        self._news.add(story=self.recordings.count, words=words)

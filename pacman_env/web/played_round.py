@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import copy
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
@@ -22,90 +22,32 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.web.frame import Frame, Pose, thinned
+from pacman_env.web.frame import Frame, encode_all, thinned
+from pacman_env.web.game import Refused
 from pacman_env.world.navigation import lidar, navigator
 
 _RAYS = 180
 _RANGE_M = (0.15, 12.0)  # of the RPLIDAR A1
 _ONE = np.zeros(1, dtype=np.int64)
 _ALL = np.ones(1, dtype=np.bool_)
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """How a round stands after a tick; see :class:`~pacman_env.web.frame.Frame` for what is not said here."""
-
-    time_s: float
-    true: Pose
-    believed: Pose
-    velocity: tuple[float, float]
-    ghosts: NDArray[np.float64]
-    alive: NDArray[np.bool_]
-    collected: int
-    goal: int
-    scores: NDArray[np.float64]
-    plan: NDArray[np.float64]
-    baseline: Pose | None
-    baseline_collected: int
-    over: bool
-
-
-def between(old: Snapshot, new: Snapshot, share: float) -> dict[str, Any]:
-    """Fields of a frame on the way from one snapshot to the next; 1: there."""
-    if share >= 1.0 or new.time_s < old.time_s:
-        share = 1.0
-    moved = {
-        name: _pose_between(getattr(old, name) or getattr(new, name), getattr(new, name), share)
-        for name in ("true", "believed", "baseline")
-        if getattr(new, name) is not None
-    }
-    ghosts = old.ghosts + share * (new.ghosts - old.ghosts) if old.ghosts.shape == new.ghosts.shape else new.ghosts
-    last = new if share == 1.0 else old  # a pellet is there until it is reached
-    return {
-        **moved,
-        "time_s": old.time_s + share * (new.time_s - old.time_s),
-        "velocity": new.velocity,
-        "ghosts": ghosts,
-        "alive": last.alive,
-        "collected": last.collected,
-        "over": last.over,
-        "baseline_collected": last.baseline_collected,
-        "goal": new.goal,
-        "scores": new.scores,
-        "plan": thinned(new.plan),
-    }
-
-
-def _pose_between(old: Pose, new: Pose, share: float) -> Pose:
-    turned = math.remainder(new[2] - old[2], 2 * math.pi)
-    return old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1]), old[2] + share * turned
+_KEPT = 10
 
 
 @dataclass
 class Orders:
-    """What people want of the next tick.
+    """What people want of the next tick; candidates are numbered as on the page."""
 
-    Attributes:
-        robot: whether a person plays the robot; the policy is not followed then.
-        goal: the candidate of that person, as the page numbers them; None: hold.
-        velocity: v (m/s) and omega (rad/s) by hand; None: nobody drives.
-        ghosts: by the ghost's number the candidate that a person sends him to, None: where he is.
-    """
-
-    robot: bool = False
-    goal: int | None = None
-    velocity: tuple[float, float] | None = None
-    ghosts: dict[int, int | None] = field(default_factory=dict)
+    robot: bool = False  # a person plays the robot: its policy is not followed
+    goal: int | None = None  # the candidate of that person; None: hold
+    velocity: tuple[float, float] | None = None  # v (m/s) and omega (rad/s) by hand
+    ghosts: dict[int, int | None] = field(default_factory=dict)  # by number the ghost's candidate, None: hold
 
 
 class PlayedRound:
-    """A round with its policies.
+    """A round with its policies; ConfigError or MapError if it cannot be played.
 
-    Attributes:
-        snapshots: before the first tick and after each.
-        situations: that each tick was decided in.
-        choices: (T,) lists of candidates, as the page numbers them: the goal of the robot, and what the two
-            policies would have chosen.
+    ``snapshots`` are the frames before the first tick and after each, ``situations`` those that each tick was decided
+    in. ``choices`` (T, 3) are candidates as on the page: the robot's goal, and what the two policies have chosen.
     """
 
     def __init__(
@@ -113,67 +55,39 @@ class PlayedRound:
         config: Config,
         source: LevelSource,
         ghosts: Mapping[int, Policy],
-        policies: tuple[str, str],
+        policies: Sequence[str],  # the robot follows the first, the second is asked beside it
         seed: int,
-        ghost_roles: frozenset[int] = frozenset(),
+        ghost_roles: frozenset[int] = frozenset(),  # that people may send, and that behave as configured until then
     ) -> None:
-        """Lay it out.
-
-        Args:
-            config: the game.
-            source: its maps.
-            ghosts: the policies of those that have one.
-            policies: of the robot, and the one that is asked beside it.
-            seed: of the round.
-            ghost_roles: ghosts that people may send; until somebody does they do as the configuration says.
-
-        Raises:
-            ConfigError, MapError: it cannot be played.
-        """
-        self.seed, self.names = seed, policies
+        self.seed, self.names = seed, tuple(policies)
         self._behaviours = config.clyde.ghosts
         outside = tuple(POLICY if k in ghost_roles else name for k, name in enumerate(self._behaviours))
         self.config = config.with_fields(**{"clyde.ghosts": outside, "action": "goal", "endless": False})
         self.ghost_roles, self._ghosts = ghost_roles, dict(ghosts)
-        self._made_from = source
-        self.batch = GameBatch(source, self.config, 1)
+        self._source = source
         self._policies = [make_policy(name) for name in policies]
-        self.snapshots: list[Snapshot] = []
         self.situations: list[Situation] = []
         self.choices: list[list[int]] = []
         self.by_person = False
-        self.placed = False
-        self._baseline: GameBatch | None = None
-        self._baseline_policy: Policy | None = None
-        self._begin()
-
-    def _begin(self) -> None:
-        self.batch.reset(_ONE, np.array([self.seed], dtype=np.uint64))
+        self.placed = False  # a ghost, by a person
+        self._baseline: PlayedRound | None = None
+        self.batch = batch = GameBatch(source, self.config, 1)
+        batch.reset(_ONE, np.array([seed], dtype=np.uint64))
         for policy in (*self._policies, *self._ghosts.values()):
             policy.reset(_ALL, self.config)
-        batch = self.batch
         self.assets = batch.assets_of(0)
-        self._numbers = np.array(  # of the batch's candidates, by the page's number
-            [
-                *range(self.assets.pellets),
-                *range(batch.pellet_slots, batch.pellet_slots + self.assets.refuges),
-                batch.hold,
-            ]
-        )
+        refuges = range(batch.pellet_slots, batch.pellet_slots + self.assets.refuges)
+        self._numbers = np.array([*range(self.assets.pellets), *refuges, batch.hold])  # the batch's, by the page's
         self.hold = len(self._numbers) - 1
         self._situation = batch.situation()
         self.snapshots = [self._snapshot()]
-        self.situations.clear()
-        self.choices.clear()
 
     @property
     def ticks(self) -> int:
-        """Ticks played."""
         return len(self.choices)
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
         return bool(self.batch.games["end"][0] != RUNNING)
 
     @property
@@ -182,179 +96,151 @@ class PlayedRound:
         return str(OUTCOMES[self.batch.games["end"][0]])
 
     @property
-    def catcher(self) -> int:
-        """The ghost that caught the robot, -1: none."""
-        return int(self.batch.games["catcher"][0])
-
-    @property
     def level(self) -> int | None:
-        """Of a generated map."""
         return int(self.batch.level_numbers()[0]) if len(self.batch.levels) > 1 else None
 
     def place_ghost(self, number: int, x: float, y: float) -> None:
-        """Before the first tick: put a ghost on the cell of his nearest to a place, m."""
+        """Before the first tick: put a ghost on the cell of its nearest to a place, m."""
         self.batch.place_ghost(0, number, x, y)
         self.placed = True
         self._situation = self.batch.situation()
         self.snapshots = [self._snapshot()]
 
     def nearest(self, x: float, y: float, within_m: float = 1.0) -> int | None:
-        """The candidate that may be chosen nearest to a place, m; None: none is near."""
+        """The allowed candidate nearest to a place, m; None if none is near."""
         places = self.assets.goal_xy
         away = np.hypot(places[:, 0] - x, places[:, 1] - y)
         away[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
         return int(away.argmin()) if away.min() <= within_m else None
 
     def play_beside(self) -> None:
-        """From the beginning on, let the policy play the same round beside the person."""
+        """Let the policy play the same round beside the person, from the first tick on."""
         if self.ticks == 0 and not self.placed and not self.ghost_roles:
-            self._baseline = GameBatch(self._made_from, self.config, 1)
-            self._baseline.reset(_ONE, np.array([self.seed], dtype=np.uint64))
-            self._baseline_policy = make_policy(self.names[0])
-            self._baseline_policy.reset(_ALL, self.config)
-            self._baseline_ghosts = {k: copy.deepcopy(policy) for k, policy in self._ghosts.items()}
+            ghosts = copy.deepcopy(self._ghosts)
+            self._baseline = PlayedRound(self.config, self._source, ghosts, self.names[:1], self.seed)
             self.snapshots = [self._snapshot()]
 
     def baseline_result(self) -> dict[str, Any] | None:
-        """How the round goes on for the policy beside a person, to its end; None: there is none."""
-        if self._baseline is None:
+        """The round's result for the policy beside a person, played to its end; None if there is none."""
+        baseline = self._baseline
+        if baseline is None:
             return None
-        while self._baseline.games["end"][0] == RUNNING:
-            self._step_baseline()
-        game = self._baseline.games[0]
-        time_s = float(game["step"]) * self.config.physics_step_s
-        return {"result": str(OUTCOMES[game["end"]]), "collected": int(game["collected"]), "time_s": time_s}
+        while not baseline.over:
+            baseline.step(Orders())
+        last = baseline.snapshots[-1]
+        return {"result": baseline.outcome, "collected": last.collected, "time_s": last.time_s}
 
     def step(self, orders: Orders) -> None:
-        """One tick; nothing after the end."""
         if self.over:
             return
         batch, situation = self.batch, self._situation
-        chosen = [self._dense(policy.select(situation)) for policy in self._policies]
-        sent = self._ghost_choices(batch, orders, self._ghosts)
+        chosen = [self._page_number(int(policy.select(situation)[0])) for policy in self._policies]
+        sent = self._ghost_choices(orders)
         self.situations.append(situation)
+        goal = chosen[0]
         if orders.velocity is not None:
-            self.by_person = True
-            batch.step_by_hand(np.array([orders.velocity], dtype=np.float64), sent)
             goal = self.hold
+            batch.step_by_hand(np.array([orders.velocity], dtype=np.float64), sent)
         else:
-            goal = chosen[0]
             if orders.robot:
-                self.by_person = True
                 goal = self.hold if orders.goal is None else orders.goal
             batch.step(allowed(situation, self._numbers[[goal]], batch.hold), sent)
+        self.by_person |= orders.robot or orders.velocity is not None
         self.choices.append([goal, *chosen])
         if self._baseline is not None:
-            self._step_baseline()
+            self._baseline.step(Orders())
         self._situation = batch.situation()
         self.snapshots.append(self._snapshot())
 
-    def _dense(self, choice: NDArray[np.int64]) -> int:
-        found = np.flatnonzero(self._numbers == int(choice[0]))
+    def _page_number(self, candidate: int) -> int:
+        """The page's number of a candidate of the batch."""
+        found = np.flatnonzero(self._numbers == candidate)
         return int(found[0]) if len(found) else self.hold
 
-    def _ghost_choices(
-        self, batch: GameBatch, orders: Orders, policies: Mapping[int, Policy]
-    ) -> NDArray[np.int64] | None:
-        if not (self.ghost_roles or policies):
+    def _ghost_choices(self, orders: Orders) -> NDArray[np.int64] | None:
+        batch = self.batch
+        if not (self.ghost_roles or self._ghosts):
             return None
         choices = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
-        for k, policy in policies.items():
+        for k, policy in self._ghosts.items():
             if k not in orders.ghosts:
                 choices[:, k] = policy.select(batch.situation(k))
         for k in self.ghost_roles:
             goal = orders.ghosts.get(k)
             if goal is not None:
                 choices[:, k] = self._numbers[min(goal, self.hold)]
-            elif k not in policies and self._behaviours[k] in BEHAVIOUR_NAMES:
+            elif k not in self._ghosts and self._behaviours[k] in BEHAVIOUR_NAMES:
                 choices[:, k] = behaviour_choice(batch.hold, BEHAVIOUR_NAMES.index(self._behaviours[k]))
         return choices
 
-    def _step_baseline(self) -> None:
-        batch, policy = self._baseline, self._baseline_policy
-        assert batch is not None
-        assert policy is not None
-        if batch.games["end"][0] == RUNNING:
-            situation = batch.situation()
-            choice = allowed(situation, policy.select(situation), batch.hold)
-            batch.step(choice, self._ghost_choices(batch, Orders(), self._baseline_ghosts))
-
-    def _snapshot(self) -> Snapshot:
-        batch, g = self.batch, self.batch.games[0]
-        situation = self._situation
+    def _snapshot(self) -> Frame:
+        batch, g, situation = self.batch, self.batch.games[0], self._situation
         scores = self._policies[0].scores(situation)[0][self._numbers]
-        pursued = int(g["pursued"])
-        plan = np.zeros((0, 2))
-        if g["nav_state"] == navigator.ACTIVE:
-            plan = batch.paths[0, int(g["nav_at"]) : int(g["nav_points"])].astype(float)
         v, omega = situation.robot_velocity[0].tolist()
-        other = None if self._baseline is None else self._baseline.games[0]
-        return Snapshot(
+        plan = slice(int(g["nav_at"]), int(g["nav_points"]) if g["nav_state"] == navigator.ACTIVE else 0)
+        baseline = None if self._baseline is None else self._baseline.snapshots[-1]
+        return Frame(
+            state="running",
+            revision=0,
+            number=self.ticks,
             time_s=float(g["step"]) * self.config.physics_step_s,
+            collected=int(g["collected"]),
+            spawned=self.assets.pellets,
+            goal=self._page_number(int(g["pursued"])) if g["pursued"] >= 0 else -1,
+            over=self.over,
             true=(float(g["x"]), float(g["y"]), float(g["heading"])),
             believed=tuple(situation.robot[0].tolist()),
             velocity=(v, omega),
             ghosts=np.stack([batch.ghosts["x"][0], batch.ghosts["y"][0]], axis=1),
             alive=batch.alive[0, : self.assets.pellets].copy(),
-            collected=int(g["collected"]),
-            goal=self._dense(np.array([pursued])) if pursued >= 0 else -1,
             scores=np.where(np.isfinite(scores) & situation.mask[0, self._numbers], scores, np.nan),
-            plan=plan,
-            baseline=None if other is None else (float(other["x"]), float(other["y"]), float(other["heading"])),
-            baseline_collected=0 if other is None else int(other["collected"]),
-            over=self.over,
+            plan=thinned(batch.paths[0, plan].astype(float)),
+            baseline=None if baseline is None else baseline.true,
+            baseline_collected=0 if baseline is None else baseline.collected,
         )
 
     def lidar(self) -> NDArray[np.float64]:
         """(R,) the scan at the robot's true pose, m, NaN: nothing met; without noise."""
-        levels, ranges = self.batch.levels, np.zeros((1, _RAYS), dtype=np.float32)
-        arrays, level = levels.arrays, np.ascontiguousarray(self.batch.games["level"][:1])
-        maps = lidar.Maps(arrays["affine"], arrays["clearance_cm"], arrays["shape"], levels.resolution)
-        pose, zeros = np.array([self.snapshots[-1].true]), np.zeros(1, np.int32)
-        lidar.scan(
-            maps, lidar.Robots(level, pose, zeros.astype(np.uint64), zeros), lidar.Sensor(*_RANGE_M, 0.0), ranges
+        pose = self.snapshots[-1].true
+        assert pose is not None
+        levels, ranges, zeros = self.batch.levels, np.zeros((1, _RAYS), dtype=np.float32), np.zeros(1, np.int32)
+        level = np.ascontiguousarray(self.batch.games["level"][:1])
+        maps = lidar.Maps(
+            levels.arrays["affine"], levels.arrays["clearance_cm"], levels.arrays["shape"], levels.resolution
         )
+        robots = lidar.Robots(level, np.array([pose]), zeros.astype(np.uint64), zeros)
+        lidar.scan(maps, robots, lidar.Sensor(*_RANGE_M, 0.0), ranges)
         return np.where(ranges[0] >= _RANGE_M[1], np.nan, ranges[0].astype(float))
 
     def why(self, tick: int) -> dict[str, Any]:
-        """The terms of the candidates at a tick: the policies are asked again, from the beginning on.
-
-        Raises:
-            IndexError: there was no such tick.
-        """
-        situation = self.situations[tick] if tick < self.ticks else self._situation
-        if tick > self.ticks:
-            raise IndexError(tick)
-        asked = [make_policy(name) for name in self.names]
-        for policy in asked:
+        """The terms of the candidates at a tick: the policies are asked again, from the first tick on."""
+        situation = [*self.situations, self._situation][tick]
+        policies = [make_policy(name) for name in self.names]
+        for policy in policies:
             policy.reset(_ALL, self.config)
             for before in self.situations[:tick]:
                 policy.select(before)
-        return self._terms(situation, asked, self.choices[tick][0] if tick < self.ticks else -1)
+        return self._terms(situation, policies, self.choices[tick][0] if tick < self.ticks else -1)
 
     def why_now(self) -> dict[str, Any]:
         """The same of this moment, without asking again."""
-        return self._terms(
-            self._situation, [copy.deepcopy(policy) for policy in self._policies], self.snapshots[-1].goal
-        )
+        return self._terms(self._situation, copy.deepcopy(self._policies), self.snapshots[-1].goal)
 
-    def _terms(self, situation: Situation, asked: list[Any], goal: int) -> dict[str, Any]:
-        explained = [policy.explain(situation)[0] for policy in asked]
-        chosen = {policy: self._dense(one.select(situation)) for policy, one in zip(self.names, asked, strict=True)}
-        rows = []
-        for number, candidate in enumerate(self._numbers.tolist()):
-            if not situation.mask[0, candidate]:
-                continue
-            terms = {name: _plain(e[candidate]) for name, e in zip(self.names, explained, strict=True)}
-            kind = KIND_NAMES[int(situation.kind[0, candidate])]
-            rows.append({"candidate": number, "kind": kind, "terms": terms})
+    def _terms(self, situation: Situation, policies: list[Any], goal: int) -> dict[str, Any]:
+        named = dict(zip(self.names, policies, strict=True))
+        explained = {name: policy.explain(situation)[0] for name, policy in named.items()}
+        chosen = {name: self._page_number(int(policy.select(situation)[0])) for name, policy in named.items()}
+        rows = [
+            {
+                "candidate": number,
+                "kind": KIND_NAMES[int(situation.kind[0, candidate])],
+                "terms": {name: _plain(terms[candidate]) for name, terms in explained.items()},
+            }
+            for number, candidate in enumerate(self._numbers.tolist())
+            if situation.mask[0, candidate]
+        ]
         time_s = float(situation.time_s[0])
         return {"time_s": time_s, "goal": goal, "rows": rows, "policies": list(self.names), "chosen": chosen}
-
-    def frame(self, tick: int, fields: Mapping[str, Any]) -> Frame:
-        """The frame of a tick of a round that has ended; ``fields`` are those of every frame."""
-        snapshot = self.snapshots[tick]
-        return Frame(state="running", number=tick, **{**between(snapshot, snapshot, 1.0), **fields})
 
 
 def _plain(terms: Mapping[str, Any]) -> dict[str, Any]:
@@ -363,3 +249,57 @@ def _plain(terms: Mapping[str, Any]) -> dict[str, Any]:
         for name, value in terms.items()
         if name not in ("kind", "allowed")
     }
+
+
+class Recordings:
+    def __init__(self) -> None:
+        self.count = 0  # in all
+        self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
+
+    def keep(self, played: PlayedRound, **facts: Any) -> str:
+        """One more, whose summary (docs/web_protocol.md, "stories") has ``facts`` of the game; returns it in words."""
+        self.count += 1
+        choices = np.array(played.choices).reshape(-1, 3)
+        differ = choices[:, 1] != choices[:, 2]
+        last, second = played.snapshots[-1], played.baseline_result() if played.by_person else None
+        self._kept.pop(self.count - _KEPT, None)
+        summary = {
+            "story": self.count,
+            "result": played.outcome,
+            "seed": played.seed,
+            "collected": last.collected,
+            "spawned": last.spawned,
+            "time_s": round(last.time_s, 2),
+            "ticks": played.ticks,
+            "parts": np.flatnonzero(differ & ~np.concatenate([[False], differ[:-1]])).tolist(),
+            "decisions": np.flatnonzero(np.diff(choices[:, 0], prepend=-1)).tolist(),
+            "player": "person" if played.by_person else "policy",
+            "policies": list(played.names),
+            "second": second,
+            **facts,
+        }
+        self._kept[self.count] = played, summary
+        words = f"{played.outcome}: {last.collected} of {last.spawned} pellets in {round(last.time_s, 2):g} s"
+        if second is not None:
+            words += f"; {played.names[0]} {second['result']}, {second['collected']} in {second['time_s']:g} s"
+        return words
+
+    def summaries(self) -> list[dict[str, Any]]:
+        return [summary for _, summary in reversed(self._kept.values())]
+
+    def frames(self, number: int) -> bytes | None:
+        kept = self._kept.get(number)
+        if kept is None:
+            return None
+        played, summary = kept
+        fields = {name: summary[name] for name in ("revision", "round")}
+        return encode_all([replace(snapshot, **fields) for snapshot in played.snapshots])
+
+    def why(self, number: int, tick: int) -> dict[str, Any]:
+        kept = self._kept.get(number)
+        if kept is None:
+            raise Refused(f"story {number}: not kept")
+        played = kept[0]
+        if tick > played.ticks:
+            raise Refused(f"tick {tick}: the round has {played.ticks}")
+        return played.why(tick)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
-import hashlib
 import mimetypes
 import re
 from collections.abc import AsyncIterator
@@ -16,71 +15,47 @@ import msgspec
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
-from starlette.staticfiles import NotModifiedResponse, StaticFiles
+from starlette.staticfiles import StaticFiles
 
 from pacman_env import __version__
-from pacman_env.web.desk import Desk
 from pacman_env.web.game import Game, Refused
-from pacman_env.web.said import Said
+from pacman_env.web.log import Log
+from pacman_env.web.sessions import VIEW_ONLY, Sessions
 
 STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
-BODY_S = 20.0  # for an upload
-_CACHE = {"cache-control": "no-cache"}  # kept, and asked for anew each time
 
-for _kind, _suffix in (  # the system's list may be wrong or empty
-    ("text/javascript", ".js"),
-    ("text/css", ".css"),
-    ("text/html", ".html"),
-    ("image/svg+xml", ".svg"),
-):
-    mimetypes.add_type(_kind, _suffix)
+for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the system's list may be wrong
+    mimetypes.add_type(f"text/{_kind}", f".{_suffix}")
+mimetypes.add_type("image/svg+xml", ".svg")
 
 
 class Upload(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A map of one's own."""
-
     name: str
     yaml: str
-    image: str
+    image: str  # base64
 
 
 def map_name(name: str) -> str:
-    """What a map of somebody's own is called: small letters, digits, - and _."""
+    """The name of an uploaded map: small letters, digits, - and _."""
     return re.sub(r"[^a-z0-9_-]+", "-", name.lower())[:40].strip("-_") or "map"
 
 
 class PageFiles(StaticFiles):
-    """The page's files, which a browser asks for anew each time, and is sent only when they have changed."""
-
     def file_response(self, *arguments: Any, **options: Any) -> Response:
-        """The file, or 304."""
         response = super().file_response(*arguments, **options)
-        response.headers.update(_CACHE)
+        response.headers["cache-control"] = "no-cache"  # kept, and revalidated each time
         return response
 
 
 class Routes:
-    """What is answered to each path.
-
-    Args:
-        game: that people look at.
-        desk: hears them.
-        said: told what goes wrong.
-        static: the page's files.
-        body_s: for an upload.
-    """
-
-    def __init__(self, game: Game, desk: Desk, said: Said, static: Path = STATIC, body_s: float = BODY_S):
-        self._game = game
-        self._desk = desk
-        self._said = said
+    def __init__(self, game: Game, sessions: Sessions, log: Log, static: Path, body_s: float):
+        self._game, self._sessions, self._log = game, sessions, log
         self._files = PageFiles(directory=static)
         self._body_s = body_s
         self._upload = asyncio.Semaphore(1)  # their size is bounded: so is that of all together
 
     def all(self) -> list[BaseRoute]:
-        """The paths."""
         return [
             Route("/", self._page),
             Mount("/static", self._files),
@@ -97,21 +72,18 @@ class Routes:
         return JSONResponse({"ok": True, "version": __version__}, headers={"cache-control": "no-store"})
 
     async def _picture(self, request: Request) -> Response:
-        picture = self._desk.audience.pictures.get(request.path_params["revision"])
+        picture = self._sessions.audience.pictures.get(request.path_params["revision"])
         if not picture:
             return PlainTextResponse("no such map\n", 404)
-        etag = f'"{hashlib.sha256(picture).hexdigest()[:24]}"'
-        response = Response(picture, media_type="image/png", headers={"etag": etag, **_CACHE})
-        unchanged = self._files.is_not_modified(response.headers, request.headers)
-        return NotModifiedResponse(response.headers) if unchanged else response
+        return Response(picture, media_type="image/png", headers={"cache-control": "no-store"})
 
     async def _story(self, request: Request) -> Response:
         number = request.path_params["number"]
-        story = await self._desk.in_thread(self._game.story, number) if number < 2**31 else None
+        story = await self._sessions.in_thread(self._game.story, number) if number < 2**31 else None
         if story is None:
             return PlainTextResponse("no such round\n", 404)
 
-        async def pieces() -> AsyncIterator[bytes]:  # whoever reads slowly holds one of them, not all
+        async def pieces() -> AsyncIterator[bytes]:  # a slow reader holds one of them, not all
             for at in range(0, len(story), 1 << 16):
                 yield story[at : at + (1 << 16)]
 
@@ -120,28 +92,27 @@ class Routes:
 
     async def _add_map(self, request: Request) -> Response:
         if request.scope["access"] != "operator":
-            return _map_answer(403, "your link is view only; STOP still works")
+            return _map_refusal(403, VIEW_ONLY)
         if self._upload.locked():
-            return _map_answer(429, "another map is being uploaded: try again in a moment")
+            return _map_refusal(429, "another map is being uploaded: try again in a moment")
         async with self._upload:
             try:
                 async with asyncio.timeout(self._body_s):
                     body = await _body(request)
+                if body is None:
+                    return _map_refusal(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
+                added = await self._sessions.in_thread(self._add, body)
             except TimeoutError:
-                return _map_answer(408, "the upload took too long")
+                return _map_refusal(408, "the upload took too long")
             except ClientDisconnect:
                 return Response(status_code=400)
-            if body is None:
-                return _map_answer(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
-            try:
-                added = await self._desk.in_thread(self._add, body)
             except msgspec.DecodeError as error:
-                return _map_answer(400, f"no map: {error}")
-            except Refused as refused:  # asked rightly: the page shows the words, the browser no error
-                return _map_answer(200, str(refused))
+                return _map_refusal(400, f"no map: {error}")
+            except Refused as refused:  # a well-formed request: the page shows the words, the browser no error
+                return _map_refusal(200, str(refused))
             except Exception as error:
-                self._said.error("a map", error)
-                return _map_answer(500, "internal error")
+                self._log.error("a map", error)
+                return _map_refusal(500, "internal error")
             return JSONResponse({"ok": True, "words": added["words"], "map": added["map"]})
 
     def _add(self, body: bytes) -> dict[str, Any]:
@@ -154,20 +125,19 @@ class Routes:
 
 
 async def _body(request: Request) -> bytes | None:
-    """What was uploaded; None: too much of it, but read, so that the answer is heard."""
-    parts: list[bytes] = []
-    size = 0
+    """The body; None if it is too large, but read, so that the page receives the answer."""
+    body, size = bytearray(), 0
     async for part in request.stream():
         size += len(part)
         if size > 8 * MOST_UPLOAD:
             return None
         if size > MOST_UPLOAD:
-            parts.clear()
+            body.clear()
         else:
-            parts.append(part)
-    return b"".join(parts) if size <= MOST_UPLOAD else None
+            body += part
+    return bytes(body) if size <= MOST_UPLOAD else None
 
 
-def _map_answer(status: int, words: str) -> Response:
-    headers = {"connection": "close"} if status in (408, 413) else {}  # the rest of it is not waited for
+def _map_refusal(status: int, words: str) -> Response:
+    headers = {"connection": "close"} if status in (408, 413) else {}  # the rest of the body is not read
     return JSONResponse({"ok": False, "words": words, "map": None}, status, headers)

@@ -1,10 +1,10 @@
-"""What a round in the simulator is played by: chosen by name on the page, checked, and made into games."""
+"""The rules of a simulated round: chosen by name on the page, checked, and made into games."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
@@ -12,7 +12,7 @@ from urllib.parse import quote, urlencode
 import yaml
 
 from pacman_env.config import Config, ConfigError, preset_names
-from pacman_env.config.described import Setting, settings
+from pacman_env.config.described import settings
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.game.ghosts import POLICY, behaviour_names
 from pacman_env.game.pellets import generate_pellets
@@ -27,21 +27,19 @@ from pacman_env.world.maps.map_check import check_map
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, shipped_maps
 
 GENERATED = "generated"
-#: Groups of the configuration that a form shows: of the others, the page chooses itself or a learner needs them.
+#: Groups of the configuration that a form shows: others are chosen elsewhere on the page, or only learners need them.
 _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "execution", "refuges")
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
 _IMAGES = ((b"\x89PNG\r\n\x1a\n", ".png"), (b"P5", ".pgm"), (b"P2", ".pgm"))
-_MOST_MAPS = 20  # of people's own
-_LONGEST_S = 3600.0  # of a round: each tick of it is remembered
-_MOST_PIXELS = 4_000_000  # of a map of one's own: 2000 x 2000
+_MOST_MAPS = 20  # uploaded
+_LONGEST_S = 3600.0  # of a round: each of its ticks is kept
+_MOST_PIXELS = 4_000_000  # of an uploaded map: 2000 x 2000
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Names and numbers; ``level`` is of generated maps, None: drawn by the seed."""
-
     map: str = "house"
-    level: int | None = None
+    level: int | None = None  # of a generated map; None: drawn by the seed
     preset: str = "robot"
     policy: str = "ppo"
     second: str = "clyde_aware"
@@ -49,7 +47,6 @@ class Rules:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def changed(self, setup: Setup) -> Rules:
-        """With what a setup names; what it leaves out stays."""
         names = ("map", "level", "preset", "policy", "second", "ghosts", "settings")
         given = {name: value for name in names if (value := getattr(setup, name)) is not None}
         if "map" in given and "level" not in given:
@@ -57,7 +54,6 @@ class Rules:
         return replace(self, **given)
 
     def link(self, seed: int, clyde_mps: float) -> str:
-        """The part of an address that brings the same round back."""
         words = {"map": self.map, "level": self.level, "preset": self.preset, "policy": self.policy}
         words |= {"second": self.second, "ghosts": ",".join(self.ghosts), "clyde": repr(float(clyde_mps)), "seed": seed}
         words |= {f"set.{name}": value for name, value in self.settings.items()}
@@ -65,15 +61,9 @@ class Rules:
 
 
 class Choices:
-    """All that can be chosen: what ships, what is installed, and what was brought along.
-
-    Args:
-        maps: files or loaded maps beside those that ship.
-        policies: files or ``module:Class`` beside the names; nobody can bring others over the network.
-    """
+    """What ships, what is installed, and ``maps`` and ``policies`` (files, ``module:Class``) named at the start."""
 
     def __init__(self, maps: Sequence[str | OccupancyMap] = (), policies: Sequence[str] = ()) -> None:
-        """Raises MapError or ValueError for what cannot be used."""
         self._maps: dict[str, str | OccupancyMap] = {name: name for name in shipped_maps()}
         for one in maps:
             if one not in self._maps:
@@ -84,28 +74,16 @@ class Choices:
             make_policy(spec)
             if spec not in self._policies:
                 self._policies.append(spec)
-        self._settings = [s for s in settings() if _shown(s)]
+        shown = {s.name for s in settings() if s.name.partition(".")[0] in _GROUPS} - set(_CHOSEN_ELSEWHERE)
+        self._settings = [s for s in settings() if s.name in {*shown, "time_limit_s"}]
 
     def facts(self) -> dict[str, Any]:
-        """As the page is told of them."""
         return {
             "maps": [*self._maps, GENERATED],
             "presets": list(preset_names()),
             "policies": self._policies,
             "behaviours": [name for name in behaviour_names() if name != POLICY],
-            "settings": [
-                {
-                    "name": s.name,
-                    "value": s.value,
-                    "type": s.type,
-                    "unit": s.unit,
-                    "low": s.low,
-                    "high": s.high,
-                    "options": list(s.options),
-                    "words": s.words,
-                }
-                for s in self._settings
-            ],
+            "settings": [asdict(setting) for setting in self._settings],
         }
 
     def check(self, rules: Rules) -> None:
@@ -120,10 +98,8 @@ class Choices:
         ):
             if name not in known:
                 raise Refused(f"{what} {name!r}: choose one of {', '.join(known)}")
-        names = {setting.name for setting in self._settings}
-        for name in rules.settings:
-            if name not in names:
-                raise Refused(f"setting {name!r}: not one of those that can be set here")
+        for name in rules.settings.keys() - {setting.name for setting in self._settings}:
+            raise Refused(f"setting {name!r}: not one of those that can be set here")
         longest = rules.settings.get("time_limit_s", 0.0)
         if isinstance(longest, float | int) and longest > _LONGEST_S:
             raise Refused(f"time_limit_s = {longest}: at most {_LONGEST_S:g} s here")
@@ -134,11 +110,7 @@ class Choices:
                 raise Refused(f"level {rules.level}: there are 0 to {TEST_LEVEL + TEST_LEVELS - 1}")
 
     def prepare(self, rules: Rules, clyde_mps: float | None) -> tuple[Config, LevelSource, dict[int, Policy]]:
-        """The configuration, the map and the ghosts' policies of a round.
-
-        Raises:
-            Refused: it cannot be played.
-        """
+        """The configuration, the map and the ghosts' policies of a round; Refused if it cannot be played."""
         self.check(rules)
         changes = {name: tuple(value) if isinstance(value, list) else value for name, value in rules.settings.items()}
         if clyde_mps is not None:
@@ -155,11 +127,7 @@ class Choices:
             raise Refused(str(error)) from error
 
     def add_map(self, name: str, text: str, image: bytes) -> dict[str, Any]:
-        """See :meth:`pacman_env.web.game.Game.add_map`."""
-        try:
-            loaded = _loaded(name, text, image)
-        except (MapError, OSError) as error:
-            raise Refused(str(error)) from error
+        loaded = _loaded(name, text, image)
         if name in shipped_maps() or name == GENERATED:
             raise Refused(f"map {name!r}: a map that ships has this name")
         own = [known for known, one in self._maps.items() if not isinstance(one, str)]
@@ -176,13 +144,8 @@ class Choices:
         return {"map": name, "words": report.render()}
 
 
-def _shown(setting: Setting) -> bool:
-    group = setting.name.partition(".")[0]
-    return setting.name == "time_limit_s" or (group in _GROUPS and setting.name not in _CHOSEN_ELSEWHERE)
-
-
 def _loaded(name: str, text: str, image: bytes) -> OccupancyMap:
-    """A map from a YAML file's text and an image's bytes, whatever name the YAML gives it."""
+    """A map from a YAML file's text and an image's bytes; the YAML's name of the image is ignored."""
     try:
         keys = yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -194,11 +157,11 @@ def _loaded(name: str, text: str, image: bytes) -> OccupancyMap:
         raise Refused(f"the image of {name}: must be a PGM or a PNG")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.yaml"
-        (path.parent / f"{name}{suffix}").write_bytes(image)
-        path.write_text(yaml.safe_dump(keys | {"image": f"{name}{suffix}"}))
         try:
+            (path.parent / f"{name}{suffix}").write_bytes(image)
+            path.write_text(yaml.safe_dump(keys | {"image": f"{name}{suffix}"}))
             loaded = load_map(path)
-        except MapError as error:
+        except (MapError, OSError) as error:
             raise Refused(str(error).replace(f"{folder}/", "")) from error
     if loaded.grey.size > _MOST_PIXELS:
         raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")

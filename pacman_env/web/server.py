@@ -1,209 +1,163 @@
-"""The server of the operator's page: a thread with its connections, over a game."""
+"""The server of the operator's page, a thread with its connections, over a game; and the links that lead to it."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
+import io
+import itertools
 import logging
 import signal
 import socket
 import sys
 import threading
 import time
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect
 from starlette.routing import WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 
-from pacman_env.web.access import Access, Guard, Tokens, is_loopback, names_of
-from pacman_env.web.address import bind, greeting, link, shown_address
-from pacman_env.web.connections import HEADERS_S, Connection, Door
-from pacman_env.web.desk import Desk
+from pacman_env.web.access import AccessControl, Tokens, is_loopback, names_of
+from pacman_env.web.connections import Connections
 from pacman_env.web.game import Game
+from pacman_env.web.log import Log
 from pacman_env.web.messages import MOST_BYTES
-from pacman_env.web.routes import BODY_S, STATIC, Routes
-from pacman_env.web.said import Said, WithoutTokens
+from pacman_env.web.routes import STATIC, Routes
+from pacman_env.web.sessions import Sessions
 from pacman_env.web.viewers import MESSAGES_PER_S
-from pacman_env.web.websocket import Conversations
 
 TICK_S = 0.05
 REQUEST_S = 120.0  # for all over HTTP but an upload
-PING_S, PONG_S = 3.0, 5.0  # a page that says nothing is gone after 8 s
+PING_S, PONG_S = 3.0, 5.0  # a page that does not answer is gone after 8 s
 CONNECTIONS = 3  # for each viewer: a browser opens up to six for the page's files, and soon closes them
 SPARE_CONNECTIONS = 50
 
 
+@dataclass(frozen=True)
+class Limits:
+    viewers: int = 100
+    messages_per_s: float = MESSAGES_PER_S  # of one viewer
+    headers_s: float = 10.0  # for the head of a request
+    body_s: float = 20.0  # for an upload
+
+
 class WebServer:
-    """The page over a game, in a thread of its own; ``with`` starts and closes it. The game is the caller's to close.
-
-    Args:
-        game: that people look at.
-        host: an address of this machine, or a name of one; 0.0.0.0: all of them.
-        port: 0: any that is free.
-        tokens: None: new ones where the address is reached from elsewhere, and none where it is not.
-        names: by which the page may be asked for too, such as that of a router that passes connections on.
-        say: writes a line of the log; a line on stderr if not given.
-        most_viewers: at once.
-        messages_per_s: of one viewer.
-        headers_s: how long a request's head may take; ``body_s``: an upload.
-        static: the page's files.
-
-    Raises:
-        OSError: of :meth:`start`: the address cannot be had; the words say why.
-    """
+    """The page over a game, which the caller closes, in a thread of its own; ``with`` starts and closes it."""
 
     def __init__(
         self,
         game: Game,
-        host: str = "127.0.0.1",
-        port: int = 0,
+        host: str = "127.0.0.1",  # an address of this machine, or a name of one; 0.0.0.0: all of them
+        port: int = 0,  # 0: any that is free
         *,
-        tokens: Tokens | None = None,
-        names: Iterable[str] = (),
-        say: Callable[[str], None] | None = None,
-        most_viewers: int = 100,
-        messages_per_s: float = MESSAGES_PER_S,
-        headers_s: float = HEADERS_S,
-        body_s: float = BODY_S,
+        tokens: Tokens | None = None,  # None: new ones where other machines reach the address, else none
+        names: Iterable[str] = (),  # accepted as Host beside the address, such as that of a router in between
+        write: Callable[[str], None] | None = None,  # a line of the log; to stderr if not given
+        limits: Limits = Limits(),
         static: Path = STATIC,
     ):
         self.host, self.port, self.address = host, port, host
         self.tokens = tokens
-        self._game = game
-        self._names = tuple(names)
-        self._say = say or partial(print, "pacman-env web:", file=sys.stderr, flush=True)
-        self._most = most_viewers
-        self._rate = messages_per_s
-        self._headers_s, self._body_s = headers_s, body_s
-        self._static = static
-        self._socket: socket.socket | None = None
+        self._game, self._names, self._limits, self._static = game, tuple(names), limits, static
+        self._write = write or partial(print, "pacman-env web:", file=sys.stderr, flush=True)
         self._thread: threading.Thread | None = None
-        self._ready = threading.Event()
-        self._failed: BaseException | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._stop: asyncio.Event | None = None
+        self._started: Future[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = Future()
 
     @property
     def url(self) -> str:
-        """The page, with the operator's token where one is needed."""
         return link(shown_address(self.address), self.port, self.tokens.operator if self.tokens else "")
-
-    @property
-    def viewer_url(self) -> str:
-        """The page for one who only looks."""
-        return link(shown_address(self.address), self.port, self.tokens.viewer if self.tokens else "")
-
-    def greeting(self) -> str:
-        """What is to be printed: links, and a QR code for telephones."""
-        return greeting(self.address, self.port, self.tokens)
 
     def __enter__(self) -> WebServer:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def start(self) -> None:
-        """Be there for everybody from now on.
-
-        Raises:
-            OSError: the address is taken, or none of this machine's.
-        """
-        self._socket = bind(self.host, self.port)
-        self.address, self.port = self._socket.getsockname()[:2]
+        """Serve from now on. Raises OSError if the address is in use, or none of this machine's."""
+        bound = bind(self.host, self.port)
+        self.address, self.port = bound.getsockname()[:2]
         if self.tokens is None and not is_loopback(self.address):
             self.tokens = Tokens.new()
-        self._thread = threading.Thread(target=self._run, name="web", daemon=True)
+
+        def run() -> None:
+            try:
+                asyncio.run(self._serve(bound))
+            except BaseException as error:
+                if not self._started.done():
+                    self._started.set_exception(error)
+
+        self._thread = threading.Thread(target=run, name="web", daemon=True)
         self._thread.start()
-        self._ready.wait()
-        if self._failed is not None:
+        try:
+            self._started.result()
+        except BaseException as error:
             self._thread.join()
-            raise OSError(f"the page cannot be served: {self._failed}") from self._failed
+            raise OSError(f"the page cannot be served: {error}") from error
 
     def close(self) -> None:
-        """Say good bye to everybody, and end; it takes 2 s at most."""
-        thread, loop, stop = self._thread, self._loop, self._stop
-        if thread is None or loop is None or stop is None:
+        """Say good bye to every page, and end; it takes 2 s at most."""
+        if self._thread is None:
             return
+        loop, stop = self._started.result()
         with contextlib.suppress(RuntimeError):  # it has ended by itself
             loop.call_soon_threadsafe(stop.set)
-        thread.join()
+        self._thread.join()
         self._thread = None
 
-    def thread_cpu_s(self) -> float:
-        """Time on the processor that the server's own thread has had."""
-        assert self._thread is not None
-        assert self._thread.ident is not None
-        return time.clock_gettime(time.pthread_getcpuclockid(self._thread.ident))
-
-    def _run(self) -> None:
-        try:
-            with asyncio.Runner() as runner:
-                runner.run(self._serve())
-        except BaseException as error:
-            self._failed = error
-        finally:
-            self._ready.set()
-
-    async def _serve(self) -> None:
-        assert self._socket is not None
-        loop = self._loop = asyncio.get_running_loop()
-        self._stop = asyncio.Event()
-        hidden = (self.tokens.operator, self.tokens.viewer) if self.tokens else ()
-        said = Said(self._say, hidden)
-        loop.set_exception_handler(lambda _, context: _say_context(said, context))
-        desk = Desk(self._game, said, self._most, self._rate)
-        conversations = Conversations(desk, said)
-        routes = Routes(self._game, desk, said, self._static, self._body_s)
-        application = Starlette(routes=[*routes.all(), WebSocketRoute("/ws", conversations.serve)])
-        access = Access(self.tokens, (*names_of(self.host, self.address), *self._names))
-        door = Door(CONNECTIONS * self._most + SPARE_CONNECTIONS, self._headers_s)
-        guarded = Guard(_bounded(application, said), access, said)
-        without_tokens = WithoutTokens(said)
-        server = uvicorn.Server(_configuration(guarded, door))
-        logging.getLogger("uvicorn.error").addFilter(without_tokens)
-        serving = loop.create_task(server.serve(sockets=[self._socket]))
-        ticking = loop.create_task(_tick(desk, door, said))
+    async def _serve(self, bound: Any) -> None:
+        loop, stop = asyncio.get_running_loop(), asyncio.Event()
+        limits = self._limits
+        log = Log(self._write, (self.tokens.operator, self.tokens.viewer) if self.tokens else ())
+        loop.set_exception_handler(lambda _, context: _log_context(log, context))
+        sessions = Sessions(self._game, log, limits.viewers, limits.messages_per_s)
+        routes = Routes(self._game, sessions, log, self._static, limits.body_s)
+        application = Starlette(routes=[*routes.all(), WebSocketRoute("/ws", sessions.serve)])
+        names = (*names_of(self.host, self.address), *self._names)
+        controlled = AccessControl(_bounded(application, log), self.tokens, names, log)
+        connections = Connections(CONNECTIONS * limits.viewers + SPARE_CONNECTIONS, limits.headers_s)
+        server = uvicorn.Server(_configuration(controlled, connections))
+        logging.getLogger("uvicorn.error").addFilter(log.redact)
+        serving = loop.create_task(server.serve(sockets=[bound]))
+        ticking = loop.create_task(_tick(sessions, connections, log))
         try:
             while not server.started and not serving.done():
                 await asyncio.sleep(0.005)
-            self._ready.set()
-            stopping = loop.create_task(self._stop.wait())
+            self._started.set_result((loop, stop))
+            stopping = loop.create_task(stop.wait())
             await asyncio.wait((serving, stopping), return_when=asyncio.FIRST_COMPLETED)
             stopping.cancel()
-            await conversations.end()
+            await sessions.end()
             server.should_exit = True
-            for _ in range(2):  # the first cut is for those who take their time, the second for those who do not move
+            for _ in range(2):  # the first abort is for slow connections, the second for those that do not move
                 await asyncio.wait((serving,), timeout=0.4)
-                door.cut()
+                connections.abort_all()
                 server.force_exit = True
             await serving
         finally:
             ticking.cancel()
-            desk.close()
-            logging.getLogger("uvicorn.error").removeFilter(without_tokens)
+            logging.getLogger("uvicorn.error").removeFilter(log.redact)
 
 
-def _configuration(application: Any, door: Door) -> uvicorn.Config:
+def _configuration(application: ASGIApp, connections: Connections) -> uvicorn.Config:
     return uvicorn.Config(
         application,
-        http=Connection.of(door),
+        http=connections.protocol(),
         ws="websockets-sansio",
-        loop="asyncio",
         lifespan="off",
-        interface="asgi3",
         log_config=None,
-        log_level="critical",  # what happens is said by us, once, and not by address
+        log_level="critical",  # this server writes its own log, once for each kind, without addresses
         access_log=False,  # the token would be in it
         proxy_headers=False,
         server_header=False,
@@ -216,42 +170,40 @@ def _configuration(application: Any, door: Door) -> uvicorn.Config:
     )
 
 
-async def _tick(desk: Desk, door: Door, said: Said) -> None:
-    """Twenty times a second, as long as the server is there."""
-    at, count = time.monotonic(), 0
-    while True:
+async def _tick(sessions: Sessions, connections: Connections, log: Log) -> None:
+    at = time.monotonic()
+    for count in itertools.count(1):
         try:
-            await desk.tick()
-            count += 1
+            await sessions.tick()
             if count % 10 == 0:
-                door.sweep()
+                connections.end_slow()
         except Exception as error:
-            said.error("a tick", error)
-        at = max(at + TICK_S, time.monotonic())  # what was missed is not made up for
+            log.error("a tick", error)
+        at = max(at + TICK_S, time.monotonic())  # a late tick is not made up for
         await asyncio.sleep(at - time.monotonic())
 
 
-def _bounded(application: Starlette, said: Said) -> Callable[[Any, Any, Any], Awaitable[None]]:
-    """The application, with an end to every request, and one line for every error that nobody expected."""
+def _bounded(application: ASGIApp, log: Log) -> ASGIApp:
+    """The application, with a time limit for every request, and one line for every unexpected error."""
 
-    async def bounded(scope: Any, receive: Any, send: Any) -> None:
+    async def bounded(scope: Scope, receive: Receive, send: Send) -> None:
         try:
             async with asyncio.timeout(REQUEST_S if scope["type"] == "http" else None):
                 await application(scope, receive, send)
         except (TimeoutError, ClientDisconnect, WebSocketDisconnect):
             return
         except Exception as error:
-            said.error("a request", error)
+            log.error("a request", error)
 
     return bounded
 
 
-def _say_context(said: Said, context: dict[str, Any]) -> None:
-    error = context.get("exception")
+def _log_context(log: Log, context: dict[str, Any]) -> None:
+    what, error = str(context.get("message", "the server")), context.get("exception")
     if isinstance(error, Exception):
-        said.error(str(context.get("message", "the server")), error)
+        log.error(what, error)
     else:
-        said("loop", str(context.get("message", "the server")))
+        log.add("loop", what)
 
 
 def serve(
@@ -260,31 +212,87 @@ def serve(
     port: int = 8000,
     *,
     names: Iterable[str] = (),
-    most_viewers: int = 100,
-    say: Callable[[str], None] | None = None,
-    tell: Callable[[str], None] = print,
-    opened: Callable[[str], Any] | None = None,
+    limits: Limits = Limits(),
+    opened: Callable[[str], Any] | None = None,  # called with the page's address, such as to open a browser
 ) -> None:
-    """Serve the page until Ctrl-C or SIGTERM; to be called in the main thread. The game is the caller's to close.
+    """Print the page's links and serve it until Ctrl-C or SIGTERM; to be called in the main thread.
 
-    Args:
-        game: that people look at.
-        host, port, names, most_viewers, say: as of :class:`WebServer`.
-        tell: told where the page is.
-        opened: called with the page's address once it is there, such as to open a browser.
-
-    Raises:
-        OSError: the address cannot be had.
+    Raises OSError if there is no such address.
     """
     ended = threading.Event()
-    signals = (signal.SIGINT, signal.SIGTERM)
-    with WebServer(game, host, port, names=names, most_viewers=most_viewers, say=say) as server:
-        before = {number: signal.signal(number, lambda *_: ended.set()) for number in signals}
+    with WebServer(game, host, port, names=names, limits=limits) as server:
+        before = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}
         try:
-            tell(server.greeting())
+            print(greeting(server.address, server.port, server.tokens), flush=True)
             if opened is not None:
                 opened(server.url)
             ended.wait()
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def link(address: str, port: int, token: str = "") -> str:
+    host = f"[{address}]" if ":" in address else address
+    return f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+
+
+def own_address(family: int = socket.AF_INET) -> str | None:
+    """The address by which others reach this machine, if there is one; nothing is sent."""
+    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses of documentation
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((there, 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return None
+
+
+def shown_address(address: str) -> str:
+    if address not in ("0.0.0.0", "::"):
+        return address
+    return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
+
+
+def qr_code(text: str) -> str:
+    """For a terminal, in half blocks; empty where segno is missing."""
+    try:
+        import segno
+    except ImportError:
+        return ""
+    out = io.StringIO()
+    segno.make(text, error="l", micro=False).terminal(out, compact=True, border=2)
+    return out.getvalue().rstrip("\n")
+
+
+def greeting(address: str, port: int, tokens: Tokens | None) -> str:
+    shown = shown_address(address)
+    if tokens is None:
+        return f"The page: {link(shown, port)} (on this computer alone; Ctrl-C ends it)"
+    operator = link(shown, port, tokens.operator)
+    return (
+        f"To play and run it: {operator}\n{qr_code(operator)}\n"
+        f"To view, and to STOP: {link(shown, port, tokens.viewer)}\n"
+        "Whoever has a link can use it, and the network sees it: no https here. Ctrl-C ends the page."
+    )
+
+
+def bind(host: str, port: int) -> socket.socket:
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError) as error:
+        raise OSError(f"{host}: no such address") from error
+    bound = socket.socket(family, kind, protocol)
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # a slow reader gets newer frames
+        bound.bind(address)
+    except OSError as error:
+        bound.close()
+        reasons = {
+            errno.EADDRINUSE: f"port {port} of {host} is taken: another one, or 0 for any that is free",
+            errno.EADDRNOTAVAIL: f"{host} is no address of this computer",
+            errno.EACCES: f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free",
+        }
+        raise OSError(reasons.get(error.errno or 0, f"{host}, port {port}: {error.strerror}")) from error
+    return bound

@@ -12,17 +12,12 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as Late
 from typing import Any, Literal
 
-from pacman_env import __version__
 from pacman_env.web import messages
-from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused, Scene
-from pacman_env.web.match import Match, readiness
+from pacman_env.web.game import News, Refused, Scene
+from pacman_env.web.match import Match
 from pacman_env.web.messages import Message
-from pacman_env.web.news import News
 from pacman_env.web.rules import Choices, Rules
-from pacman_env.web.tick_clock import TickClock
-from pacman_env.web.vocabulary import vocabulary
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 300.0  # for an answer: kernels may have to be compiled
@@ -31,7 +26,10 @@ _WHY_S = 0.25  # between two times that the terms are sent
 
 
 class SimulatedGame:
-    """A :class:`~pacman_env.web.game.Game` that a thread plays."""
+    """A :class:`~pacman_env.web.game.Game` that a thread plays, from the preparation of the first round on.
+
+    Raises MapError or ValueError for a file that cannot be used, Refused for rules that cannot be chosen.
+    """
 
     source: Literal["simulator", "ros"] = "simulator"
 
@@ -39,30 +37,16 @@ class SimulatedGame:
         self,
         rules: Rules | None = None,
         *,
-        maps: Sequence[str] = (),
-        policies: Sequence[str] = (),
-        seed: int | None = None,
-        speed: float = 1.0,
+        maps: Sequence[str] = (),  # files of maps that can be chosen beside those that ship
+        policies: Sequence[str] = (),  # files of policies, likewise
+        seed: int | None = None,  # of the first round, from which those of the others follow; None: drawn
+        speed: float = 1.0,  # times real time
     ) -> None:
-        """Begin to prepare the first round.
-
-        Args:
-            rules: to begin with.
-            maps: files of maps that can be chosen beside those that ship.
-            policies: files of policies, likewise.
-            seed: of the first round; those of the others follow from it. None: drawn.
-            speed: times real time.
-
-        Raises:
-            MapError, ValueError: a file that cannot be used.
-            Refused: rules that cannot be chosen.
-        """
-        self._choices = Choices(maps, policies)
-        self._lock = threading.RLock()  # of what follows
-        self._news = News()
-        self._clock = TickClock(speed)
-        self._driving = Driving()
-        self._match = Match(rules or Rules(), self._choices, seed, self._clock, self._driving, self._news, self._lock)
+        choices, self._news = Choices(maps, policies), News()
+        self._lock = threading.RLock()  # of the match and what follows
+        self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock)
+        self.choices, self.add_map, self.news = choices.facts, choices.add_map, self._news.after
+        self.story = self._match.recordings.frames
         self._why = False
         self._why_sent_s = 0.0
         self._orders: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any], bool] | None] = queue.SimpleQueue()
@@ -70,81 +54,51 @@ class SimulatedGame:
         self._thread = threading.Thread(target=self._run, name="game", daemon=True)
         self._thread.start()
 
-    # What the server asks
-
     def close(self) -> None:
-        """End the thread."""
         self._closed = True
         self._orders.put(None)
         self._thread.join(10.0)
 
-    def hello(self) -> dict[str, Any]:
-        """Choices, names, colours, sounds."""
-        return {"version": __version__, "choices": self._choices.facts(), **vocabulary()}
-
     def scene(self) -> Scene:
-        """The scene now."""
         with self._lock:
             return self._match.view.scene
 
     def frame(self) -> Frame | None:
-        """How it stands now, on the way from tick to tick."""
         with self._lock:
             return self._match.frame()
 
-    def news(self, after: int) -> list[dict[str, Any]]:
-        """What has happened since."""
-        return self._news.after(after)
-
     def watch(self, *, why: bool, lidar: bool) -> None:
-        """Whether anybody looks at the terms and at the lidar now."""
         with self._lock:
-            view = self._match.view
-            if view.lidar != lidar:
-                view.changed()
-            self._why, view.lidar = why, lidar
+            self._why, self._match.view.lidar = why, lidar
             self._why_sent_s = 0.0
 
     def handle(self, person: str, message: Message) -> Any:
-        """See :meth:`pacman_env.web.game.Game.handle`."""
         if isinstance(message, messages.Drive):
             with self._lock:
-                self._driving.steer(person, message.v, message.omega)
+                self._match.driving.steer(person, message.v, message.omega)
             return None
         if isinstance(message, messages.Why):  # nothing of a round that has ended changes: the game goes on meanwhile
-            return self._match.stories.why(message.story, message.tick)
+            return self._match.recordings.why(message.story, message.tick)
         return self._ask(lambda: self._do(person, message), waits=isinstance(message, _LONG))
 
     def stop(self, person: str) -> None:
-        """Time stands still, and with it the robot."""
-        with self._lock:
-            if not self._clock.stopped:
-                self._clock.stop(True)
-                self._match.view.changed()
-                self._news.add(words=f"stopped by {person}")
+        self._hold(True, person)
 
     def release(self, person: str) -> None:
-        """Time goes on."""
-        with self._lock:
-            if self._clock.stopped:
-                self._clock.stop(False)
-                self._driving.let_go()
-                self._match.view.changed()
-                self._news.add(words=f"released by {person}")
+        self._hold(False, person)
         self._orders.put(None)
 
-    def leave(self, person: str) -> None:
-        """The person's role is free."""
+    def _hold(self, stopped: bool, person: str) -> None:
         with self._lock:
-            self._driving.leave(person)
+            if self._match.clock.stopped != stopped:
+                self._match.clock.hold(stopped=stopped)
+                if not stopped:
+                    self._match.driving.hand = None
+                self._news.add(words=f"{'stopped' if stopped else 'released'} by {person}")
 
-    def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
-        """A map of somebody's own."""
-        return self._choices.add_map(name, yaml, image)
-
-    def story(self, number: int) -> bytes | None:
-        """The frames of a round that has ended."""
-        return self._match.stories.frames(number)
+    def leave(self, person: str) -> None:
+        with self._lock:
+            self._match.driving.roles.leave(person)
 
     # The thread
 
@@ -154,7 +108,7 @@ class SimulatedGame:
             try:
                 self._match.rehearse()
                 self._match.lay_out()
-            except ValueError as refused:  # of the command line: nobody else has chosen yet
+            except ValueError as refused:  # of the command line: no page has chosen yet
                 self._news.add(words=str(refused))
             while not self._closed:
                 self._do_order(self._wait_s())
@@ -168,32 +122,33 @@ class SimulatedGame:
 
     def _wait_s(self) -> float | None:
         """How long until the next tick is due; None: none is."""
+        game = self._match
         with self._lock:
-            return max(0.0, self._clock.due_s - time.monotonic()) if self._match.runs else None
+            runs = game.round is not None and game.state != "menu" and not game.clock.is_held
+            return max(0.0, game.clock.due_s - time.monotonic()) if runs else None
 
     def _send_why(self) -> None:
         with self._lock:
             real_s, played = time.monotonic(), self._match.round
-            if self._why and self._match.runs_round and played is not None and real_s - self._why_sent_s >= _WHY_S:
+            is_due = self._why and self._match.state == "running" and real_s - self._why_sent_s >= _WHY_S
+            if is_due and played is not None:
                 self._why_sent_s = real_s
                 self._news.add(why=played.why_now())
 
     def _do_order(self, wait_s: float | None) -> None:
-        try:
-            order = self._orders.get(timeout=wait_s) if wait_s is None or wait_s > 0 else self._orders.get_nowait()
-        except queue.Empty:
-            return
+        order = None
+        with contextlib.suppress(queue.Empty):
+            order = self._orders.get(block=wait_s != 0.0, timeout=wait_s)
         if order is None:
             return
         what, answer, waits = order
         try:
             with contextlib.nullcontext() if waits else self._lock:
-                result = what()
-            answer.set_result(result)
+                answer.set_result(what())
         except Exception as error:
             answer.set_exception(error)
 
-    def _ask(self, what: Callable[[], Any], waits: bool = False) -> Any:
+    def _ask(self, what: Callable[[], Any], waits: bool) -> Any:
         """Have the thread do something between two ticks; ``waits``: it may take long, frames and STOP go on."""
         if self._closed:
             raise Refused("the simulated game has ended")
@@ -212,32 +167,27 @@ class SimulatedGame:
             case messages.Reset():
                 game.reset()
             case messages.Pause(on=on):
-                self._clock.pause(on)
-                game.view.changed()
+                game.clock.hold(paused=on)
             case messages.Speed(times=times):
-                self._clock.set_speed(times)
-                game.view.changed()
+                game.clock.set_speed(times)
             case messages.Setup():
                 return game.set_up(message)
             case messages.ClydeSpeed(mps=mps):
                 game.set_clyde_speed(mps)
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 game.place_ghost(ghost, x, y)
-            case messages.Role(role="none"):
-                self._driving.leave(person)
-                return {"words": ""}
             case messages.Role(role=role):
                 return {"words": game.assume_role(person, role)}
             case messages.Goal():
-                self._driving.choose(person, message, game.require_round())
+                game.driving.choose(person, message, game.require_round())
             case messages.Event(word=word, what=what):
                 game.show(what, word)
             case messages.Arm(on=on):
                 game.feedback.armed = on
             case messages.Stories():
-                return game.stories.all()
+                return game.recordings.summaries()
             case messages.Ready():
-                return readiness(game.round)
+                return game.readiness()
             case _:
                 raise Refused(f"{type(message).__name__}: not in the simulator")
         return None

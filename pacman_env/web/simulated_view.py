@@ -1,85 +1,238 @@
-"""What is shown of a simulated game: its scene, and frames on the way from tick to tick."""
+"""What is shown of a simulated game: its scene, frames between ticks, lights, sounds and motions."""
 
 from __future__ import annotations
 
+import math
+import time
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
+import cv2
+from msgspec import structs
 
+from pacman_env.config import ShowConfig
+from pacman_env.game.dances import Motion, angular_velocity
+from pacman_env.game.events import FEEDBACK
+from pacman_env.game.lights import LightRing
 from pacman_env.game.round import RoundController
-from pacman_env.web.feedback import Feedback
-from pacman_env.web.frame import Frame
-from pacman_env.web.played_round import PlayedRound, Snapshot, between
+from pacman_env.game.sounds import SoundQueue, duration_s
+from pacman_env.web.control import ghost_role
+from pacman_env.web.frame import Frame, Pose
+from pacman_env.web.game import News, Scene
+from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
-from pacman_env.web.scenes import PREPARING, scene_of
-from pacman_env.web.tick_clock import TickClock
 
-_STEPS = 64  # of a tick that frames tell apart
+_STEPS = 64  # of a tick that frames distinguish
+_COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
+
+
+class TickClock:
+    """Ticks at ``speed`` times real time, held while the game is paused or stopped."""
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self.tick_s = 0.5  # simulated
+        self.paused = self.stopped = False
+        self._began_s = time.monotonic()  # the last tick
+        self._held_s: float | None = None  # since when
+
+    @property
+    def is_held(self) -> bool:
+        return self.paused or self.stopped
+
+    @property
+    def period_s(self) -> float:
+        return self.tick_s / self.speed
+
+    @property
+    def due_s(self) -> float:
+        return self._began_s + self.period_s
+
+    def share(self, real_s: float) -> float:
+        """How much of the last tick is over, 0 to 1."""
+        at_s = real_s if self._held_s is None else self._held_s
+        return min(max((at_s - self._began_s) / self.period_s, 0.0), 1.0)
+
+    def begin(self, due_s: float) -> None:
+        """A tick begins: a late one is not made up for, and of one that is held nothing is shown yet."""
+        self._began_s = max(due_s, time.monotonic() - self.period_s, self._held_s or 0.0)
+
+    def set_speed(self, times: float) -> None:
+        """Another speed, from the present share of the tick on."""
+        now = time.monotonic()
+        share = self.share(now)
+        self.speed = times
+        self._began_s = (self._held_s or now) - share * self.period_s
+
+    def hold(self, *, paused: bool | None = None, stopped: bool | None = None) -> None:
+        self.paused = self.paused if paused is None else paused
+        self.stopped = self.stopped if stopped is None else stopped
+        now = time.monotonic()
+        if self.is_held:
+            self._held_s = now if self._held_s is None else self._held_s
+        elif self._held_s is not None:
+            self._began_s += now - self._held_s
+            self._held_s = None
+
+
+class Feedback:
+    """Lights, sounds and motions by the robot's rules, for one game; times are real, s. What is shown becomes news."""
+
+    def __init__(self, show: ShowConfig, news: News) -> None:
+        self.armed = False
+        self.turned = 0.0  # rad, by motions
+        self.ring = LightRing(show)
+        self._show, self._news = show, news
+        self._sounds = SoundQueue()
+        self._sounds_until_s: float | None = None
+        self._motion: Motion = "stop"
+        self._motion_s = self._moved_s = 0.0
+
+    def show(self, what: str, word: str, now: float) -> None:
+        """An ``event``, ``light`` or ``sound``; KeyError or ValueError for an unknown word."""
+        if what == "light":
+            self.ring.command(word, now)
+            self._news.add(light=word)
+        elif what == "sound":
+            self._play(self._sounds.ask(word, now), now)
+        else:
+            answer = FEEDBACK[word]
+            self._news.add(event=word)
+            if answer.light is not None:
+                self.show("light", answer.light, now)
+            if answer.sound is not None:
+                self.show("sound", answer.sound, now)
+            if answer.motion is not None:
+                self._motion = answer.motion if self.armed else "stop"
+                self._motion_s = self._moved_s = now
+
+    def update(self, now: float) -> None:
+        """Turn by the motion, play the sound that has waited."""
+        turn = angular_velocity(self._motion, now - self._motion_s, self._show)
+        if turn is None or not self.armed:
+            self._motion = "stop"
+        else:
+            self.turned += turn * (now - self._moved_s)
+        self._moved_s = now
+        if self._sounds_until_s is not None and now >= self._sounds_until_s:
+            self._sounds_until_s = None
+            self._play(self._sounds.ended(now), now)
+
+    def _play(self, word: str | None, now: float) -> None:
+        if word is not None:
+            self._sounds_until_s = now + duration_s(word)
+            self._news.add(sound=word)
 
 
 class SimulatedView:
-    """The scene and the last two snapshots.
-
-    Args:
-        clock: how much of the last tick is over.
-        feedback: lights and motions.
-    """
-
     def __init__(self, clock: TickClock, feedback: Feedback) -> None:
-        self.scene = PREPARING
+        self.scene = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
         self.lidar = False
         self._clock, self._feedback = clock, feedback
-        self._before: Snapshot | None = None
-        self._now: Snapshot | None = None
-        self._changes = self._number = 0
+        self._before: Frame | None = None
+        self._now: Frame | None = None
+        self._number = 0
         self._key: Any = None
 
-    def changed(self) -> None:
-        """Another frame is due."""
-        self._changes += 1
-
-    def show(self, before: Snapshot, now: Snapshot) -> None:
-        """Move from one snapshot to the next."""
+    def show(self, before: Frame, now: Frame) -> None:
         self._before, self._now = before, now
-        self.changed()
-
-    def stay(self) -> None:
-        """A tick in which nothing moves."""
-        self._before = self._now
-        self.changed()
 
     def show_round(self, played: PlayedRound, rules: Rules) -> None:
         """Another round, or one whose ghosts were placed."""
         self.show(played.snapshots[-1], played.snapshots[-1])
-        self.scene = scene_of(played, rules, self.scene.revision % 65535 + 1)
+        self.scene = scene_of(played, rules, self.scene.revision + 1)
 
     def frame(self, played: PlayedRound | None, controller: RoundController, real_s: float) -> Frame | None:
         """The game at a moment of real time; None: no round is laid out yet."""
         if self._now is None or self._before is None or played is None:
             return None
-        clock, feedback, now = self._clock, self._feedback, self._now
-        share, ring = int(clock.share(real_s) * _STEPS) / _STEPS, feedback.ring(real_s)
-        key = (self._changes, share, ring, feedback.turned, clock.paused, clock.stopped)
+        clock, feedback, before, now = self._clock, self._feedback, self._before, self._now
+        share, runs = int(clock.share(real_s) * _STEPS) / _STEPS, controller.state == "running"
+        shown = between(before, now, share)
+        fields: dict[str, Any] = {
+            "state": controller.state,
+            "revision": self.scene.revision,
+            "speed": clock.speed,
+            "score": controller.score - (now.collected - shown.collected if runs else 0),
+            "round": controller.round,
+            "paused": clock.paused,
+            "stopped": clock.stopped,
+            "ring": feedback.ring.ring(real_s),
+        }
+        key = (fields, share, before.time_s, now.time_s, feedback.turned, self.lidar)
         if key != self._key:
             self._key = key
             self._number += 1
-        fields = between(self._before, now, share)
-        runs = controller.state == "running"
-        if clock.is_held or not runs:
-            fields["velocity"] = (0.0, 0.0)
-        if feedback.turned:
-            fields |= {name: (*fields[name][:2], fields[name][2] + feedback.turned) for name in ("true", "believed")}
-        return Frame(
-            state=controller.state,
-            revision=self.scene.revision,
-            number=self._number,
-            speed=clock.speed,
-            score=controller.score - (now.collected - fields["collected"] if runs else 0),
-            spawned=len(now.alive),
-            round=controller.round,
-            paused=clock.paused,
-            stopped=clock.stopped,
-            ring=ring,
-            scan=played.lidar() if self.lidar else np.zeros(0),
-            **fields,
-        )
+        moved: dict[str, Any] = {} if runs and not clock.is_held else {"velocity": (0.0, 0.0)}
+        for name in ("true", "believed") if feedback.turned else ():
+            x, y, heading = getattr(shown, name)
+            moved[name] = x, y, heading + feedback.turned
+        if self.lidar:
+            moved["scan"] = played.lidar()
+        return structs.replace(shown, number=self._number, **fields, **moved)
+
+
+def between(old: Frame, new: Frame, share: float) -> Frame:
+    """A frame between two ticks; ``share`` 1: that of the later one."""
+    if share >= 1.0 or new.time_s < old.time_s:
+        return new
+    moved = {
+        name: _pose_between(getattr(old, name) or pose, pose, share)
+        for name in ("true", "believed", "baseline")
+        if (pose := getattr(new, name)) is not None
+    }
+    if old.ghosts.shape == new.ghosts.shape:
+        moved["ghosts"] = old.ghosts + share * (new.ghosts - old.ghosts)
+    return structs.replace(
+        new,
+        time_s=old.time_s + share * (new.time_s - old.time_s),
+        alive=old.alive,  # a pellet is there until it is reached
+        collected=old.collected,
+        baseline_collected=old.baseline_collected,
+        over=old.over,
+        **moved,
+    )
+
+
+def _pose_between(old: Pose, new: Pose, share: float) -> Any:
+    turned = math.remainder(new[2] - old[2], 2 * math.pi)
+    return old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1]), old[2] + share * turned
+
+
+def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
+    occupancy, config = played.assets.occupancy, played.config
+    xy = played.assets.goal_xy.round(4).tolist()
+    pellets = played.assets.pellets
+    named = rules if played.level is None else replace(rules, level=played.level)
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # by names and numbers alone
+    facts = {
+        "map": {
+            "name": rules.map,
+            "resolution": occupancy.resolution,
+            "width": occupancy.grey.shape[1],
+            "height": occupancy.grey.shape[0],
+            "origin": list(occupancy.origin),
+        },
+        "home": played.assets.grid.home.tolist(),
+        "pellets": xy[:pellets],
+        "refuges": xy[pellets:],
+        "candidates": xy,
+        "first_refuge": pellets,
+        "ghosts": [
+            {"role": ghost_role(k), "behaviour": behaviour, "catch_m": config.execution.death_radius_m}
+            for k, behaviour in enumerate(rules.ghosts)
+        ],
+        "robot": {"radius_m": config.robot.radius_m, "speed_mps": config.robot.speed_mps},
+        "wheels_mps": config.robot.wheel_speed_mps,
+        "turn_radps": config.robot.omega_radps,
+        "policy": rules.policy,
+        "second": rules.second,
+        "preset": rules.preset,
+        "seed": played.seed,
+        "level": played.level,
+        "settings": dict(rules.settings),
+        "clyde_speed_mps": config.clyde.speed_mps,
+        "link": named.link(played.seed, config.clyde.speed_mps) if reproducible else "",
+        "preparing": False,
+    }
+    return Scene(revision, facts, cv2.imencode(".png", occupancy.grey)[1].tobytes())

@@ -1,4 +1,4 @@
-"""The people who look: what waits for each of them, how much they may say, and what all of them are shown."""
+"""The connected viewers: what waits to be sent to each, how much each may send, and what is sent to all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import secrets
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from pacman_env.web.access import Kind
 from pacman_env.web.frame import Frame
@@ -19,31 +19,29 @@ MOST_BYTES = 4 << 20  # of them
 MESSAGES_PER_S = 50.0
 PATIENCE = 250  # messages over the rate, until the connection is closed
 MOST_PICTURES = 4  # of the last scenes
+MORE_OPERATORS = 10  # beyond the limit of viewers: a crowd does not keep operators out
 
 
-class Place:
-    """What waits for one viewer: texts in their order, and the newest frame alone."""
+class Outbox:
+    """What waits for one connection: texts in their order, and the newest frame only."""
 
-    def __init__(self, most_texts: int = MOST_TEXTS, most_bytes: int = MOST_BYTES):
-        self._most = most_texts, most_bytes
+    def __init__(self) -> None:
+        self.ended = asyncio.Event()
+        self.why_ended = ""
         self._texts: deque[str] = deque()
         self._bytes = 0
         self._frame: str | None = None
         self._wake = asyncio.Event()
-        self.ended = asyncio.Event()
-        self.why_ended = ""
 
     def put_frame(self, frame: str) -> None:
-        """The newest frame; one that still waits is forgotten."""
         if not self.ended.is_set():
             self._frame = frame
             self._wake.set()
 
     def put_text(self, text: str) -> None:
-        """One more text; where too many wait, the viewer is told so and nothing else any more."""
         if self.ended.is_set():
             return
-        if len(self._texts) >= self._most[0] or self._bytes + len(text) > self._most[1]:
+        if len(self._texts) >= MOST_TEXTS or self._bytes + len(text) > MOST_BYTES:
             self.end("too slow: your connection does not take what is said to it")
             return
         self._texts.append(text)
@@ -51,7 +49,7 @@ class Place:
         self._wake.set()
 
     def end(self, words: str) -> None:
-        """Say good bye; what waits is forgotten."""
+        """Send ``bye`` instead of what waits, and nothing afterwards."""
         if not self.ended.is_set():
             self._texts = deque([as_json({"kind": "bye", "words": words})])
             self._frame = None
@@ -59,30 +57,27 @@ class Place:
             self.ended.set()
             self._wake.set()
 
-    async def take(self) -> list[str]:
-        """What waits, at least one thing: the texts, then the frame. Empty: that was all for ever."""
+    async def get(self) -> list[str]:
+        """What waits, at least one text or frame; empty after the end."""
         while not self._texts and self._frame is None:
             if self.ended.is_set():
                 return []
             self._wake.clear()
             await self._wake.wait()
-        things = [*self._texts]
-        if self._frame is not None:
-            things.append(self._frame)
+        waiting = [*self._texts, *([] if self._frame is None else [self._frame])]
         self._texts.clear()
         self._bytes, self._frame = 0, None
-        return things
+        return waiting
 
 
-class Bucket:
-    """How much one may say: ``rate`` messages a second, and as many at once."""
+class RateLimit:
+    """A token bucket: ``rate`` messages a second, and as many at once."""
 
     def __init__(self, rate: float, now: float):
         self._rate = self._left = rate
         self._at = now
 
-    def spend(self, now: float) -> bool:
-        """Whether one more message is within the rate."""
+    def allows(self, now: float) -> bool:
         self._left = min(self._rate, self._left + (now - self._at) * self._rate)
         self._at = now
         if self._left < 1.0:
@@ -91,152 +86,118 @@ class Bucket:
         return True
 
 
-@dataclass
+@dataclass(eq=False)
 class Viewer:
-    """One who looks. His name stays when his page comes back with its key.
+    """One connection of a page; the person's name stays when the page comes back with its key."""
 
-    Attributes:
-        name: shown to the others.
-        access: what his token is for.
-        place: of his connection; None: his page is gone.
-        bucket: of his messages.
-        key: by which his page, and no other, comes back.
-        over: messages over the rate, lately; ``told_s``: when he was told so.
-        waiting: what he has said and has not been done yet.
-        why, lidar: what his page shows.
-        stops: that wait for the one before them, while ``is_stopping``.
-        gone_s: when his page went away; ``is_back``: it has come back, and another of these stands for him.
-        worker: does one after the other; ``leaving``: the game is being told that he went.
-    """
-
-    name: str
+    name: str  # shown to the others
     access: Kind
-    place: Place | None
-    bucket: Bucket
+    rate_limit: RateLimit
+    outbox: Outbox = field(default_factory=Outbox)
     key: str = field(default_factory=lambda: secrets.token_urlsafe(16))
-    over: int = 0
-    told_s: float = -1.0
-    waiting: asyncio.Queue[tuple[Message, int] | None] = field(default_factory=lambda: asyncio.Queue(MOST_TEXTS))
-    why: bool = False
+    is_fresh: bool = True  # nothing has been sent to it yet
+    why: bool = False  # the page shows the terms
     lidar: bool = False
-    gone_s: float = 0.0
-    is_back: bool = False
-    stops: list[Message] = field(default_factory=list)
-    is_stopping: bool = False
-    worker: asyncio.Task[None] | None = None
-    leaving: asyncio.Future[None] | None = None
+    gone_s: float | None = None  # when the page went away
+    is_replaced: bool = False  # by another connection of the same person
+    waiting: asyncio.Queue[tuple[Message, int] | None] = field(default_factory=lambda: asyncio.Queue(MOST_TEXTS))
+    stops: list[Message] = field(default_factory=list)  # that wait for the one that is being done
+    stopping: asyncio.Task[None] | None = None
+    worker: asyncio.Task[None] | None = None  # carries out what waits, one after the other
+    leaving: asyncio.Task[str] | None = None
+    over: int = 0  # messages over the rate, lately
+    _warned_s: float = -1.0
 
-    def allow(self, now: float) -> bool:
-        """Whether he may say one more thing; if not he is told so once a second, and at last sent away."""
-        if self.bucket.spend(now):
+    def is_within_rate(self, now: float) -> bool:
+        """Whether the viewer may send one more message; if not there is a warning a second, and at last the end."""
+        if self.rate_limit.allows(now):
             return True
-        if now - self.told_s >= 1.0:
-            if self.told_s >= 0.0 and now - self.told_s >= 2.0:
-                self.over = 0  # he has kept to it for a while
-            self.told_s = now
-            self.say({"kind": "refused", "words": "too many messages: some are not heard"})
+        if now - self._warned_s >= 1.0:
+            if self._warned_s >= 0.0 and now - self._warned_s >= 2.0:
+                self.over = 0  # it was within the rate for a while
+            self._warned_s = now
+            self.send({"kind": "refused", "words": "too many messages: some are not heard"})
         self.over += 1
-        if self.over >= PATIENCE and self.place is not None:
-            self.place.end("too many messages")
+        if self.over >= PATIENCE:
+            self.outbox.end("too many messages")
         return False
 
-    def say(self, message: dict[str, Any]) -> None:
-        """Tell him something."""
-        if self.place is not None:
-            self.place.put_text(as_json(message))
+    def send(self, message: dict[str, Any]) -> None:
+        self.outbox.put_text(as_json(message))
 
 
-@dataclass(frozen=True)
-class Seen:
-    """How a game stood at one look."""
-
+class Update(NamedTuple):
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
-    encoded: str
+    encoded: str  # the frame; empty: no other than before
 
 
 class Audience:
-    """All who look at a game. :meth:`look` asks the game, in any thread; :meth:`show` tells what is new.
-
-    Args:
-        game: what they look at.
-        most: viewers at once; operators may be a few more, that no crowd keeps them out.
-        people: what is said of who does what.
-    """
+    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends what is new."""
 
     def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
-        self.here: list[Viewer] = []
-        self.pictures: dict[int, bytes] = {}
-        self._fresh: list[Viewer] = []  # who has not been shown anything yet
-        self._game = game
-        self._most = most
-        self._people = people
+        self.viewers: list[Viewer] = []
+        self.pictures: dict[int, bytes] = {}  # by the scene's revision
+        self._game, self._most, self._people = game, most, people
         self._number: int | None = None
         self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
-        self._news: int | None = None  # the last that was told; None: from now on
+        self._news: int | None = None  # the last that was sent; None: only later ones are
         self._people_text = ""
         self._watched = (False, False)
 
     def has_room(self, access: Kind, arriving: int = 0) -> bool:
-        """Whether one more may look, beside those who are about to."""
-        return len(self.here) + arriving < self._most + (10 if access == "operator" else 0)
+        return len(self.viewers) + arriving < self._most + (MORE_OPERATORS if access == "operator" else 0)
 
-    def welcome(self, viewer: Viewer) -> None:
-        """One more looks: at the next look he is shown all there is, and then what is new."""
-        self.here.append(viewer)
-        self._fresh.append(viewer)
+    def remove(self, viewer: Viewer) -> None:
+        if viewer in self.viewers:
+            self.viewers.remove(viewer)
 
-    def farewell(self, viewer: Viewer) -> None:
-        """One looks no more."""
-        for some in (self.here, self._fresh):
-            if viewer in some:
-                some.remove(viewer)
-
-    def wanted(self) -> tuple[bool, bool] | None:
-        """Whether anybody looks at the terms, and at the lidar; None: nobody is here."""
-        return (any(v.why for v in self.here), any(v.lidar for v in self.here)) if self.here else None
-
-    def look(self, wanted: tuple[bool, bool] | None) -> Seen | None:
-        """Ask the game; None: nobody wants to know."""
-        why, lidar = wanted or (False, False)
+    def poll(self) -> Update | None:
+        viewers = tuple(self.viewers)
+        why, lidar = any(v.why for v in viewers), any(v.lidar for v in viewers)
         if (why, lidar) != self._watched:
             self._game.watch(why=why, lidar=lidar)
             self._watched = (why, lidar)
-        if wanted is None:
+        if not viewers:
             return None
-        frame = self._game.frame()
-        scene = self._scene
+        frame, scene = self._game.frame(), self._scene
         if scene is None or frame is None or frame.revision != scene.revision:
             scene = self._game.scene()
         news = self._game.news(self._news or 0)
         encoded = frame.encode() if frame is not None and frame.number != self._number else ""
-        return Seen(scene, news, frame, encoded)
+        return Update(scene, news, frame, encoded)
 
-    def show(self, seen: Seen | None) -> None:
-        """Tell all what is new, and those who have just come all there is."""
-        if seen is None:
+    def send(self, update: Update | None) -> None:
+        """What is new to all viewers, and everything to those that have come since the last update."""
+        if update is None:
             self._news, self._number, self._frame, self._scene = None, None, "", None
             return
-        if self._scene is None or seen.scene.revision != self._scene.revision:
-            self._change_scene(seen.scene)
-            self._tell(self._scene_text, [v for v in self.here if v not in self._fresh])
-        self._tell(self._scene_text, self._fresh)
-        if self._news is not None:
-            self._tell_news(seen.news)
-        self._news = max((item["number"] for item in seen.news), default=self._news or 0)
-        people = as_json({"kind": "people", **self._people()})
-        self._tell(people, self._fresh if people == self._people_text else self.here)
-        self._people_text = people
-        if seen.encoded and seen.frame is not None:
-            self._number, self._frame = seen.frame.number, seen.encoded
-        if self._frame:
-            for viewer in self.here if seen.encoded else self._fresh:
-                if viewer.place is not None:
-                    viewer.place.put_frame(self._frame)
-        self._fresh = []
+        scene_changed = self._scene is None or update.scene.revision != self._scene.revision
+        if scene_changed:
+            self._change_scene(update.scene)
+        news = [] if self._news is None else update.news
+        self._news = max((item["number"] for item in update.news), default=self._news or 0)
+        without_why = [item for item in news if "why" not in item]  # the terms are long: only to pages that show them
+        news_texts = {
+            why: as_json({"kind": "news", "items": items}) if items else ""
+            for why, items in ((True, news), (False, without_why))
+        }
+        before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
+        if update.encoded and update.frame is not None:
+            self._number, self._frame = update.frame.number, update.encoded
+        for viewer in self.viewers:
+            if viewer.is_fresh or scene_changed:
+                viewer.outbox.put_text(self._scene_text)
+            if news_texts[viewer.why]:
+                viewer.outbox.put_text(news_texts[viewer.why])
+            if viewer.is_fresh or self._people_text != before:
+                viewer.outbox.put_text(self._people_text)
+            if self._frame and (viewer.is_fresh or update.encoded):
+                viewer.outbox.put_frame(self._frame)
+            viewer.is_fresh = False
 
     def _change_scene(self, scene: Scene) -> None:
         facts = dict(scene.facts)
@@ -248,17 +209,3 @@ class Audience:
         self.pictures[scene.revision] = scene.picture
         while len(self.pictures) > MOST_PICTURES:
             del self.pictures[next(iter(self.pictures))]
-
-    def _tell_news(self, items: list[dict[str, Any]]) -> None:
-        """The terms only to those who look at them: they are long."""
-        plain = [item for item in items if "why" not in item]
-        for some, looks in ((items, True), (plain, False)):
-            if some:
-                text = as_json({"kind": "news", "items": some})
-                self._tell(text, [v for v in self.here if v.why == looks])
-
-    @staticmethod
-    def _tell(text: str, viewers: list[Viewer]) -> None:
-        for viewer in viewers:
-            if viewer.place is not None:
-                viewer.place.put_text(text)

@@ -1,4 +1,4 @@
-"""What the page calls and colours things: sent in its first message, so that each name and colour has one home."""
+"""The names, colours, lights and sounds that the page shows, sent in its first message."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pacman_env.game.events import FEEDBACK
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.lights import GHOST_COLOURS, LIGHTS, light_colour
 from pacman_env.game.sounds import MELODIES, frequency_hz
-from pacman_env.web.roles import ROBOT, ghost_role
+from pacman_env.web.control import ROBOT, ghost_role
 
 STATES = {
     "menu": "Menu",
@@ -29,7 +29,6 @@ CANDIDATE_KINDS = {"pellet": "Pellet", "refuge": "Refuge", "hold": "Hold"}
 
 
 def vocabulary() -> dict[str, Any]:
-    """The part of ``hello`` about names, colours, lights and sounds (docs/web_protocol.md)."""
     ghosts = {
         ghost_role(number): {"name": name.capitalize(), "colour": GHOST_COLOURS[name]}
         for number, name in enumerate(GHOST_NAMES)

@@ -89,6 +89,6 @@ def test_a_map_and_a_policy_of_ones_own_can_be_chosen(tmp_path: Path) -> None:
     )
     game = _simulated_game(arguments)
     try:
-        assert "mine" in game.hello()["choices"]["maps"]
+        assert "mine" in game.choices()["maps"]
     finally:
         game.close()

@@ -132,7 +132,7 @@ def simulated() -> Iterator[SimulatedGame]:
 
 @pytest.fixture
 def page_server(simulated: SimulatedGame) -> Iterator[WebServer]:
-    with WebServer(simulated, say=lambda _: None) as server:
+    with WebServer(simulated, write=lambda _: None) as server:
         yield server
 
 

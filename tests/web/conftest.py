@@ -9,13 +9,13 @@ from typing import Any
 import httpx
 import pytest
 
-from pacman_env.web.server import WebServer
+from pacman_env.web.server import Limits, WebServer
 from tests.web.browser import axe, chromium, page_server, simulated, visit  # noqa: F401 - fixtures
 from tests.web.pages import FILES
 
 
 @pytest.fixture
-def said() -> list[str]:
+def lines() -> list[str]:
     """The log of the servers."""
     return []
 
@@ -27,7 +27,7 @@ def web() -> Iterator[httpx.Client]:
 
 
 @pytest.fixture
-def serve(tmp_path: Path, said: list[str]) -> Iterator[Callable[..., WebServer]]:
+def serve(tmp_path: Path, lines: list[str]) -> Iterator[Callable[..., WebServer]]:
     """Starts a server over a game."""
     folder = tmp_path / "static"
     folder.mkdir()
@@ -37,7 +37,8 @@ def serve(tmp_path: Path, said: list[str]) -> Iterator[Callable[..., WebServer]]
     started: list[WebServer] = []
 
     def start(game: Any, **settings: Any) -> WebServer:
-        server = WebServer(game, **{"static": folder, "say": said.append, **settings})
+        limits = {name: settings.pop(name) for name in Limits.__dataclass_fields__ if name in settings}
+        server = WebServer(game, **{"static": folder, "write": lines.append, "limits": Limits(**limits), **settings})
         started.append(server)
         server.start()
         return server

@@ -24,6 +24,12 @@ def at(url: str, path: str = "") -> str:
     return base + path + (("&" if "?" in path else "?") + query if query else "")
 
 
+def viewer_url(server: WebServer) -> str:
+    """The page for one that only looks."""
+    assert server.tokens is not None
+    return server.url.replace(server.tokens.operator, server.tokens.viewer)
+
+
 def eventually(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> None:
     """Wait until it is so."""
     end = time.monotonic() + seconds
@@ -91,7 +97,7 @@ class Page:
         """Until the people are so."""
         return self.wait("people", lambda text: all(text[name] == value for name, value in wanted.items()))
 
-    def say(self, do: str, **fields: Any) -> int:
+    def send(self, do: str, **fields: Any) -> int:
         """Say something that is answered; returns its id."""
         self._id += 1
         self.socket.send(json.dumps({"do": do, "id": self._id, **fields}))
@@ -99,7 +105,7 @@ class Page:
 
     def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Say it and read the answer."""
-        number = self.say(do, **fields)
+        number = self.send(do, **fields)
         return self.wait("answer", lambda text: text["id"] == number)
 
     def listen(self, seconds: float) -> None:

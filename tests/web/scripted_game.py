@@ -11,33 +11,32 @@ from pacman_env.web import messages
 from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused, Scene
 from pacman_env.web.messages import Message
-from pacman_env.web.vocabulary import vocabulary
 
 PICTURE = b"\x89PNG\r\n\x1a\n picture"
 
 
 class ScriptedGame:
-    """Frames count up with every look; ``on_tell`` answers, or refuses.
+    """Frames count up with every look; ``on_handle`` answers, or refuses.
 
     Attributes:
-        told: person and message, in the order in which they came in.
+        handled: person and message, in the order in which they came in.
         calls: name and arguments of all else.
-        looked_at: when a frame was asked for.
+        polled_at: when a frame was asked for.
     """
 
     source: Literal["simulator", "ros"]
 
     def __init__(
         self,
-        on_tell: Callable[[str, Message], Any] | None = None,
+        on_handle: Callable[[str, Message], Any] | None = None,
         source: Literal["simulator", "ros"] = "simulator",
         moves: bool = True,
     ):
         self.source = source
-        self.told: list[tuple[str, Message]] = []
+        self.handled: list[tuple[str, Message]] = []
         self.calls: list[tuple[Any, ...]] = []
         self.stopped_at: list[float] = []
-        self.looked_at: list[float] = []
+        self.polled_at: list[float] = []
         self.moves = moves
         self.number = 1
         self.revision = 1
@@ -45,7 +44,7 @@ class ScriptedGame:
         self.maps: dict[str, tuple[str, bytes]] = {}
         self.stories: dict[int, bytes] = {}
         self.fails: set[str] = set()
-        self._on_tell = on_tell
+        self.on_handle = on_handle
         self._lock = threading.Lock()
 
     def _called(self, name: str, *arguments: Any) -> None:
@@ -57,10 +56,10 @@ class ScriptedGame:
     def close(self) -> None:
         self._called("close")
 
-    def hello(self) -> dict[str, Any]:
-        if "hello" in self.fails:
-            raise RuntimeError("hello is broken")
-        return {"choices": {"maps": ["house"]}, **vocabulary()}
+    def choices(self) -> dict[str, Any]:
+        if "choices" in self.fails:
+            raise RuntimeError("choices is broken")
+        return {"maps": ["house"]}
 
     def scene(self) -> Scene:
         return Scene(self.revision, {"map": {"name": "house"}, "home": [0.0, 0.0, float("nan")]}, PICTURE)
@@ -68,7 +67,7 @@ class ScriptedGame:
     def frame(self) -> Frame | None:
         if "frame" in self.fails:
             raise RuntimeError("frame is broken")
-        self.looked_at.append(time.monotonic())
+        self.polled_at.append(time.monotonic())
         if self.moves:
             self.number += 1
         return Frame("running", self.revision, self.number, time_s=self.number / 20)
@@ -84,11 +83,11 @@ class ScriptedGame:
 
     def handle(self, person: str, message: Message) -> Any:
         with self._lock:
-            self.told.append((person, message))
+            self.handled.append((person, message))
         if "handle" in self.fails:
             raise RuntimeError("handle is broken")
-        if self._on_tell is not None:
-            return self._on_tell(person, message)
+        if self.on_handle is not None:
+            return self.on_handle(person, message)
         if isinstance(message, messages.PlaceClyde):
             raise Refused("not in the menu")
         return None

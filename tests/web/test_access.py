@@ -1,4 +1,4 @@
-"""Who is let in: tokens, Host and Origin; and what browsers are told to do with what they get."""
+"""Which requests are accepted: tokens, Host and Origin; and the headers of every answer."""
 
 from __future__ import annotations
 
@@ -10,18 +10,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.web.access import HEADERS, Access, Guard, Tokens, host_name, is_loopback, is_same_origin, names_of
-from pacman_env.web.said import Said, WithoutTokens
+from pacman_env.web.access import HEADERS, AccessControl, Tokens, host_name, is_loopback, is_same_origin, names_of
+from pacman_env.web.log import Log
 
 TOKENS = Tokens("operator-0123456789abcdef", "viewer-0123456789abcdef")
 ADDRESS = "192.0.2.7"
 
 
 def ask(
-    access: Access, path: str = "/", query: str = "", kind: str = "http", address: str = ADDRESS, **headers: str
+    path: str = "/",
+    query: str = "",
+    kind: str = "http",
+    names: tuple[str, ...] = (),
+    tokens: Tokens | None = TOKENS,
+    address: str = ADDRESS,
+    **headers: str,
 ) -> tuple[int, dict[str, Any], list[str]]:
     """Status, the scope as the application had it (empty: refused), and what the log had."""
-    said: list[str] = []
+    lines: list[str] = []
     passed: dict[str, Any] = {}
     sent: list[Any] = []
 
@@ -41,27 +47,24 @@ def ask(
         "extensions": {"websocket.http.response": {}},
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
-    hidden = (access.tokens.operator, access.tokens.viewer) if access.tokens else ()
-    asyncio.run(Guard(application, access, Said(said.append, hidden))(scope, None, send))  # type: ignore[arg-type]
+    log = Log(lines.append, (TOKENS.operator, TOKENS.viewer))
+    control = AccessControl(application, tokens, (*names_of(address, address), *names), log)
+    asyncio.run(control(scope, None, send))  # type: ignore[arg-type]
     assert dict(sent[0]["headers"])[b"content-security-policy"]
-    return sent[0]["status"], passed, said
-
-
-def with_tokens(*names: str) -> Access:
-    return Access(TOKENS, names_of(ADDRESS, ADDRESS) + names)
+    return sent[0]["status"], passed, lines
 
 
 @pytest.mark.parametrize(
     "path", ["/", "/ws", "/map", "/map/1.png", "/story/1.json", "/nothing", "/staticx", "//static/"]
 )
 def test_without_a_token_nothing_is_seen(path: str) -> None:
-    status, passed, _ = ask(with_tokens(), path, host=f"{ADDRESS}:8000")
+    status, passed, _ = ask(path, host=f"{ADDRESS}:8000")
     assert (status, passed) == (401, {})
 
 
 @pytest.mark.parametrize("path", ["/health", "/static/page.js"])
 def test_files_and_health_need_no_token(path: str) -> None:
-    status, passed, _ = ask(with_tokens(), path, host=f"{ADDRESS}:8000")
+    status, passed, _ = ask(path, host=f"{ADDRESS}:8000")
     assert (status, passed["access"]) == (200, None)
 
 
@@ -69,37 +72,36 @@ def test_files_and_health_need_no_token(path: str) -> None:
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_a_token_lets_in_and_is_not_handed_on(token: str, access: str, kind: str) -> None:
     for query, headers in ((f"a=1&token={token}", {}), ("a=1", {"authorization": f"Bearer {token}"})):
-        status, passed, said = ask(with_tokens(), "/ws", query, kind, host=f"{ADDRESS}:8000", **headers)
+        status, passed, lines = ask("/ws", query, kind, host=f"{ADDRESS}:8000", **headers)
         assert (status, passed["access"], passed["query_string"]) == (200, access, b"a=1")
         assert token not in repr(passed)
-        assert said == []
+        assert lines == []
 
 
 @given(st.text(max_size=40) | st.sampled_from([TOKENS.operator[:-1], TOKENS.operator + "x", TOKENS.operator.upper()]))
 def test_a_wrong_token_is_for_nothing(token: str) -> None:
-    assert Access(TOKENS).who(token) is None
+    assert TOKENS.access(token) is None
 
 
-def test_on_this_machine_alone_nobody_needs_one() -> None:
-    access = Access(None, names_of("localhost", "127.0.0.1"))
+def test_on_this_machine_alone_no_token_is_needed() -> None:
     for host in ("127.0.0.1:8000", "localhost:8000", "LOCALHOST", "localhost."):
-        assert ask(access, host=host, address="127.0.0.1")[1]["access"] == "operator"
+        assert ask(host=host, tokens=None, address="127.0.0.1")[1]["access"] == "operator"
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:8000", f"{ADDRESS}.evil.example", "", "[", ":8000", "localhost:8000x", "a b"]
 )
 def test_a_foreign_host_is_refused_whatever_the_token(host: str) -> None:
-    status, passed, _ = ask(with_tokens(), query=f"token={TOKENS.operator}", host=host)
+    status, passed, _ = ask(query=f"token={TOKENS.operator}", host=host)
     assert (status, passed) == (421, {})
 
 
 def test_no_host_is_refused_too() -> None:
-    assert ask(with_tokens(), query=f"token={TOKENS.operator}")[0] == 421
+    assert ask(query=f"token={TOKENS.operator}")[0] == 421
 
 
 def test_a_name_of_ones_own_is_let_in() -> None:
-    assert ask(with_tokens("robot.example"), query=f"token={TOKENS.viewer}", host="Robot.example:80")[0] == 200
+    assert ask(names=("robot.example",), query=f"token={TOKENS.viewer}", host="Robot.example:80")[0] == 200
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
@@ -109,46 +111,46 @@ def test_a_name_of_ones_own_is_let_in() -> None:
 )
 def test_a_page_of_another_origin_is_refused_whatever_the_token(kind: str, origin: str) -> None:
     query = f"token={TOKENS.operator}"
-    status, passed, _ = ask(with_tokens(), "/ws", query, kind, host=f"{ADDRESS}:8000", origin=origin)
+    status, passed, _ = ask("/ws", query, kind, host=f"{ADDRESS}:8000", origin=origin)
     assert (status, passed) == (403, {})
 
 
 def test_its_own_page_is_let_in() -> None:
     for scheme in ("http", "https"):  # https: something before the server does it
         headers = {"host": f"{ADDRESS}:8000", "origin": f"{scheme}://{ADDRESS}:8000"}
-        assert ask(with_tokens(), "/ws", f"token={TOKENS.operator}", "websocket", **headers)[0] == 200
+        assert ask("/ws", f"token={TOKENS.operator}", "websocket", **headers)[0] == 200
     assert is_same_origin("http://LOCALHOST:1", "localhost:1")
 
 
 def test_a_token_is_never_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    said: list[str] = []
-    log = Said(said.append, (TOKENS.operator, TOKENS.viewer))
-    log("a", f"GET /?token={TOKENS.operator}\nmore")
+    lines: list[str] = []
+    log = Log(lines.append, (TOKENS.operator, TOKENS.viewer))
+    log.add("a", f"GET /?token={TOKENS.operator}\nmore")
     log.error("b", ValueError(f"token={TOKENS.viewer}"))
     logger = logging.getLogger("pacman_env.test_tokens")
-    logger.addFilter(WithoutTokens(log))
+    logger.addFilter(log.redact)
     with caplog.at_level(logging.DEBUG):
         logger.debug("GET %s", f"/?token={TOKENS.operator}")
         try:
             raise ValueError(TOKENS.viewer)
         except ValueError:
             logger.exception("an error %d", 5)
-    assert [line.count("\n") for line in said] == [0, 0]
-    assert "GET /?token=... more" in said[0]
-    for text in (*said, caplog.text):
+    assert [line.count("\n") for line in lines] == [0, 0]
+    assert "GET /?token=... more" in lines[0]
+    for text in (*lines, caplog.text):
         assert TOKENS.operator not in text
         assert TOKENS.viewer not in text
     assert "an error 5" in caplog.text
 
 
 def test_the_log_has_each_kind_once_a_minute() -> None:
-    said: list[str] = []
+    lines: list[str] = []
     now = 0.0
-    log = Said(said.append, clock=lambda: now)
+    log = Log(lines.append, clock=lambda: now)
     for k in range(1000):
         now = 0.1 * k
-        log("refused", f"refused {k}")
-    assert said == ["refused 0", "refused 600 (and 599 more)"]
+        log.add("refused", f"refused {k}")
+    assert lines == ["refused 0", "refused 600 (and 599 more)"]
 
 
 def test_tokens_cannot_be_guessed() -> None:

@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from pacman_env.web.access import Tokens
-from pacman_env.web.address import greeting, link, own_address, qr_code, shown_address
+from pacman_env.web.server import greeting, link, own_address, qr_code, shown_address
 
 TOKENS = Tokens("operator-0123456789abcdef", "viewer-0123456789abcdef")
 

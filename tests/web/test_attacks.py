@@ -1,4 +1,4 @@
-"""Who means harm, or is broken: refused, said once, and the game and the others notice nothing."""
+"""Hostile and broken clients: refused, logged once, and the game and the others are not disturbed."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from websockets.sync.client import connect
 
 from pacman_env.web import messages
 from pacman_env.web.access import Tokens
-from pacman_env.web.frame import decode
 from pacman_env.web.server import CONNECTIONS, SPARE_CONNECTIONS, WebServer
-from tests.web.pages import Page, at, eventually
-from tests.web.said_by_pages import RIGHT, as_said, is_right, texts
+from tests.web.frames import decode
+from tests.web.page_messages import RIGHT, as_sent, is_right, texts
+from tests.web.pages import Page, at, eventually, viewer_url
 from tests.web.scripted_game import ScriptedGame
 
 
@@ -41,7 +41,7 @@ def status(url: str, **headers: str) -> int:
 
 
 def wire(server: WebServer, *lines: str, receive_bytes: int = 0) -> socket.socket:
-    """A connection that says these lines of a request, and perhaps no more."""
+    """A connection that sends these lines of a request, and perhaps no more."""
     there = socket.socket()
     if receive_bytes:
         there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
@@ -80,19 +80,19 @@ def undisturbed(server: WebServer, most_s: float = 2.0) -> Iterator[Page]:
     assert isinstance(game, ScriptedGame)
     with Page(server) as page:
         page.wait("scene")
-        first = len(game.looked_at)
+        first = len(game.polled_at)
         yield page
         page.listen(0.2)
         assert page.ask("ping")["ok"]
-        looks = game.looked_at[first:]
+        looks = game.polled_at[first:]
         assert max((after - before for before, after in itertools.pairwise(looks)), default=0.0) < most_s
         numbers = [decode(frame).number for _, frame in page.frames]
         assert numbers == sorted(set(numbers))
         assert len(numbers) > len(looks) / 2  # of a busy machine
 
 
-def test_without_a_token_with_a_wrong_one_or_from_elsewhere_one_is_refused_and_it_is_said_once(
-    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+def test_requests_without_a_token_with_a_wrong_one_or_from_elsewhere_are_refused_and_logged_once(
+    serve: Callable[..., WebServer], lines: list[str], web: httpx.Client
 ) -> None:
     game = ScriptedGame()
     server = serve(game, tokens=Tokens.new())
@@ -111,9 +111,9 @@ def test_without_a_token_with_a_wrong_one_or_from_elsewhere_one_is_refused_and_i
             assert web.get(server.url, headers={"host": "evil.example"}).status_code == 421
             assert web.post(at(server.url, "map"), headers={"origin": "http://evil.example"}).status_code == 403
         assert status(at(server.url, "ws"), Origin=f"http://{host}") == 101
-        assert status(at(server.viewer_url, "ws")) == 101
-    assert len(said) == 3
-    assert game.told == []
+        assert status(at(viewer_url(server), "ws")) == 101
+    assert len(lines) == 3
+    assert game.handled == []
 
 
 def test_on_this_machine_a_page_from_elsewhere_is_refused_too(serve: Callable[..., WebServer]) -> None:
@@ -125,7 +125,7 @@ def test_on_this_machine_a_page_from_elsewhere_is_refused_too(serve: Callable[..
 
 
 def test_a_token_is_in_no_log_whatever_is_done_with_it(
-    serve: Callable[..., WebServer], said: list[str], web: httpx.Client, caplog: pytest.LogCaptureFixture
+    serve: Callable[..., WebServer], lines: list[str], web: httpx.Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     for name in ("httpx", "httpcore", "websockets"):  # the clients
         caplog.set_level(logging.CRITICAL, name)
@@ -136,7 +136,7 @@ def test_a_token_is_in_no_log_whatever_is_done_with_it(
     logging.getLogger("uvicorn.error").setLevel(logging.DEBUG)
     logging.getLogger("uvicorn.access").setLevel(logging.DEBUG)
     with Page(server) as page:
-        game.fails = {"handle", "hello"}
+        game.fails = {"handle", "choices"}
         page.ask("start")
         with contextlib.suppress(ConnectionClosed):
             Page(server).close()
@@ -149,8 +149,8 @@ def test_a_token_is_in_no_log_whatever_is_done_with_it(
     server.close()
     for token in (server.tokens.operator, server.tokens.viewer):
         assert token not in caplog.text
-        assert token not in "\n".join(said)
-    assert "token=..." in caplog.text  # the library has told of it, and been corrected
+        assert token not in "\n".join(lines)
+    assert "token=..." in caplog.text  # the library has logged it, and been corrected
 
 
 def drawn_wrong(count: int) -> list[str]:
@@ -164,7 +164,7 @@ def drawn_wrong(count: int) -> list[str]:
 
     draw()
     random = Random(1)
-    right = [as_said(word) for word in RIGHT]
+    right = [as_sent(word) for word in RIGHT]
     while len(drawn) < 2 * count:
         text = random.choice(random.choice((drawn, right)))
         first, last = sorted(random.choices(range(len(text) + 1), k=2))
@@ -175,7 +175,7 @@ def drawn_wrong(count: int) -> list[str]:
     return [text for text in drawn if len(text) < 2000 and not is_right(text)][:count]
 
 
-def test_ten_thousand_malformed_messages_change_nothing(serve: Callable[..., WebServer], said: list[str]) -> None:
+def test_ten_thousand_malformed_messages_change_nothing(serve: Callable[..., WebServer], lines: list[str]) -> None:
     game = ScriptedGame()
     server = serve(game, messages_per_s=1e9)
     wrong = drawn_wrong(10_000)
@@ -183,11 +183,11 @@ def test_ten_thousand_malformed_messages_change_nothing(serve: Callable[..., Web
     with undisturbed(server), Page(server) as page:
         for k, text in enumerate(wrong):
             page.socket.send(text)
-            if k % 32 == 31:  # who does not hear what he is answered is sent away
+            if k % 32 == 31:  # a client that does not read its answers is disconnected
                 assert page.ask("ping")["ok"]
         assert page.ask("ping")["ok"]
         assert sum(text["kind"] == "refused" for text in page.texts) == 10_000
-    assert (game.told, said) == ([], [])
+    assert (game.handled, lines) == ([], [])
     assert {call[0] for call in game.calls} <= {"watch", "leave"}
 
 
@@ -197,7 +197,7 @@ def test_bytes_are_refused_with_words(serve: Callable[..., WebServer]) -> None:
         assert "bytes are not" in page.wait("refused")["words"]
 
 
-def test_a_message_of_10_mb_ends_the_connection_of_who_sent_it(serve: Callable[..., WebServer]) -> None:
+def test_a_message_of_10_mb_ends_its_connection(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game)
     with undisturbed(server):
@@ -209,10 +209,10 @@ def test_a_message_of_10_mb_ends_the_connection_of_who_sent_it(serve: Callable[.
                 page.listen(10.0)
             with contextlib.suppress(ConnectionClosed):
                 page.close()
-    assert game.told == []
+    assert game.handled == []
 
 
-def test_a_flood_of_messages_is_refused_once_a_second_and_ended_and_stop_is_heard_all_the_same(
+def test_a_flood_of_messages_is_refused_once_a_second_and_ended_and_stop_is_obeyed_all_the_same(
     serve: Callable[..., WebServer],
 ) -> None:
     game = ScriptedGame()
@@ -221,7 +221,7 @@ def test_a_flood_of_messages_is_refused_once_a_second_and_ended_and_stop_is_hear
         for _ in range(200):
             page.socket.send('{"do":"reset"}')
         assert page.ask("stop")["ok"]
-        assert 0 < len(game.told) < 120
+        assert 0 < len(game.handled) < 120
         with contextlib.suppress(ConnectionClosed):
             for _ in range(2000):
                 page.socket.send('{"do":"reset"}')
@@ -252,7 +252,7 @@ def test_slow_requests_are_ended_and_others_let_in_meanwhile(serve: Callable[...
     assert time.monotonic() - began < 5.0
 
 
-def test_who_sends_a_byte_now_and_then_has_no_more_time_than_others(serve: Callable[..., WebServer]) -> None:
+def test_a_client_that_sends_a_byte_now_and_then_has_no_more_time_than_others(serve: Callable[..., WebServer]) -> None:
     server = serve(ScriptedGame(), headers_s=0.5)
     there = wire(server, "GET / HTTP/1.1")
     began = time.monotonic()
@@ -270,9 +270,9 @@ def test_who_sends_a_byte_now_and_then_has_no_more_time_than_others(serve: Calla
 
 
 def test_a_thousand_connections_are_refused_beyond_the_limit_and_make_room_again(
-    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+    serve: Callable[..., WebServer], lines: list[str], web: httpx.Client
 ) -> None:
-    server = serve(ScriptedGame(), most_viewers=20)
+    server = serve(ScriptedGame(), viewers=20)
     with undisturbed(server), contextlib.ExitStack() as them:
         many = [them.enter_context(wire(server)) for _ in range(1000)]
         eventually(lambda: sum(_is_cut(there) for there in many) >= 1000 - 2 * (CONNECTIONS * 20 + SPARE_CONNECTIONS))
@@ -282,7 +282,7 @@ def test_a_thousand_connections_are_refused_beyond_the_limit_and_make_room_again
     eventually(lambda: _answers(web, server))
     with Page(server) as page:
         page.wait("scene")
-    assert said == []
+    assert lines == []
 
 
 def _is_cut(there: socket.socket) -> bool:
@@ -306,9 +306,9 @@ def _answers(web: httpx.Client, server: WebServer) -> bool:
 
 
 def test_more_viewers_than_may_be_are_refused_and_operators_still_come_in(
-    serve: Callable[..., WebServer], said: list[str]
+    serve: Callable[..., WebServer], lines: list[str]
 ) -> None:
-    server = serve(ScriptedGame(), tokens=Tokens.new(), most_viewers=30)
+    server = serve(ScriptedGame(), tokens=Tokens.new(), viewers=30)
 
     options: dict[str, Any] = {"compression": None, "max_queue": None, "close_timeout": 1.0}
 
@@ -317,7 +317,7 @@ def test_more_viewers_than_may_be_are_refused_and_operators_still_come_in(
             refused = []
             for _ in range(60):
                 try:
-                    await them.enter_async_context(connect_async(at(server.viewer_url, "ws"), **options))
+                    await them.enter_async_context(connect_async(at(viewer_url(server), "ws"), **options))
                 except InvalidStatus as error:
                     refused.append(error.response.status_code)
             operator = await them.enter_async_context(connect_async(at(server.url, "ws"), **options))
@@ -327,10 +327,10 @@ def test_more_viewers_than_may_be_are_refused_and_operators_still_come_in(
 
     accepted, refused = asyncio.run(crowd())
     assert (accepted, set(refused)) == (30, {503})
-    assert len(said) == 1
+    assert len(lines) == 1
 
 
-def test_one_who_reads_nothing_is_sent_away_and_makes_nobody_late(serve: Callable[..., WebServer]) -> None:
+def test_a_client_that_reads_nothing_is_disconnected_and_delays_no_other(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game)
     with Page(server) as page, contextlib.ExitStack() as them:
@@ -347,7 +347,7 @@ def test_one_who_reads_nothing_is_sent_away_and_makes_nobody_late(serve: Callabl
         assert max(after - before for before, after in itertools.pairwise(times)) < 0.5
 
 
-def test_one_who_has_pings_answered_and_reads_nothing_is_cut_off(serve: Callable[..., WebServer]) -> None:
+def test_a_client_that_sends_pings_and_reads_nothing_is_disconnected(serve: Callable[..., WebServer]) -> None:
     server = serve(ScriptedGame())
     with undisturbed(server):
         there = upgrade(server, receive_bytes=4096)
@@ -362,7 +362,7 @@ def test_one_who_has_pings_answered_and_reads_nothing_is_cut_off(serve: Callable
 
 
 def test_an_upload_that_breaks_off_leaves_the_way_free(
-    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+    serve: Callable[..., WebServer], lines: list[str], web: httpx.Client
 ) -> None:
     game = ScriptedGame()
     server = serve(game)
@@ -371,7 +371,7 @@ def test_an_upload_that_breaks_off_leaves_the_way_free(
         there.close()
     body = {"name": "a", "yaml": "b", "image": ""}
     eventually(lambda: web.post(f"{server.url}map", json=body).status_code == 200)
-    assert said == []
+    assert lines == []
 
 
 @given(st.binary(max_size=200))
@@ -385,13 +385,13 @@ def _any_bytes(server: WebServer, data: bytes) -> None:
 
 
 def test_whatever_bytes_come_the_server_stays(
-    serve: Callable[..., WebServer], said: list[str], web: httpx.Client
+    serve: Callable[..., WebServer], lines: list[str], web: httpx.Client
 ) -> None:
     server = serve(ScriptedGame(), headers_s=0.2)
     with undisturbed(server):
         _any_bytes(server)
     assert _answers(web, server)
-    assert said == []
+    assert lines == []
 
 
 def test_a_phone_that_is_gone_without_a_word_is_noticed(
@@ -411,13 +411,13 @@ def test_a_phone_that_is_gone_without_a_word_is_noticed(
         dead.close()
 
 
-def test_one_who_looks_gets_no_further_by_any_message(serve: Callable[..., WebServer]) -> None:
+def test_a_viewer_gets_no_further_by_any_message(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game, tokens=Tokens.new(), messages_per_s=1e9)
-    said_by: Any = {}
-    with Page(server, server.viewer_url) as page:
+    answered: Any = {}
+    with Page(server, viewer_url(server)) as page:
         for word, fields in RIGHT.items():
-            said_by[word] = page.ask(word, **fields)["ok"]
+            answered[word] = page.ask(word, **fields)["ok"]
     allowed = {kind.__struct_config__.tag for kind in messages.FOR_ALL}
-    assert {word for word, ok in said_by.items() if ok} == allowed
-    assert {type(message) for _, message in game.told} <= set(messages.FOR_ALL)
+    assert {word for word, ok in answered.items() if ok} == allowed
+    assert {type(message) for _, message in game.handled} <= set(messages.FOR_ALL)

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.web.control import KEPT_S, Control
+from pacman_env.web.control import KEPT_S, ROLES, Control
 from pacman_env.web.game import Refused
-from pacman_env.web.roles import ROLES
 
 PEOPLE = ("ann", "bob", "cid")
 people = st.sampled_from(PEOPLE)
@@ -23,7 +22,7 @@ deeds = st.lists(
 
 
 @given(deeds)
-def test_control_passes_only_by_the_will_of_who_has_it_or_after_he_stayed_away(deeds: list[tuple]) -> None:
+def test_control_passes_only_when_it_is_given_or_its_holder_stayed_away(deeds: list[tuple]) -> None:
     control, now = Control(), 0.0
     here, gone = set(PEOPLE), {}
     for what, *rest in deeds:
@@ -58,7 +57,7 @@ def test_control_passes_only_by_the_will_of_who_has_it_or_after_he_stayed_away(d
             assert control.roles.people.get(role) in (person, None) or what == "wait"  # nobody is pushed off
 
 
-def test_who_asks_sees_it_and_gets_control_when_it_is_given() -> None:
+def test_the_first_that_asked_gets_control_when_it_is_given() -> None:
     control = Control()
     control.take("ann")
     control.take("ann")
@@ -73,7 +72,7 @@ def test_who_asks_sees_it_and_gets_control_when_it_is_given() -> None:
     assert (control.operator, control.asking) == ("bob", ["cid"])
 
 
-def test_asking_for_what_nobody_has_is_taking_it() -> None:
+def test_asking_for_free_control_is_taking_it() -> None:
     control = Control()
     control.ask("ann")
     assert (control.operator, control.asking) == ("ann", [])
@@ -104,7 +103,7 @@ def test_after_ten_seconds_control_and_role_are_free() -> None:
     control.roles.assume("bob", "robot")
 
 
-def test_a_role_has_one_person_and_a_person_one_seat() -> None:
+def test_a_role_has_one_person_and_a_person_one_role() -> None:
     control = Control()
     control.roles.assume("ann", "ghost-1")
     control.roles.assume("ann", "robot")

@@ -15,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pacman_env.web.frame import MOST_PLAN_POINTS, Frame, State, decode, decode_all, encode_all, thinned
+from pacman_env.game.round import State
+from pacman_env.web.frame import MOST_PLAN_POINTS, Frame, encode_all, thinned
+from tests.web.frames import decode, decode_all
 
 reals = st.floats(-1e4, 1e4, width=32)
 poses = st.none() | st.tuples(reals, reals, reals)

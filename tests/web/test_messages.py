@@ -1,4 +1,4 @@
-"""What a page says is what the schema has, or it is refused with words."""
+"""What a page sends fits the schema, or it is refused with words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pacman_env.web import messages
 from pacman_env.web.messages import MOST_BYTES, as_json, parse
-from tests.web.said_by_pages import RIGHT, WORDS, as_said, texts
+from tests.web.page_messages import RIGHT, WORDS, as_sent, texts
 
 
 def test_every_message_has_an_example_here() -> None:
@@ -20,14 +20,14 @@ def test_every_message_has_an_example_here() -> None:
 
 @pytest.mark.parametrize("word", sorted(RIGHT))
 def test_a_right_message_comes_out_as_it_went_in(word: str) -> None:
-    message = parse(as_said(word, id=7))
+    message = parse(as_sent(word, id=7))
     assert message.id == 7
     assert parse(as_json(message)) == message
 
 
 @given(texts)
 @settings(max_examples=400)
-def test_whatever_is_said_is_a_message_or_a_value_error(text: str) -> None:
+def test_every_text_is_a_message_or_a_value_error(text: str) -> None:
     try:
         message = parse(text)
     except ValueError:
@@ -51,13 +51,13 @@ def test_whatever_is_said_is_a_message_or_a_value_error(text: str) -> None:
         (" " * (MOST_BYTES + 1), f"at most {MOST_BYTES}"),
     ],
 )
-def test_what_is_none_says_why(text: str, words: str) -> None:
+def test_the_error_of_a_bad_message_names_the_reason(text: str, words: str) -> None:
     with pytest.raises(ValueError, match="message") as error:
         parse(text)
     assert words in str(error.value)
 
 
-def test_one_who_only_looks_may_stop_the_robot_and_run_nothing() -> None:
+def test_a_viewer_may_stop_the_robot_and_run_nothing() -> None:
     names = {kind.__name__ for kind in messages.FOR_ALL}
     assert "Stop" in names
     assert names == {"Stop", "Watch", "Why", "Stories", "Ready", "Ping"}

@@ -128,7 +128,7 @@ def test_place_clyde(visit: Visit) -> None:
     page.wait(f"Math.hypot(state.frame.ghosts[0][0] - {x}, state.frame.ghosts[0][1] - {y}) > 0.5")
 
 
-def test_every_event_is_seen_and_heard(visit: Visit) -> None:
+def test_every_event_has_its_light_and_sound(visit: Visit) -> None:
     page = visit()
     page.press("tab-show", "sound")
     page.wait("window.pacman.sounds.on")
@@ -255,7 +255,7 @@ def test_server_lost_and_back(visit: Visit, page_server: WebServer, simulated: S
     assert page.page.is_disabled("#start")
     page.page.keyboard.press("Escape")
     page.wait("document.querySelector('#lost').textContent.includes('NOT delivered')")
-    with WebServer(simulated, port=port, say=lambda _: None):
+    with WebServer(simulated, port=port, write=lambda _: None):
         page.wait("state.connected && document.querySelector('#lost').hidden", "it is back by itself")
         page.wait("state.frame.stopped", "the STOP that was owed arrives")
         page.page.click("#release:visible:enabled")
@@ -286,9 +286,9 @@ def test_still_page_draws_nothing(visit: Visit) -> None:
     assert page.value("count.frames_drawn") == drawn
 
 
-def test_viewer_looks_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
+def test_viewer_sees_and_stops(simulated: SimulatedGame, visit: Visit) -> None:
     tokens = Tokens(operator="o" * 32, viewer="v" * 32)
-    with WebServer(simulated, tokens=tokens, say=lambda _: None) as server:
+    with WebServer(simulated, tokens=tokens, write=lambda _: None) as server:
         page = visit(ready=False)
         page.url = f"http://127.0.0.1:{server.port}/"
         page.watch()
@@ -324,7 +324,7 @@ def test_stop_is_in_reach(visit: Visit, width: int) -> None:
     page.wait("!state.frame.stopped")
 
 
-def test_files_are_small_and_ask_nobody() -> None:
+def test_files_are_small_and_need_no_other_server() -> None:
     files = [path for path in STATIC.iterdir() if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 150_000
     for path in files:

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.policies.registry import make_policy
-from pacman_env.web.frame import decode
-from pacman_env.web.played_round import Orders, PlayedRound, between
+from pacman_env.web.played_round import Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules
+from pacman_env.web.simulated_view import between
+from tests.web.frames import decode
 
 CHOICES = Choices()
 SHORT = {"time_limit_s": 20.0}
@@ -47,7 +48,7 @@ def test_a_policys_round_is_that_of_the_environment_bit_for_bit(ghosts: tuple[st
     assert (info["outcome"], info["collected"]) == (ours.outcome, ours.snapshots[-1].collected)
 
 
-def test_a_ghost_that_nobody_sends_walks_as_if_nobody_played_it() -> None:
+def test_a_ghost_without_orders_moves_as_if_no_person_played_it() -> None:
     free, taken = (
         laid_out(ghosts=("chase", "arcade")),
         laid_out(ghosts=("chase", "arcade"), ghost_roles=frozenset([0, 1])),
@@ -139,14 +140,13 @@ def test_the_candidate_nearest_to_a_click_is_one_that_may_be_chosen_and_near() -
 @settings(max_examples=30, deadline=None)
 def test_between_two_ticks_everything_is_between_them(share: float, tick: int) -> None:
     old, new = ROUND.snapshots[tick], ROUND.snapshots[tick + 1]
-    fields = between(old, new, share)
+    now = between(old, new, share)
     for k in (0, 1):
         low, high = sorted((old.true[k], new.true[k]))
-        assert low - 1e-9 <= fields["true"][k] <= high + 1e-9
-    assert old.time_s <= fields["time_s"] <= new.time_s
-    assert fields["collected"] in (old.collected, new.collected)
-    frame = ROUND.frame(tick, {"revision": 3})
-    assert decode(frame.encode()).ghosts == pytest.approx(old.ghosts, abs=1e-4)
+        assert low - 1e-9 <= now.true[k] <= high + 1e-9
+    assert old.time_s <= now.time_s <= new.time_s
+    assert now.collected in (old.collected, new.collected)
+    assert decode(old.encode()).ghosts == pytest.approx(old.ghosts, abs=1e-4)
 
 
 ROUND = played(laid_out())

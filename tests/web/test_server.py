@@ -26,7 +26,7 @@ from pacman_env.web.game import Refused
 from pacman_env.web.messages import Message
 from pacman_env.web.routes import MOST_UPLOAD, map_name
 from pacman_env.web.server import WebServer
-from tests.web.pages import FILES, Page, at, eventually
+from tests.web.pages import FILES, Page, at, eventually, viewer_url
 from tests.web.scripted_game import PICTURE, ScriptedGame
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,13 +36,13 @@ def blocking() -> tuple[ScriptedGame, threading.Event, threading.Event]:
     """A game whose ``start`` takes until the second event, after setting the first."""
     begun, go_on = threading.Event(), threading.Event()
 
-    def tell(person: str, message: Message) -> Any:
+    def handle(person: str, message: Message) -> Any:
         if isinstance(message, messages.Start):
             begun.set()
             assert go_on.wait(20.0)
         return {"did": type(message).__name__}
 
-    return ScriptedGame(tell), begun, go_on
+    return ScriptedGame(handle), begun, go_on
 
 
 # over HTTP
@@ -85,7 +85,7 @@ def test_maps_and_rounds_are_fetched_with_the_token(serve: Callable[..., WebServ
     with Page(server) as page:
         scene = page.wait("scene")
         where = scene["map"]["url"].removeprefix("/")
-        assert web.get(at(server.viewer_url, where)).content == PICTURE
+        assert web.get(at(viewer_url(server), where)).content == PICTURE
         headers = {"authorization": f"Bearer {server.tokens.viewer}"}
         base = server.url.partition("?")[0]
         assert web.get(f"{base}story/3.json", headers=headers).content == game.stories[3]
@@ -111,7 +111,7 @@ def test_a_map_of_ones_own_is_handed_to_the_game(serve: Callable[..., WebServer]
 NO_MAPS = (b"", b"{", b"[]", b'{"name":"a"}', b'{"name":1,"yaml":"","image":""}', b"\xff", b"[" * 9000, b"null")
 
 
-def test_what_is_no_map_is_refused(serve: Callable[..., WebServer], web: httpx.Client, said: list[str]) -> None:
+def test_what_is_no_map_is_refused(serve: Callable[..., WebServer], web: httpx.Client, lines: list[str]) -> None:
     game = ScriptedGame()
     server = serve(game)
     for body in NO_MAPS:
@@ -119,14 +119,14 @@ def test_what_is_no_map_is_refused(serve: Callable[..., WebServer], web: httpx.C
         assert (answer.status_code, answer.json()["ok"]) == (400, False)
     assert web.post(f"{server.url}map", content=b'{"name":"a","yaml":"b","image":"%%%"}').status_code == 400
     assert upload(web, server.url, extra=1).status_code == 400
-    assert (game.calls, said) == ([], [])
+    assert (game.calls, lines) == ([], [])
 
 
-def test_a_map_too_large_or_of_one_who_looks_is_refused(serve: Callable[..., WebServer], web: httpx.Client) -> None:
+def test_a_map_too_large_or_of_a_viewer_is_refused(serve: Callable[..., WebServer], web: httpx.Client) -> None:
     game = ScriptedGame()
     server = serve(game, tokens=Tokens.new())
     assert upload(web, server.url, image="A" * (MOST_UPLOAD + 4)).status_code == 413
-    assert upload(web, server.viewer_url).status_code == 403
+    assert upload(web, viewer_url(server)).status_code == 403
     assert web.post(server.url.partition("?")[0] + "map", json={}).status_code == 401
     assert game.calls == []
     assert upload(web, server.url).status_code == 200
@@ -143,7 +143,7 @@ def test_names_of_maps_are_small_letters_digits_and_dashes(name: str, safe: str)
 # the websocket
 
 
-def test_one_who_comes_is_told_all_there_is_and_shown_at_most_20_frames_a_second(
+def test_a_new_viewer_receives_everything_and_at_most_20_frames_a_second(
     serve: Callable[..., WebServer],
 ) -> None:
     with Page(serve(ScriptedGame())) as page:
@@ -156,12 +156,12 @@ def test_one_who_comes_is_told_all_there_is_and_shown_at_most_20_frames_a_second
         assert 10 <= len(page.frames) <= 31
 
 
-def test_what_is_said_is_done_and_answered(serve: Callable[..., WebServer]) -> None:
+def test_messages_are_carried_out_and_answered(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame(lambda person, message: {"nan": float("nan"), "by": person})
     with Page(serve(game)) as page:
         answer = page.ask("start")
         assert answer == {"kind": "answer", "id": 1, "ok": True, "words": "", "data": {"nan": None, "by": page.name}}
-        assert game.told == [(page.name, messages.Start(id=1))]
+        assert game.handled == [(page.name, messages.Start(id=1))]
         assert page.ask("ping")["ok"]
         assert page.people(operator=page.name)["viewers"] == 1
 
@@ -170,12 +170,12 @@ def test_what_the_game_refuses_is_answered_with_its_words(serve: Callable[..., W
     with Page(serve(ScriptedGame())) as page:
         answer = page.ask("place_clyde", x=1, y=2)
         assert (answer["ok"], answer["words"]) == (False, "not in the menu")
-        page.say("place_clyde", x=1, y=2, id=0)
+        page.send("place_clyde", x=1, y=2, id=0)
         assert page.wait("refused")["words"] == "not in the menu"
 
 
 def test_an_error_in_the_game_is_one_line_of_the_log_and_the_server_goes_on(
-    serve: Callable[..., WebServer], web: httpx.Client, said: list[str]
+    serve: Callable[..., WebServer], web: httpx.Client, lines: list[str]
 ) -> None:
     game = ScriptedGame()
     with Page(serve(game)) as page:
@@ -190,8 +190,8 @@ def test_an_error_in_the_game_is_one_line_of_the_log_and_the_server_goes_on(
         seen = len(page.frames)
         page.listen(0.3)
         assert len(page.frames) > seen
-    assert len(said) == 4
-    assert all("is broken" in line and "\n" not in line for line in said)
+    assert len(lines) == 4
+    assert all("is broken" in line and "\n" not in line for line in lines)
 
 
 def page_url(page: Page) -> str:
@@ -204,44 +204,44 @@ def test_an_answer_that_is_no_json_is_an_internal_error(serve: Callable[..., Web
         assert page.ask("start")["words"] == "internal error"
 
 
-def test_a_game_that_cannot_say_hello_is_said_and_the_page_may_try_again(
-    serve: Callable[..., WebServer], said: list[str]
+def test_a_game_without_choices_is_logged_and_the_page_may_try_again(
+    serve: Callable[..., WebServer], lines: list[str]
 ) -> None:
     game = ScriptedGame()
-    game.fails = {"hello"}
+    game.fails = {"choices"}
     server = serve(game)
     with pytest.raises(ConnectionClosed):
         Page(server)
-    assert len(said) == 1
+    assert len(lines) == 1
     game.fails = set()
     Page(server).close()
 
 
-def test_what_one_person_says_is_done_in_order_and_waits_for_nobody_else(serve: Callable[..., WebServer]) -> None:
+def test_messages_of_one_person_are_carried_out_in_order_and_wait_for_no_other(serve: Callable[..., WebServer]) -> None:
     game, begun, go_on = blocking()
     server = serve(game)
     with Page(server) as one, Page(server) as other:
-        last = [one.say("start"), *(one.say("clyde_speed", mps=k / 10) for k in range(1, 20))][-1]
+        last = [one.send("start"), *(one.send("clyde_speed", mps=k / 10) for k in range(1, 20))][-1]
         assert begun.wait(10.0)
         assert other.ask("stories")["data"] == {"did": "Stories"}
-        assert [type(message) for _, message in game.told] == [messages.Start, messages.Stories]
+        assert [type(message) for _, message in game.handled] == [messages.Start, messages.Stories]
         go_on.set()
         one.wait("answer", lambda text: text["id"] == last)
-        speeds = [message.mps for _, message in game.told if isinstance(message, messages.ClydeSpeed)]
+        speeds = [message.mps for _, message in game.handled if isinstance(message, messages.ClydeSpeed)]
         assert speeds == [k / 10 for k in range(1, 20)]
 
 
-def test_stop_goes_before_all_else_that_one_has_said(serve: Callable[..., WebServer]) -> None:
+def test_stop_goes_before_all_other_messages(serve: Callable[..., WebServer]) -> None:
     game, begun, go_on = blocking()
     with Page(serve(game)) as page:
-        page.say("start")
+        page.send("start")
         assert begun.wait(10.0)
         for _ in range(200):  # more than may wait, and more than the rate
-            page.say("clyde_speed", mps=1.0)
-        said_at = time.monotonic()
-        page.say("stop")
+            page.send("clyde_speed", mps=1.0)
+        sent_at = time.monotonic()
+        page.send("stop")
         eventually(lambda: game.stopped_at)
-        assert game.stopped_at[0] - said_at < 0.2
+        assert game.stopped_at[0] - sent_at < 0.2
         assert not go_on.is_set()
         go_on.set()
 
@@ -249,10 +249,10 @@ def test_stop_goes_before_all_else_that_one_has_said(serve: Callable[..., WebSer
 def test_a_release_does_not_undo_a_stop_that_came_after_it(serve: Callable[..., WebServer]) -> None:
     game, begun, go_on = blocking()
     with Page(serve(game)) as page:
-        page.say("start")
+        page.send("start")
         assert begun.wait(10.0)
-        release = page.say("release")
-        stop = page.say("stop")
+        release = page.send("release")
+        stop = page.send("stop")
         page.wait("answer", lambda text: text["id"] == stop)
         go_on.set()
         assert page.wait("answer", lambda text: text["id"] == release)["words"] == "stopped again meanwhile"
@@ -272,7 +272,7 @@ def test_each_stop_is_answered_and_a_thousand_are_not_a_thousand_threads_work(
     game = Slow()
     server = serve(game)
     with Page(server) as page, Page(server) as other:
-        first = page.say("stop")
+        first = page.send("stop")
         page.wait("answer", lambda text: text["id"] == first)
         for _ in range(1000):
             page.socket.send('{"do":"stop"}')
@@ -286,10 +286,10 @@ def test_each_stop_is_answered_and_a_thousand_are_not_a_thousand_threads_work(
 def test_more_than_may_wait_is_refused(serve: Callable[..., WebServer]) -> None:
     game, begun, go_on = blocking()
     with Page(serve(game, messages_per_s=1e6)) as page:
-        page.say("start")
+        page.send("start")
         assert begun.wait(10.0)
         for _ in range(viewers.MOST_TEXTS):
-            page.say("reset")
+            page.send("reset")
         assert "too much at once" in page.wait("answer")["words"]
         go_on.set()
 
@@ -297,15 +297,15 @@ def test_more_than_may_wait_is_refused(serve: Callable[..., WebServer]) -> None:
 # who may do what
 
 
-def test_one_who_looks_may_stop_and_ask_and_nothing_else(serve: Callable[..., WebServer]) -> None:
+def test_a_viewer_may_stop_and_ask_and_nothing_else(serve: Callable[..., WebServer]) -> None:
     game = ScriptedGame()
     server = serve(game, tokens=Tokens.new())
-    with Page(server, server.viewer_url) as page:
+    with Page(server, viewer_url(server)) as page:
         assert page.hello["access"] == "viewer"
         for do, fields in {"start": {}, "control": {"what": "take"}, "role": {"role": "robot"}, "release": {}}.items():
             answer = page.ask(do, **fields)
             assert (answer["ok"], answer["words"]) == (False, "your link is view only; STOP still works")
-        assert game.told == []
+        assert game.handled == []
         assert page.ask("stop")["ok"]
         assert page.ask("stories")["ok"]
         assert ("stop", page.name) in game.calls
@@ -361,7 +361,7 @@ def test_a_page_that_comes_back_has_its_name_control_and_role_again(serve: Calla
         assert thief.name != one.name  # a key is good once
         roles = thief.people(operator=one.name)["roles"]
         assert roles["ghost-1"] == one.name
-        eventually(lambda: game.told.count((one.name, messages.Role(role="ghost-1"))) == 1)
+        eventually(lambda: game.handled.count((one.name, messages.Role(role="ghost-1"))) == 1)
         assert back.ask("start")["ok"]
 
 
@@ -399,11 +399,11 @@ def test_a_role_has_one_person_and_only_he_plays_it(serve: Callable[..., WebServ
 
 
 def test_a_role_that_the_game_refuses_is_not_had(serve: Callable[..., WebServer]) -> None:
-    def tell(person: str, message: Message) -> None:
+    def handle(person: str, message: Message) -> None:
         if isinstance(message, messages.Role) and message.role == "ghost-3":
             raise Refused("there are 3 ghosts")
 
-    with Page(serve(ScriptedGame(tell))) as page:
+    with Page(serve(ScriptedGame(handle))) as page:
         assert page.ask("role", role="robot")["ok"]
         assert page.ask("role", role="ghost-3")["words"] == "there are 3 ghosts"
         assert page.ask("drive", v=1, omega=0)["ok"]  # he has the one he had
@@ -420,13 +420,13 @@ def test_on_the_robot_its_role_needs_control_and_goes_with_it(serve: Callable[..
         assert one.ask("control", what="give")["ok"]
         assert not one.ask("drive", v=0.1, omega=0)["ok"]
         assert other.ask("role", role="robot")["ok"]
-        assert (one.name, messages.Role(role="none")) in game.told
+        assert (one.name, messages.Role(role="none")) in game.handled
 
 
 # beginning and end
 
 
-def test_the_end_is_said_to_all_and_takes_less_than_two_seconds(serve: Callable[..., WebServer]) -> None:
+def test_the_end_is_announced_to_all_and_takes_less_than_two_seconds(serve: Callable[..., WebServer]) -> None:
     server = serve(ScriptedGame())
     with Page(server) as page, socket.create_connection(("127.0.0.1", server.port)) as idle:
         began = time.monotonic()
@@ -472,13 +472,13 @@ def test_the_newer_kind_of_address_will_do(serve: Callable[..., WebServer], web:
         assert page.ask("start")["ok"]
 
 
-#: A game that never comes back from what it is told.
+#: A game that never returns from a request.
 SERVES = """
 import threading
 from pacman_env.web.server import serve
 from tests.web.scripted_game import ScriptedGame
 game = ScriptedGame(lambda person, message: threading.Event().wait())
-serve(game, port=0, tell=lambda words: print(words, flush=True))
+serve(game, port=0)
 print("ended", flush=True)
 """
 

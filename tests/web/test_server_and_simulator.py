@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 import httpx
 import pytest
 
-from pacman_env.web.frame import decode, decode_all
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
+from tests.web.frames import decode, decode_all
 from tests.web.pages import Page, at
 
 COMPILED_S = 300.0  # time enough for kernels that have to be compiled
@@ -55,7 +55,7 @@ def test_a_round_that_is_finished_at_once_keeps_no_other_page_waiting(
 ) -> None:
     server = serve(game)
     with Page(server) as one, Page(server) as other:
-        finished = one.say("setup", map="house", seed=3, finish=True)
+        finished = one.send("setup", map="house", seed=3, finish=True)
         asked = time.monotonic()
         assert other.ask("ping")["ok"]
         assert time.monotonic() - asked < 1.0

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from pacman_env.web import messages as m
-from pacman_env.web.frame import Frame, decode_all
+from pacman_env.web.frame import Frame
 from pacman_env.web.game import Refused
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated import SimulatedGame
+from pacman_env.web.vocabulary import vocabulary
+from tests.web.frames import decode_all
 
 PATIENCE_S = 240.0  # rules may have to be compiled
 QUICK = Rules(policy="clyde_aware", second="nearest", settings={"time_limit_s": 20.0})
@@ -43,7 +45,7 @@ def frame(game: SimulatedGame) -> Frame:
 
 
 def played(game: SimulatedGame, **setup: Any) -> dict[str, Any]:
-    """A round to its end, and what is told of it."""
+    """A round to its end, and its summary."""
     if setup:
         game.handle("Ann", m.Setup(**setup))
     before = len(game.handle("Ann", m.Stories()))
@@ -207,7 +209,7 @@ def test_roles_are_taken_one_person_each_and_free_when_he_is_gone(game: Simulate
     game.handle("Bob", m.Role(role="robot"))
 
 
-def test_a_person_plays_a_round_beside_the_policy_and_is_told_who_was_better(game: SimulatedGame) -> None:
+def test_a_person_plays_a_round_beside_the_policy_and_both_results_are_shown(game: SimulatedGame) -> None:
     game.handle("Ann", m.Role(role="robot"))
     game.handle("Ann", m.Start())
     wait(lambda: frame(game).state == "running")
@@ -224,7 +226,7 @@ def test_a_person_plays_a_round_beside_the_policy_and_is_told_who_was_better(gam
     assert (alone["result"], alone["collected"]) == (beside["result"], beside["collected"])
 
 
-def test_a_robot_driven_by_hand_stands_when_nothing_more_is_heard(game: SimulatedGame) -> None:
+def test_a_robot_driven_by_hand_stands_without_further_messages(game: SimulatedGame) -> None:
     game.handle("Ann", m.Setup(settings={}))
     game.handle("Ann", m.Speed(times=2))
     game.handle("Ann", m.Role(role="robot"))
@@ -243,16 +245,16 @@ def test_a_robot_driven_by_hand_stands_when_nothing_more_is_heard(game: Simulate
 
 
 def test_every_event_is_shown_by_the_ring_and_sounds_by_their_notes(game: SimulatedGame) -> None:
-    hello = game.hello()
-    for word in hello["events"]:
+    words = vocabulary()
+    for word in words["events"]:
         number = game.news(0)[-1]["number"]
         game.handle("Ann", m.Event(word=word))
-        told = game.news(number)
-        assert told[0]["event"] == word
-        assert {"light": hello["events"][word]["light"]} in [{"light": n.get("light")} for n in told]
+        shown = game.news(number)
+        assert shown[0]["event"] == word
+        assert {"light": words["events"][word]["light"]} in [{"light": n.get("light")} for n in shown]
         ring = frame(game).ring
-        assert (ring is None) == (hello["events"][word]["light"] == "off")
-    for notes in hello["sounds"].values():
+        assert (ring is None) == (words["events"][word]["light"] == "off")
+    for notes in words["sounds"].values():
         assert all(20 < hz < 5000 and 0 < seconds < 2 for hz, seconds in notes)
 
 
@@ -267,7 +269,7 @@ def test_motions_turn_the_robot_only_when_armed(game: SimulatedGame) -> None:
     wait(lambda: (now := frame(game).true) is not None and abs(now[2] - home[2]) > 0.1)
 
 
-def test_lidar_and_terms_are_there_while_somebody_looks(game: SimulatedGame) -> None:
+def test_lidar_and_terms_are_there_while_they_are_watched(game: SimulatedGame) -> None:
     assert len(frame(game).scan) == 0
     game.watch(why=True, lidar=True)
     scan = frame(game).scan
@@ -279,11 +281,11 @@ def test_lidar_and_terms_are_there_while_somebody_looks(game: SimulatedGame) -> 
     assert len(frame(game).scan) == 0
 
 
-def test_the_readiness_list_says_what_is_played(game: SimulatedGame) -> None:
+def test_the_readiness_list_describes_the_round(game: SimulatedGame) -> None:
     assert {one["name"] for one in game.handle("Ann", m.Ready())} == {"simulator", "map", "configuration"}
 
 
-def test_a_game_that_has_ended_says_so() -> None:
+def test_a_game_that_has_ended_refuses_requests() -> None:
     game = SimulatedGame(QUICK)
     game.close()
     with pytest.raises(Refused, match="has ended"):

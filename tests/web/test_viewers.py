@@ -1,4 +1,4 @@
-"""What waits for a viewer stays small, and he sees the newest; how much he may say."""
+"""What waits for a viewer stays small, and the newest is sent; how much a viewer may send."""
 
 from __future__ import annotations
 
@@ -9,22 +9,21 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.web.frame import decode
-from pacman_env.web.viewers import MOST_PICTURES, MOST_TEXTS, PATIENCE, Audience, Bucket, Place, Viewer
+from pacman_env.web.viewers import MOST_PICTURES, MOST_TEXTS, PATIENCE, Audience, Outbox, RateLimit, Viewer
+from tests.web.frames import decode
 from tests.web.scripted_game import ScriptedGame
 
 
 def viewer(name: str = "ann", rate: float = 50.0) -> Viewer:
-    return Viewer(name, "operator", Place(), Bucket(rate, 0.0))
+    return Viewer(name, "operator", RateLimit(rate, 0.0))
 
 
-def taken(one: Viewer | Place) -> list[Any]:
+def taken(one: Viewer | Outbox) -> list[Any]:
     """What waits, as objects."""
-    place = one.place if isinstance(one, Viewer) else one
-    assert place is not None
+    outbox = one.outbox if isinstance(one, Viewer) else one
 
     async def take() -> list[str]:
-        return await asyncio.wait_for(place.take(), 1.0)
+        return await asyncio.wait_for(outbox.get(), 1.0)
 
     try:
         things = asyncio.run(take())
@@ -38,45 +37,45 @@ def kinds(things: list[Any]) -> list[str]:
 
 
 def audience(game: ScriptedGame, *here: Viewer, most: int = 100) -> Audience:
-    there = Audience(game, most, lambda: {"viewers": len(there.here)})
+    there = Audience(game, most, lambda: {"viewers": len(there.viewers)})
     for one in here:
-        there.welcome(one)
+        there.viewers.append(one)
     return there
 
 
 def tick(there: Audience) -> None:
-    there.show(there.look(there.wanted()))
+    there.send(there.poll())
 
 
 def test_of_frames_the_newest_alone_waits_and_texts_keep_their_order() -> None:
-    place = Place()
+    outbox = Outbox()
     for k in range(1000):
-        place.put_frame(str(k))
+        outbox.put_frame(str(k))
         if k % 100 == 0:
-            place.put_text(json.dumps({"kind": str(k)}))
-    assert taken(place) == [*({"kind": str(k)} for k in range(0, 1000, 100)), 999]
+            outbox.put_text(json.dumps({"kind": str(k)}))
+    assert taken(outbox) == [*({"kind": str(k)} for k in range(0, 1000, 100)), 999]
 
 
-def test_who_takes_nothing_is_told_good_bye_and_nothing_else() -> None:
+def test_a_viewer_that_receives_nothing_gets_good_bye_and_nothing_else() -> None:
     for texts in (["{}"] * (MOST_TEXTS + 1), ["x" * (3 << 20)] * 2):
-        place = Place()
+        outbox = Outbox()
         for text in texts:
-            place.put_text(text)
-        place.put_frame("{}")
-        assert place.ended.is_set()
-        things = taken(place)
+            outbox.put_text(text)
+        outbox.put_frame("{}")
+        assert outbox.ended.is_set()
+        things = taken(outbox)
         assert kinds(things) == ["bye"]
         assert "slow" in things[0]["words"]
-        assert taken(place) == []
+        assert taken(outbox) == []
 
 
 def test_one_waits_for_what_is_not_there_yet() -> None:
     async def run() -> list[str]:
-        place = Place()
-        taking = asyncio.ensure_future(place.take())
+        outbox = Outbox()
+        taking = asyncio.ensure_future(outbox.get())
         await asyncio.sleep(0)
         assert not taking.done()
-        place.put_frame("now")
+        outbox.put_frame("now")
         return await taking
 
     assert asyncio.run(run()) == ["now"]
@@ -84,35 +83,33 @@ def test_one_waits_for_what_is_not_there_yet() -> None:
 
 @given(st.lists(st.floats(0, 2), max_size=300), st.sampled_from([1.0, 5.0, 50.0]))
 def test_within_any_time_no_more_passes_than_the_rate(steps: list[float], rate: float) -> None:
-    bucket, now, passed = Bucket(rate, 0.0), 0.0, 0
+    limit, now, passed = RateLimit(rate, 0.0), 0.0, 0
     for step in steps:
         now += step
-        passed += bucket.spend(now)
+        passed += limit.allows(now)
         assert passed <= rate * (now + 1.0) + 1e-6
 
 
-def test_who_says_too_much_is_told_so_once_a_second_and_then_sent_away() -> None:
-    one, heard, now, words = viewer(), 0, 0.0, []
-    assert one.place is not None
-    while not one.place.ended.is_set() and now < 60.0:
+def test_a_viewer_over_the_rate_is_warned_once_a_second_and_then_disconnected() -> None:
+    one, allowed, now, words = viewer(), 0, 0.0, []
+    while not one.outbox.ended.is_set() and now < 60.0:
         now += 0.005  # 200 a second
-        heard += one.allow(now)
-        if one.place._texts:
+        allowed += one.is_within_rate(now)
+        if one.outbox._texts:
             words += kinds(taken(one))
     assert one.over == PATIENCE
-    assert heard <= 50 * (now + 1)
+    assert allowed <= 50 * (now + 1)
     assert words[-1] == "bye"
     assert 1 <= words.count("refused") == len(words) - 1 <= now + 1
 
 
-def test_who_says_a_little_too_much_now_and_then_stays() -> None:
+def test_a_viewer_seldom_over_the_rate_stays() -> None:
     one = viewer()
-    assert one.place is not None
     for second in range(0, 600, 3):
         for _ in range(60):
-            one.allow(float(second))
-        one.place._texts.clear()
-    assert not one.place.ended.is_set()
+            one.is_within_rate(float(second))
+        one.outbox._texts.clear()
+    assert not one.outbox.ended.is_set()
 
 
 def test_all_are_shown_the_same_bytes_and_the_frame_is_made_once() -> None:
@@ -120,7 +117,7 @@ def test_all_are_shown_the_same_bytes_and_the_frame_is_made_once() -> None:
     game = ScriptedGame()
     there = audience(game, *people)
     tick(there)
-    shown = [asyncio.run(one.place.take()) for one in people if one.place is not None]
+    shown = [asyncio.run(one.outbox.get()) for one in people]
     assert all(kinds(list(map(json.loads, texts))) == ["scene", "people", "frame"] for texts in shown)
     assert len({id(texts[-1]) for texts in shown}) == 1
     assert decode(shown[0][-1]).number == game.number
@@ -132,7 +129,7 @@ def test_a_game_that_stands_still_is_not_shown_again_but_to_newcomers() -> None:
     tick(there)
     assert kinds(taken(first)) == ["scene", "people", "frame"]
     tick(there)
-    there.welcome(second)
+    there.viewers.append(second)
     tick(there)
     assert kinds(taken(second)) == ["scene", "people", "frame"]
     assert kinds(taken(first)) == ["people"]
@@ -150,7 +147,7 @@ def test_a_new_scene_comes_before_its_frames_and_the_last_pictures_are_kept() ->
     assert list(there.pictures) == list(range(10 - MOST_PICTURES, 10))
 
 
-def test_news_are_told_once_and_not_those_from_before_one_came() -> None:
+def test_news_are_sent_once_and_only_those_since_the_viewer_came() -> None:
     game, one = ScriptedGame(), viewer()
     game.happens(event="before")
     there = audience(game, one)
@@ -165,7 +162,7 @@ def test_news_are_told_once_and_not_those_from_before_one_came() -> None:
     assert "news" not in kinds(taken(one))
 
 
-def test_the_terms_are_asked_for_and_told_only_while_somebody_looks_at_them() -> None:
+def test_the_terms_are_requested_and_sent_only_while_they_are_watched() -> None:
     game, ann, bob = ScriptedGame(), viewer("ann"), viewer("bob")
     there = audience(game, ann, bob)
     ann.why = True
@@ -174,13 +171,13 @@ def test_the_terms_are_asked_for_and_told_only_while_somebody_looks_at_them() ->
     tick(there)
     assert "news" in kinds(taken(ann))
     assert "news" not in kinds(taken(bob))
-    there.farewell(ann)
+    there.remove(ann)
     tick(there)
     assert [call for call in game.calls if call[0] == "watch"] == [
         ("watch", True, False),
         ("watch", False, False),
     ]
-    there.farewell(bob)
+    there.remove(bob)
     number = game.number
     tick(there)
     assert game.number == number  # nobody is here: it is left alone

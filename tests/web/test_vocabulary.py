@@ -7,9 +7,9 @@ from typing import get_args
 
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.game.lights import GHOST_COLOURS
+from pacman_env.game.round import State
 from pacman_env.policies.base import KIND_NAMES
-from pacman_env.web.frame import State
-from pacman_env.web.roles import ROLES
+from pacman_env.web.control import ROLES
 from pacman_env.web.routes import STATIC
 from pacman_env.web.vocabulary import CANDIDATE_KINDS, RESULTS, STATES, vocabulary
 

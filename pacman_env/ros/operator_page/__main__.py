@@ -1,7 +1,4 @@
-"""The page as a process of its own beside a game's nodes, as ``pacman-env ros up --web`` starts it: this machine alone.
-
-For other machines there is ``pacman-env web --ros --host``, which prints links with tokens.
-"""
+"""The page as a process of its own beside a game's nodes, for this machine alone: ``pacman-env ros up --web``."""
 
 from __future__ import annotations
 
@@ -9,25 +6,23 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from pacman_env.ros.operator_page import open_game
-
 BAD_START = 2  # exit status
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m pacman_env.ros.operator_page", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m pacman_env.ros.operator_page", description=__doc__)
     parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="0: any that is free (%(default)s)")
     parser.add_argument("--map", metavar="FILE_OR_NAME", help="of the game, for the readiness list")
     parser.add_argument("--sim", action="store_true", help="of a simulated robot, on this machine only")
     arguments = parser.parse_args(argv)
     try:
+        from pacman_env.ros.operator_page.ros_game import open_game
         from pacman_env.web.server import serve
 
         game = open_game(arguments.namespace, None, arguments.sim, arguments.map)
         try:
-            serve(game, "127.0.0.1", arguments.port, tell=lambda text: print(text, flush=True))
+            serve(game, "127.0.0.1", arguments.port)
         finally:
             game.close()
     except (ValueError, OSError, ModuleNotFoundError) as error:

@@ -1,66 +1,304 @@
-"""The node behind the page: it receives what a running game publishes. It works in the one thread that spins it."""
+"""The node behind the page: it receives what a running game publishes, in the one thread that spins it, and keeps the
+last of every message as plain values, the map as a picture, a scan as rays.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import cv2
 import numpy as np
+from action_msgs.msg import GoalStatus
+from numpy.typing import NDArray
 
+from pacman_env.game.lights import Ring
 from pacman_env.ros import topics
-from pacman_env.ros.messages import BadMessage
+from pacman_env.ros.messages import (
+    BadMessage,
+    Pose,
+    Position,
+    number_of,
+    object_of,
+    pellets_of,
+    pose_of,
+    seconds_of,
+    transform_of,
+    word_of,
+)
 from pacman_env.ros.node import BaseNode
-from pacman_env.ros.operator_page.game_state import GameState
-from pacman_env.ros.operator_page.robot_state import RobotState
-from pacman_env.ros.selector.goal_scores import CANDIDATES, DIAGNOSTICS, SCORES, WHY
+from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
+from pacman_env.ros.selector.goal_scores import CANDIDATES, DIAGNOSTICS, NAMESPACE, SCORES, WHY
 from pacman_env.ros.selector.message_queue import MessageQueue
-from pacman_env.web.news import News
+from pacman_env.sim.core.poses import compose
+from pacman_env.web.game import News
 
-NAME = "pacman_page"  # the doctor takes nodes whose names begin so for onlookers
-_NUMBERS = {
-    "score": topics.SCORE,
-    "round": topics.ROUND,
-    "spawned": topics.PELLETS_SPAWNED,
-    "collected": topics.PELLETS_COLLECTED,
-    "clyde_speed": topics.CLYDE_SPEED,
-}
-_SHOWN = {"event": topics.GAME_EVENT, "light": topics.GAME_LIGHT, "sound": topics.GAME_SOUND}
+RAYS = 180
+FREE, UNKNOWN = 254, 205  # grey, as map_server's files have it; 0: solid
+_POSE_TIMEOUT_S = 1.0
+_FRESH_S = 3.0  # odometry that is older is that of a robot that is gone
+_MOST_TRANSFORMS = 10_000
+_MOST_CELLS = 50_000_000
+_RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
+_LONGEST = 1_000_000  # characters of JSON
+_MOST = 10_000  # candidates
+NAME = "pacman_page"  # the doctor ignores nodes whose names begin so
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    png: bytes
+    facts: dict[str, Any]  # for the scene: ``resolution``, ``width``, ``height`` and ``origin``
+
+
+def picture_of(message: Any) -> MapPicture:
+    """The picture of an OccupancyGrid, top row first; BadMessage for sizes that do not fit, numbers not finite."""
+    info = message.info
+    count = info.width * info.height
+    if count != len(message.data) or not 0 < count <= _MOST_CELLS:
+        raise BadMessage(f"{info.width} x {info.height} cells, {len(message.data)} values")
+    position, q = info.origin.position, info.origin.orientation
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    resolution = float(info.resolution)
+    if not (all(map(math.isfinite, (position.x, position.y, yaw, resolution))) and resolution > 0):
+        raise BadMessage("numbers that are not finite")
+    cells = np.frombuffer(bytes(memoryview(message.data).cast("B")), np.int8).reshape(info.height, info.width)[::-1]
+    pixels = np.where(cells < 0, UNKNOWN, FREE - np.clip(cells, 0, 100).astype(np.int16) * FREE // 100)
+    done, png = cv2.imencode(".png", pixels.astype(np.uint8))
+    if not done:
+        raise BadMessage("no picture can be made of it")
+    size = {"resolution": resolution, "width": int(info.width), "height": int(info.height)}
+    return MapPicture(png.tobytes(), {**size, "origin": [float(position.x), float(position.y), yaw]})
+
+
+def rays_of(message: Any, yaw: float) -> NDArray[np.float64]:
+    """(RAYS,) m from a LaserScan: the nearest point in each direction, ray 0 ahead, NaN: nothing met.
+
+    ``yaw`` is that of the lidar in the robot, rad.
+    """
+    ranges = np.asarray(message.ranges, dtype=np.float64)
+    rays = np.full(RAYS, np.inf)
+    angles = yaw + message.angle_min + message.angle_increment * np.arange(len(ranges))
+    good = np.isfinite(ranges) & np.isfinite(angles) & (ranges >= message.range_min) & (ranges <= message.range_max)
+    numbers = np.round(angles[good] / (2.0 * math.pi / RAYS)).astype(np.int64) % RAYS
+    np.minimum.at(rays, numbers, ranges[good])
+    return np.where(np.isfinite(rays), rays, np.nan)
+
+
+class RobotState:
+    """What the robot has published last; ``None`` and empty: nothing yet."""
+
+    def __init__(self, node: BaseNode) -> None:
+        self._node = node
+        self._surroundings = node.surroundings
+        self.velocity = (0.0, 0.0)  # m/s, rad/s
+        self.navigating = False  # Nav2 pursues a goal, of any client
+        self.rate = 1.0  # of the robot's clock, times real time
+        self._odometry_s = -math.inf
+        self._clock: tuple[float, float, float] | None = None  # wall s and its s a while ago, its s now
+        self._static: dict[str, tuple[str, Pose]] = {}
+        self.forget()
+
+    def forget(self) -> None:
+        """The robot is gone: nothing of it is to be shown."""
+        self.belief = BelievedPose(_POSE_TIMEOUT_S)
+        self.map: MapPicture | None = None
+        self.plan: NDArray[np.float64] = np.zeros((0, 2))
+        self.scan: NDArray[np.float64] = np.zeros(0)
+        self.ring: Ring | None = None
+        self._odometry: Pose | None = None
+        self._origin: Pose | None = None  # where a simulated robot's odometry began
+
+    @property
+    def clock_s(self) -> float:
+        return self._clock[2] if self._clock is not None else self._surroundings.time_ns() * 1e-9
+
+    @property
+    def alive(self) -> bool:
+        """Whether a robot publishes its odometry."""
+        return self._surroundings.monotonic() - self._odometry_s < _FRESH_S
+
+    @property
+    def believed(self) -> Pose | None:
+        belief = self.belief.at(self._surroundings.monotonic())
+        return None if belief is None else belief.pose
+
+    @property
+    def true(self) -> Pose | None:
+        """The pose of a simulated robot: its odometry does not drift."""
+        return None if self._origin is None or self._odometry is None else compose(self._origin, self._odometry)
+
+    # Messages; ``waited_s``: received so long ago
+
+    def on_map(self, message: Any) -> None:
+        self.map = picture_of(message)
+
+    def on_static_transforms(self, message: Any) -> None:
+        self.belief.transforms(message, self._surroundings.monotonic(), static=True)
+        for transform in message.transforms:
+            parent, child, pose = transform_of(transform)
+            if len(self._static) < _MOST_TRANSFORMS:
+                self._static[child.lstrip("/")] = parent.lstrip("/"), pose
+
+    def on_transforms(self, message: Any, waited_s: float) -> None:
+        self.belief.transforms(message, self._surroundings.monotonic() - waited_s)
+
+    def on_odometry(self, message: Any, waited_s: float) -> None:
+        try:
+            self._odometry = pose_of(message, "odom")
+        except BadMessage as error:
+            self._node.once.warning("bad odom", f"odom: {error}")
+            return
+        twist = message.twist.twist
+        self.velocity = float(twist.linear.x), float(twist.angular.z)
+        self._odometry_s = self._surroundings.monotonic() - waited_s
+
+    def on_clock(self, message: Any, waited_s: float) -> None:
+        now, time_s = self._surroundings.monotonic() - waited_s, seconds_of(message.clock)
+        if self._clock is None or time_s < self._clock[2]:
+            self._clock = now, time_s, time_s
+            return
+        since, from_s, _ = self._clock
+        self._clock = since, from_s, time_s
+        if now - since >= 2.0:
+            self.rate, self._clock = (time_s - from_s) / (now - since), (now, time_s, time_s)
+
+    def on_origin(self, message: Any) -> None:
+        self._origin = pose_of(message)
+
+    def on_plan(self, message: Any) -> None:
+        poses = message.poses[:: max(1, len(message.poses) // 256)]
+        points = np.array([(p.pose.position.x, p.pose.position.y) for p in poses], dtype=np.float64).reshape(-1, 2)
+        self.plan = points[np.isfinite(points).all(axis=1)]
+
+    def on_ring(self, message: Any) -> None:
+        self.ring = tuple((led.red, led.green, led.blue) for led in message.leds) if message.override_system else None
+
+    def on_goal_statuses(self, message: Any) -> None:
+        self.navigating = any(goal.status in _RUNNING for goal in message.status_list)
+        if not self.navigating:
+            self.plan = np.zeros((0, 2))
+
+    def on_scan(self, message: Any) -> None:
+        frame, yaw = message.header.frame_id.lstrip("/"), 0.0  # of the lidar in the robot, where it is known
+        for _ in range(10):
+            if frame == BASE or frame not in self._static:
+                break
+            frame, pose = self._static[frame]
+            yaw += pose[2]
+        self.scan = rays_of(message, yaw)
+
+
+class GameState:
+    """What the nodes of the game have published last; ``None`` and empty: nothing yet. Events become ``news``."""
+
+    def __init__(self, robot: RobotState, news: News) -> None:
+        self._robot, self._news = robot, news
+        self.state: str | None = None
+        self.result = ""
+        self.numbers: dict[str, float] = {}
+        self.condition: dict[str, Any] = {}  # the goal selector's own
+        self.configuration: dict[str, Any] = {}
+        self.configuration_text = ""  # as JSON
+        self._began_s: float | None = None  # the round, by the robot's clock
+        self._round_s = 0.0  # how long it lasted
+        self.forget()
+
+    def forget(self) -> None:
+        self.pellets: dict[int, Position] = {}
+        self.ghosts: dict[int, Position] = {}
+        self.places: list[Position] = []  # of the candidates
+        self.pellet_ids: list[int] = []  # of those candidates that are pellets, the first ones
+        self.scores: dict[int, float] = {}
+        self.goal = -1
+
+    @property
+    def round_time_s(self) -> float:
+        """Since the round began, or how long the last one was; from its first message on."""
+        return self._round_s if self._began_s is None else max(0.0, self._robot.clock_s - self._began_s)
+
+    def on_result(self, message: Any) -> None:
+        result = str(message.data)[:200]
+        if result and result != self.result:
+            self._news.add(words=result)
+        self.result = result
+
+    def on_state(self, message: Any) -> None:
+        state = word_of(message, topics.STATE_WORDS)
+        if state == "running" != self.state:
+            self._began_s = self._robot.clock_s
+        elif state != "running" and self._began_s is not None:
+            self._round_s, self._began_s = self.round_time_s, None
+        if state == "menu":
+            self.scores, self.goal = {}, -1
+        self.state = state
+
+    def on_number(self, name: str, message: Any) -> None:
+        self.numbers[name] = number_of(message, 0, 2**31 - 1)
+
+    def on_shown(self, name: str, message: Any) -> None:
+        self._news.add(**{name: word_of(message)})
+
+    def on_ghost(self, number: int, message: Any) -> None:
+        self.ghosts[number] = pose_of(message)[:2]
+
+    def on_pellets(self, message: Any) -> None:
+        self.pellets = pellets_of(message)
+
+    def on_configuration(self, message: Any) -> None:
+        configuration = object_of(message, _LONGEST)["configuration"]
+        if isinstance(configuration, dict):
+            self.configuration = configuration
+            self.configuration_text = json.dumps(configuration, sort_keys=True)
+
+    def on_condition(self, message: Any) -> None:
+        before, self.condition = self.condition, object_of(message, _LONGEST)
+        known = before.get("troubles") or {}
+        for trouble in self.condition.get("troubles") or {}:
+            if trouble not in known:
+                self._news.add(words=f"goal_selector: {trouble}"[:200])
+        pursued = self.condition.get("pursued")
+        self.goal = pursued if isinstance(pursued, int) and pursued >= 0 else -1
+
+    def on_candidates(self, message: Any) -> None:
+        given = object_of(message, _LONGEST)
+        places = [(float(x), float(y)) for x, y in given["places"][:_MOST]]
+        self.pellet_ids = [int(number) for number in given["pellets"][: len(places)]]
+        self.places = places
+
+    def on_scores(self, message: Any) -> None:
+        markers = [one for one in message.markers[:_MOST] if one.ns == NAMESPACE and one.action == one.ADD]
+        self.scores = {one.id: float(one.text.split()[-1]) for one in markers if 0 <= one.id < _MOST}
+
+    def on_why(self, message: Any) -> None:
+        self._news.add(why=object_of(message, _LONGEST))
 
 
 class PageNode(BaseNode):
-    """Keeps the last of every message.
-
-    Args:
-        sim: the robot is simulated, and gives the time.
-        news: what is shown, and what happens to the game, is added to it.
-        options: of rclpy's Node.
-    """
+    """Keeps the last of every message; with ``sim`` a simulated robot gives the time. Events become ``news``."""
 
     def __init__(self, sim: bool, news: News, **options: Any) -> None:
         super().__init__(NAME, **options)
         self._news = news
-        self.robot = RobotState(self)
-        self.game = GameState(self.robot, news)
+        self.robot = robot = RobotState(self)
+        self.game = game = GameState(robot, news)
         self._watched: dict[str, Any] = {}  # subscriptions
-        self._subscribe_to_all()
-        queues = [(topics.TF, self.robot.on_transforms), (topics.ODOMETRY, self.robot.on_odometry)]
-        if sim:
-            queues.append((topics.CLOCK, self.robot.on_clock))
-        # These come far more often than a page is sent anything.
-        self._queues = [MessageQueue(self, topic, receive) for topic, receive in queues]
-
-    def _subscribe_to_all(self) -> None:
-        robot, game = self.robot, self.game
-        for name, topic in _NUMBERS.items():
-            self._subscribe(topic, partial(game.on_number, name))
-        for name, topic in _SHOWN.items():
-            self._subscribe(topic, partial(game.on_shown, name))
-        for number, topic in enumerate(topics.GHOST_POSES):
-            self._subscribe(topic, partial(game.on_ghost, number))
-        for topic, receive in (
-            (topics.GAME_STATE, partial(game.on_state, topics.STATE_WORDS)),
+        callbacks: list[tuple[topics.Topic, Callable[[Any], object]]] = [
+            (topics.SCORE, partial(game.on_number, "score")),
+            (topics.ROUND, partial(game.on_number, "round")),
+            (topics.PELLETS_SPAWNED, partial(game.on_number, "spawned")),
+            (topics.PELLETS_COLLECTED, partial(game.on_number, "collected")),
+            (topics.CLYDE_SPEED, partial(game.on_number, "clyde_speed")),
+            (topics.GAME_EVENT, partial(game.on_shown, "event")),
+            (topics.GAME_LIGHT, partial(game.on_shown, "light")),
+            (topics.GAME_SOUND, partial(game.on_shown, "sound")),
+            *((topic, partial(game.on_ghost, number)) for number, topic in enumerate(topics.GHOST_POSES)),
+            (topics.GAME_STATE, game.on_state),
             (topics.GAME_RESULT, game.on_result),
             (topics.PELLET_MARKERS, game.on_pellets),
             (topics.CONFIGURATION, game.on_configuration),
@@ -68,14 +306,20 @@ class PageNode(BaseNode):
             (CANDIDATES, game.on_candidates),
             (SCORES, game.on_scores),
             (topics.MAP, robot.on_map),
-            (topics.AMCL_POSE, robot.on_amcl_pose),
+            (topics.AMCL_POSE, lambda message: robot.belief.latched(message)),
             (topics.TF_STATIC, robot.on_static_transforms),
             (topics.PLAN, robot.on_plan),
             (topics.LIGHT_RING, robot.on_ring),
             (topics.NAVIGATE_TO_POSE.statuses, robot.on_goal_statuses),
             (topics.SIMULATED_ORIGIN, robot.on_origin),
-        ):
+        ]
+        for topic, receive in callbacks:
             self._subscribe(topic, receive)
+        # These come far more often than a page is sent anything.
+        queues = [(topics.TF, robot.on_transforms), (topics.ODOMETRY, robot.on_odometry)]
+        if sim:
+            queues.append((topics.CLOCK, robot.on_clock))
+        self._queues = [MessageQueue(self, topic, callback) for topic, callback in queues]
 
     def _subscribe(self, topic: topics.Topic, receive: Callable[[Any], object]) -> Any:
         def checked(message: Any) -> None:
@@ -83,7 +327,7 @@ class PageNode(BaseNode):
                 receive(message)
             except BadMessage:
                 raise
-            except Exception as error:  # whatever a foreign node publishes must not end the page
+            except Exception as error:  # no message of an unrelated node may end the page
                 raise BadMessage(f"{type(error).__name__}: {error}") from error
 
         with contextlib.suppress(ImportError, AttributeError):  # of a package that is not installed here
@@ -96,19 +340,14 @@ class PageNode(BaseNode):
         for queue in self._queues:
             queue.catch_up()
 
-    def forget_robot(self) -> None:
-        """It is gone: nothing of it is to be shown."""
-        self.robot.forget()
-        self.game.forget()
-
-    def watch(self, topic: topics.Topic, wanted: bool) -> None:
-        """Subscribe to what costs something only while somebody looks at it."""
-        if wanted and topic.name not in self._watched:
-            receive = self.game.on_why if topic is WHY else self.robot.on_scan
-            self._watched[topic.name] = self._subscribe(topic, receive)
-        elif not wanted and topic.name in self._watched:
-            subscription = self._watched.pop(topic.name)
-            if subscription is not None:
-                self.destroy_subscription(subscription)
-            if topic is topics.SCAN:
-                self.robot.scan = np.zeros(0)
+    def watch(self, *, why: bool, lidar: bool) -> None:
+        """Subscribe to the terms and the scan, which cost something, only while a page shows them."""
+        for topic, wanted, receive in ((WHY, why, self.game.on_why), (topics.SCAN, lidar, self.robot.on_scan)):
+            if wanted and topic.name not in self._watched:
+                self._watched[topic.name] = self._subscribe(topic, receive)
+            elif not wanted and topic.name in self._watched:
+                subscription = self._watched.pop(topic.name)
+                if subscription is not None:
+                    self.destroy_subscription(subscription)
+                if topic is topics.SCAN:
+                    self.robot.scan = np.zeros(0)

@@ -1,11 +1,14 @@
-"""Who drives a robot by hand, what moves it at events, and the operator's stop.
+"""Driving a robot by hand, its motions at events, and the operator's stop.
 
-A stop goes three ways at once: zero velocity from a thread that does nothing else (``wheels.py``), the end of every
+A stop has three effects at once: zero velocity from a thread that does nothing else (``Wheels``), the end of every
 goal that Nav2 pursues, and the message that the nodes obey until the release (``operator_stop.py``).
 """
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 from pacman_env.game.events import FEEDBACK
@@ -14,83 +17,146 @@ from pacman_env.game.sounds import MELODIES
 from pacman_env.ros import topics
 from pacman_env.ros.messages import twist_message
 from pacman_env.ros.operator_page.page_node import PageNode
-from pacman_env.ros.operator_page.wheels import PERIOD_S, Wheels
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.web.game import Refused
-from pacman_env.web.news import News
-from pacman_env.web.roles import ROBOT, Roles
+from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles
+from pacman_env.web.game import News, Refused
 
+PERIOD_S = 0.05  # while stopped, as often as Nav2 publishes the opposite
+_ENDS = 5  # zero velocities at the end of a drive: one may be lost
 _CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
-_CANCEL_UNSEEN_S = 0.5  # while stopped and none is seen: nobody publishes the base's own motions
+_CANCEL_UNSEEN_S = 0.5  # while stopped and none is seen: the base's own motions are not published
 _LONGEST_SHOW_S = 30.0
+_SHOWN = {  # by kind: the words, and their topic
+    "event": (FEEDBACK, topics.GAME_EVENT),
+    "light": (LIGHTS, topics.GAME_LIGHT),
+    "sound": (MELODIES, topics.GAME_SOUND),
+}
+
+
+class Wheels:
+    """Publishes velocities while a person drives by hand, zero while the robot is stopped, and nothing else."""
+
+    def __init__(
+        self,
+        publish: Callable[[float, float], None],  # v (m/s) and omega (rad/s), from any thread
+        monotonic: Callable[[], float] = time.monotonic,
+        own_thread: bool = True,  # False: the caller calls ``beat`` every ``PERIOD_S``
+    ) -> None:
+        self._publish, self._monotonic = publish, monotonic
+        self.driven: tuple[float, float, float] | None = None  # by hand: v, omega, since when
+        self._lock = threading.RLock()
+        self._stopped = False
+        self._zeros = 0  # to be published yet
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="wheels", daemon=True)
+        if own_thread:
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Zero velocity now, and again and again until ``release``; a drive has ended."""
+        with self._lock:
+            self._stopped, self.driven = True, None
+            self._publish(0.0, 0.0)
+
+    def release(self) -> None:
+        with self._lock:
+            self._stopped = False
+
+    def drive(self, v: float, omega: float) -> bool:
+        """That velocity, for half a second at most; False: the robot is stopped."""
+        with self._lock:
+            if self._stopped or self._closed.is_set():
+                return False
+            self.driven = v, omega, self._monotonic()
+            self._publish(v, omega)
+        return True
+
+    def end_drive(self) -> None:
+        with self._lock:
+            if self.driven is not None:
+                self.driven, self._zeros = None, _ENDS
+                self._publish(0.0, 0.0)
+
+    def close(self) -> None:
+        """Publish no more; what was driven by hand stands."""
+        with self._lock:
+            self.end_drive()
+            self._closed.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closed.wait(PERIOD_S):
+            self.beat()
+
+    def beat(self) -> None:
+        with self._lock:
+            if self._closed.is_set():
+                return
+            if self._stopped:
+                self._zeros = 0
+                self._publish(0.0, 0.0)
+            elif self.driven is not None:
+                v, omega, since_s = self.driven
+                if self._monotonic() - since_s >= DEAD_MAN_S:
+                    self.end_drive()
+                else:
+                    self._publish(v, omega)
+            elif self._zeros:
+                self._zeros -= 1
+                self._publish(0.0, 0.0)
 
 
 class RosDriving:
-    """Everything by which the page moves the robot, or holds it.
-
-    Args:
-        node: publishes.
-        news: stops and releases are added to it.
-    """
+    """Everything by which the page moves the robot, or holds it; stops and releases are added to the ``news``."""
 
     def __init__(self, node: PageNode, news: News) -> None:
         self._node, self._news = node, news
         self._surroundings = node.surroundings
-        self._roles = Roles()
-        self._armed: str | None = None  # by whom
+        self.roles = Roles()
+        self._armed: str | None = None  # by which person
         self._shows_until_s = 0.0  # a motion that an operator has asked for
         self._cancelled_s = 0.0
         self._velocity = topics.CMD_VEL.publisher(node)
         lock_step = self._surroundings.lock_step
-        self._wheels = Wheels(self._publish_velocity, self._surroundings.monotonic, own_thread=not lock_step)
+        self.wheels = Wheels(self._publish_velocity, self._surroundings.monotonic, own_thread=not lock_step)
         if lock_step:
-            node.create_timer(PERIOD_S, self._wheels.beat, clock=self._surroundings.clock())
+            node.create_timer(PERIOD_S, self.wheels.beat, clock=self._surroundings.clock())
         self._cancellers = [
             topics.NAVIGATE_TO_POSE.cancel_client(node),
             *(topics.motion_canceller(node, name) for name in topics.MOTIONS),
         ]
-        shown = (topics.GAME_EVENT, topics.GAME_LIGHT, topics.GAME_SOUND)
-        self._publishers = {topic.name: topic.publisher(node) for topic in shown}
+        self._publishers = {what: topic.publisher(node) for what, (_, topic) in _SHOWN.items()}
         self._stop = OperatorStop(node, self._on_stop)
-
-    def close(self) -> None:
-        """What was driven by hand stands."""
-        self._wheels.close()
-
-    # Stop
 
     @property
     def stopped(self) -> bool:
-        """Whether the robot is to stand until the release."""
         return self._stop.stopped
 
     def stop(self, person: str) -> None:
         """Zero velocity, no goal, and no other until the release; from any thread."""
         try:
-            self._wheels.stop()
-        finally:  # each way for itself, whatever becomes of the others
+            self.wheels.stop()
+        finally:  # each of the three although another fails
             try:
                 self._stop.say(True, person)
             finally:
                 self._cancel_goals()
 
     def release(self, person: str) -> None:
-        """The game goes on where it stands."""
         self._stop.say(False, person)
 
     def keep_stopped(self) -> None:
-        """While stopped, end goals again and again."""
         again_s = _CANCEL_AGAIN_S if self._node.robot.navigating else _CANCEL_UNSEEN_S
         if self.stopped and self._surroundings.monotonic() - self._cancelled_s >= again_s:
             self._cancel_goals()
 
     def require_not_stopped(self) -> None:
-        """Raise Refused while the robot is stopped."""
         if self.stopped:
             raise Refused(f"stopped by {self._stop.who}: release it first")
 
     def stop_row(self) -> dict[str, str]:
-        """Who obeys a stop, as one row of the readiness list."""
+        """The nodes that obey a stop, as one row of the readiness list."""
         obey = self._stop.obeyed_by if self._stop.known else []
         if obey:
             words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._stop.stopped else ''}"
@@ -98,17 +164,16 @@ class RosDriving:
         remedy = "start the game by pacman-env ros up; until then STOP ends Nav2's goals and holds the wheels by itself"
         return {"name": "STOP", "state": "bad", "words": "no node of the game obeys it", "remedy": remedy}
 
-    def _on_stop(self, stopped: bool, who: str) -> None:
-        """From here or from elsewhere."""
-        self._news.add(words=f"{'stopped' if stopped else 'released'} by {who}")
+    def _on_stop(self, stopped: bool, by: str) -> None:
+        self._news.add(words=f"{'stopped' if stopped else 'released'} by {by}")
         if stopped:
-            self._wheels.stop()
+            self.wheels.stop()
             self._cancel_goals()
         else:
-            self._wheels.release()
+            self.wheels.release()
 
     def _cancel_goals(self) -> None:
-        """End every goal that Nav2 pursues and every motion of the base's own, whoever asked for it."""
+        """End every goal that Nav2 pursues and every motion of the base's own, of any client."""
         self._cancelled_s = self._surroundings.monotonic()
         for canceller in self._cancellers:
             if canceller.service_is_ready():
@@ -117,86 +182,64 @@ class RosDriving:
     def _publish_velocity(self, v: float, omega: float) -> None:
         self._velocity.publish(twist_message(v, omega, self._node.get_clock().now().to_msg()))
 
-    # Roles, and what they do
-
     def leave(self, person: str) -> None:
         """What the person drove by hand stands, and what the person armed is not armed any more."""
         if self._armed == person:
             self.arm(None)
-        if self._roles.leave(person) is not None:
-            self._wheels.let_go()
-
-    def let_go(self) -> None:
-        """Nobody drives by hand any more."""
-        self._wheels.let_go()
+        if self.roles.leave(person) is not None:
+            self.wheels.end_drive()
 
     def assume(self, person: str, role: str) -> None:
-        """Drive the robot by hand from now on.
-
-        Raises:
-            Refused: a ghost's role, or somebody else drives.
-        """
+        """Drive by hand from now on, or no more."""
+        if role == "none":
+            self.leave(person)
+            return
         if role != ROBOT:
             raise Refused("ghosts are moved by the game here: roles of ghosts are the simulator's")
-        if self._roles.person(role) not in (None, person):
+        if self.roles.people.get(role, person) != person:
             raise Refused("somebody else drives")
-        self._roles.assume(person, role)
+        self.roles.assume(person, role)
 
-    def require_role(self, person: str) -> None:
-        """Raise Refused unless the person drives the robot."""
-        self._roles.require(person, ROBOT)
-
-    def drive(self, v: float, omega: float, fastest: float, turn: float) -> None:
-        """By hand only while nobody else drives: in the menu, without a goal of Nav2's, not stopped.
-
-        Args:
-            v: m/s.
-            omega: rad/s.
-            fastest: m/s, that the wheels can.
-            turn: rad/s, that the robot can.
-
-        Raises:
-            Refused: somebody else drives.
-        """
+    def drive(self, v: float, omega: float, most: dict[str, Any]) -> None:
+        """By hand, m/s and rad/s, while nothing else drives; ``most``: the limits, as in the facts of the scene."""
         if self._node.game.state != "menu":
             raise Refused("the game drives: by hand in the menu alone; Reset leads there")
         if self._node.robot.navigating:
             raise Refused("Nav2 drives to a goal that somebody has sent it; STOP ends that")
-        if not self._wheels.drive(min(max(v, -fastest), fastest), min(max(omega, -turn), turn)):
+        fastest, turn = float(most.get("wheels_mps", 0.0)), float(most.get("turn_radps", 0.0))
+        if not self.wheels.drive(min(max(v, -fastest), fastest), min(max(omega, -turn), turn)):
             self.require_not_stopped()
 
-    def show(self, word: str, what: str) -> None:
+    def show(self, what: str, word: str) -> None:
         """A light or a sound; an event is sent to the game only when it may move the robot."""
         if what != "event":
-            self._publish(topics.GAME_LIGHT if what == "light" else topics.GAME_SOUND, word)
+            self._publish(what, word)
             return
         answer = FEEDBACK[word]
         if self._armed and answer.motion in ("spin", "shake"):
             self.require_not_stopped()
-            if self._node.game.state != "menu" or self._wheels.driven or self._node.robot.navigating:
+            if self._node.game.state != "menu" or self.wheels.driven or self._node.robot.navigating:
                 raise Refused("somebody else drives: an event moves the robot in the menu alone; disarm first")
             self._shows_until_s = self._surroundings.monotonic() + _LONGEST_SHOW_S
-            self._publish(topics.GAME_EVENT, word)
+            self._publish("event", word)
             return
         self._news.add(event=word)
         if answer.light is not None:
-            self._publish(topics.GAME_LIGHT, answer.light)
+            self._publish("light", answer.light)
         if answer.sound is not None:
-            self._publish(topics.GAME_SOUND, answer.sound)
+            self._publish("sound", answer.sound)
 
     def arm(self, by: str | None) -> None:
         """Events move the robot from now on, or, with None, no more."""
         self._armed = by
         if by is None and self._surroundings.monotonic() < self._shows_until_s and self._node.game.state == "menu":
-            self._publish(topics.GAME_EVENT, "reset")  # ends the motion
+            self._publish("event", "reset")  # ends the motion
         self._shows_until_s = 0.0
 
-    def _publish(self, topic: topics.Topic, word: str) -> None:
-        self._publishers[topic.name].publish(topic.type(data=word))
+    def _publish(self, what: str, word: str) -> None:
+        self._publishers[what].publish(_SHOWN[what][1].type(data=word))
 
 
-def require_word(word: str, what: str) -> None:
-    """Raise Refused for an event, a light or a sound that there is not."""
-    known: dict[str, Any] = {"event": FEEDBACK, "light": LIGHTS, "sound": MELODIES}
-    if word not in known[what]:
+def require_word(what: str, word: str) -> None:
+    if word not in _SHOWN[what][0]:
         raise Refused(f"{what} {word!r}: there is none")

@@ -1,9 +1,7 @@
 """A running game of a robot as the operator's page sees it: the interface ``Game`` over ROS.
 
-A node with a context and a thread of its own receives (``page_node.py``); scenes and frames are made of what it has
-received (``ros_view.py``). What people ask for is done in the thread that asks, by the referee's services and the
-topics that anybody may use; the robot is moved and stopped by ``ros_driving.py``. In a lock-step game the node is one
-of the game's, and has no thread.
+A request is carried out in the thread of its caller, by the referee's services and the public topics. The node has a
+context and a thread of its own, but in a lock-step game, where it is one of the game's.
 """
 
 from __future__ import annotations
@@ -11,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
+from functools import partial
 from typing import Any, Literal
 
 import rclpy
@@ -21,93 +20,91 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
 
-from pacman_env import __version__
 from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
+from pacman_env.ros.discovery import join
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_page.ros_driving import RosDriving, require_word
 from pacman_env.ros.operator_page.ros_view import RosView
-from pacman_env.ros.selector.goal_scores import WHY
 from pacman_env.ros.supervisor.checks import examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import Doctor
-from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR
+from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR, full_namespace
 from pacman_env.ros.surroundings import current
 from pacman_env.web import messages
+from pacman_env.web.control import ROBOT
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused, Scene
+from pacman_env.web.game import News, Refused, Scene
 from pacman_env.web.messages import Message
-from pacman_env.web.news import News
-from pacman_env.web.vocabulary import vocabulary
-from pacman_env.world.maps.occupancy import OccupancyMap, load_map
+from pacman_env.world.maps.occupancy import load_map
 
 _LOG = logging.getLogger(__name__)
 _PERIOD_S = 0.05  # between two frames
-_LOOK_S = 0.5  # between two looks at who is there
-_THERE_S = 2.0  # for a service that is asked
+_FIND_S = 0.5  # between two searches for the game
+_THERE_S = 2.0  # for a service to be there
 _ANSWER_S = 5.0
 _PLACED_S = 2.0  # for a ghost that was placed
 _PLACED_M = 0.5
 _CHECKS_S = 6.0  # for the readiness list
-_NOWHERE = (math.nan, math.nan)
 _SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
+_REFUSALS: dict[type[Message], str] = {
+    messages.Pause: "a robot's time cannot be held: STOP holds the robot, and Reset ends the round",
+    messages.Speed: "a robot is as fast as it is; a simulated one is given its speed at the start: --speed",
+    messages.Goal: "on a robot the policy chooses where to go; by hand it is driven with the arrow keys",
+    messages.Why: "rounds of a robot are not kept here: record them, and ask by pacman-env ros replay",
+}
 
 
 class RosGame:
-    """A :class:`~pacman_env.web.game.Game` that the nodes of a namespace play.
+    """A :class:`~pacman_env.web.game.Game` that the nodes of a namespace, with its slash, play.
 
-    Args:
-        namespace: of the robot, with its slash.
-        domain: ROS domain, which this process has joined.
-        sim: a simulated robot, on this machine alone.
-        map: the game's map, for the readiness list to compare with the robot's; None: it is not compared.
-
-    Raises:
-        MapError, OSError: the map cannot be read.
+    The readiness list compares the robot's map with ``map``, which raises MapError or OSError if it cannot be read.
     """
 
     source: Literal["simulator", "ros"] = "ros"
 
     def __init__(self, namespace: str, domain: int, sim: bool = False, map: str | None = None) -> None:
-        self._where, self._domain, self._sim = namespace, domain, sim
-        self._map_file = map or ""
-        self._occupancy: OccupancyMap | None = None if map is None else load_map(map)
+        self._where = namespace
+        occupancy = None if map is None else load_map(map)
+        self._make_doctor = partial(Doctor, namespace, domain, occupancy, map or "", sim, _CHECKS_S)
         self._news = News()
         self._why = self._lidar = False
         self._state: str | None = None
-        self._looked_s = 0.0
+        self._found_s = 0.0
         self._error = ""  # the last
         self._closed = threading.Event()
         self._doctors = threading.Lock()
         self._surroundings = current()
         lock_step = self._surroundings.lock_step
-        self._context: Context | None = None if lock_step else _context(domain)
-        options = {} if lock_step else {"namespace": namespace, "context": self._context}
+        self._context: Context | None = None
+        options: dict[str, Any] = {}
+        if not lock_step:
+            self._context = Context()
+            words, no_signals = ["--ros-args", *QUIET], SignalHandlerOptions.NO
+            rclpy.init(args=words, context=self._context, domain_id=domain, signal_handler_options=no_signals)
+            options = {"namespace": namespace, "context": self._context}
         self.node = node = PageNode(sim, self._news, **options)
         self._view = RosView(node, f"{namespace}, ROS domain {domain}", self._news)
-        self._driving = RosDriving(node, self._news)
-        self._services = {
-            service.name: service.client(node) for service in (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
-        }
-        self._publishers = {
-            topic.name: topic.publisher(node) for topic in (topics.CLICKED_POINT, topics.BASE_CLYDE_SPEED)
-        }
+        self._driving = driving = RosDriving(node, self._news)
+        self.stop, self.release, self.leave = driving.stop, driving.release, driving.leave
+        self.news = self._news.after
+        services = (topics.START_GAME, topics.RESET_GAME, _SET_PARAMETERS)
+        self._services = {service.name: service.client(node) for service in services}
+        self._clicked_point = topics.CLICKED_POINT.publisher(node)
+        self._clyde_speed = topics.BASE_CLYDE_SPEED.publisher(node)
         node.create_timer(_PERIOD_S, self._update, clock=self._surroundings.clock())
-        if lock_step:
-            return
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(node)
-        self._thread = threading.Thread(target=self._spin, name="page", daemon=True)
-        self._thread.start()
-
-    # What the server asks
+        if not lock_step:
+            self._executor = SingleThreadedExecutor(context=self._context)
+            self._executor.add_node(node)
+            self._thread = threading.Thread(target=self._spin, name="page", daemon=True)
+            self._thread.start()
 
     def close(self) -> None:
         """Receive no more. What was driven by hand stands, a stop stays, a game goes on."""
         if self._closed.is_set():
             return
         self._closed.set()
-        self._driving.close()
+        self._driving.wheels.close()
         if self._context is None:
             return
         self._thread.join()
@@ -115,41 +112,20 @@ class RosGame:
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def hello(self) -> dict[str, Any]:
-        """Words and melodies; of the choices the policies, the rest was chosen when the game was started."""
-        nothing: dict[str, Any] = {"maps": [], "presets": [], "behaviours": [], "settings": []}
-        return {"version": __version__, "choices": {**nothing, "policies": policy_names()}, **vocabulary()}
+    def choices(self) -> dict[str, Any]:
+        """The policies; all else was chosen when the game was started."""
+        return {"maps": [], "presets": [], "policies": policy_names(), "behaviours": [], "settings": []}
 
     def scene(self) -> Scene:
-        """The scene now."""
         return self._view.scene
 
     def frame(self) -> Frame | None:
-        """How it stands now; None: neither a game nor a robot is there."""
         return self._view.frame
 
-    def news(self, after: int) -> list[dict[str, Any]]:
-        """What has happened since."""
-        return self._news.after(after)
-
     def watch(self, *, why: bool, lidar: bool) -> None:
-        """Scans and terms are received while somebody looks at them."""
         self._why, self._lidar = why, lidar
 
-    def stop(self, person: str) -> None:
-        """Zero velocity, no goal, and no other until the release; from any thread."""
-        self._driving.stop(person)
-
-    def release(self, person: str) -> None:
-        """The game goes on where it stands."""
-        self._driving.release(person)
-
-    def leave(self, person: str) -> None:
-        """What the person drove by hand stands, and what the person armed is not armed any more."""
-        self._driving.leave(person)
-
     def add_map(self, name: str, yaml: str, image: bytes) -> dict[str, Any]:
-        """Refused: localization and every node would have to start anew."""
         raise Refused(f"map {name}: a robot's map is chosen when its localization and the game are started")
 
     def story(self, number: int) -> bytes | None:
@@ -157,57 +133,40 @@ class RosGame:
         return None
 
     def handle(self, person: str, message: Message) -> Any:
-        """See :meth:`pacman_env.web.game.Game.handle`."""
         match message:
             case messages.Start():
                 self._driving.require_not_stopped()
-                self._driving.let_go()
-                return self._call_referee(topics.START_GAME)
+                self._driving.wheels.end_drive()
+                self._call_referee(topics.START_GAME)
             case messages.Reset():
-                return self._call_referee(topics.RESET_GAME)
+                self._call_referee(topics.RESET_GAME)
             case messages.Setup():
-                return self._set_up(message)
+                self._set_up(message)
             case messages.ClydeSpeed(mps=mps):
-                self._publishers[topics.BASE_CLYDE_SPEED.name].publish(topics.BASE_CLYDE_SPEED.type(data=mps))
+                self._clyde_speed.publish(topics.BASE_CLYDE_SPEED.type(data=mps))
             case messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 self._place(x, y, ghost)
-            case messages.Stop():
-                self.stop(person)
-            case messages.Release():
-                self.release(person)
-            case messages.Role(role="none"):
-                self.leave(person)
-                return {"words": ""}
             case messages.Role(role=role):
                 self._driving.assume(person, role)
                 return {"words": ""}
             case messages.Drive(v=v, omega=omega):
-                self._drive(person, v, omega)
-            case messages.Event(word=word, what=what):
-                require_word(word, what)
+                self._driving.roles.require(person, ROBOT)
+                self._driving.require_not_stopped()
                 self._require_game()
-                self._driving.show(word, what)
+                self._driving.drive(v, omega, self._view.scene.facts)
+            case messages.Event(word=word, what=what):
+                require_word(what, word)
+                self._require_game()
+                self._driving.show(what, word)
             case messages.Arm(on=on):
                 self._driving.arm(person if on else None)
             case messages.Ready():
                 return self._ready()
             case messages.Stories():
                 return []
-            case messages.Ping() | messages.Watch() | messages.Control():
-                return None
-            case messages.Pause():
-                raise Refused("a robot's time cannot be held: STOP holds the robot, and Reset ends the round")
-            case messages.Speed():
-                raise Refused("a robot is as fast as it is; a simulated one is given its speed at the start: --speed")
-            case messages.Goal():
-                raise Refused("on a robot the policy chooses where to go; by hand it is driven with the arrow keys")
-            case messages.Why():
-                raise Refused("rounds of a robot are not kept here: record them, and ask by pacman-env ros replay")
             case _:
-                raise Refused(f"{type(message).__name__}: not on a robot")
+                raise Refused(_REFUSALS.get(type(message), f"{type(message).__name__}: not on a robot"))
         return None
-
-    # The node's thread
 
     def _spin(self) -> None:
         while not self._closed.is_set():
@@ -224,13 +183,12 @@ class RosGame:
 
     def _update(self) -> None:
         node, now = self.node, self._surroundings.monotonic()
-        node.watch(WHY, self._why)
-        node.watch(topics.SCAN, self._lidar)
+        node.watch(why=self._why, lidar=self._lidar)
         node.catch_up()
-        if now - self._looked_s >= _LOOK_S:
-            self._looked_s = now
+        if now - self._found_s >= _FIND_S:
+            self._found_s = now
             if self._view.find_game():
-                self._driving.let_go()
+                self._driving.wheels.end_drive()
             self._view.update_scene()
         self._driving.keep_stopped()
         state = node.game.state
@@ -239,10 +197,8 @@ class RosGame:
             if state is not None:
                 self._news.add(state=state)
             if state != "menu":  # the game drives
-                self._driving.let_go()
+                self._driving.wheels.end_drive()
         self._view.update_frame(self._driving.stopped, self._lidar)
-
-    # What people ask for
 
     def _require_game(self) -> None:
         if not self._view.game_is_there:
@@ -253,21 +209,20 @@ class RosGame:
         if not answer.success:
             raise Refused(str(answer.message))
 
-    def _call(self, service: topics.Service, request: Any, who: str) -> Any:
-        """The answer of a service; in the thread of who asks, while the node's thread goes on."""
+    def _call(self, service: topics.Service, request: Any, node: str) -> Any:
         client = self._services[service.name]
         if not self._surroundings.wait_for(client.service_is_ready, _THERE_S):
-            raise Refused(f"{who} is not there: nobody answers on {service.name} in {self._where}")
+            raise Refused(f"{node} is not there: nobody answers on {service.name} in {self._where}")
         answer = client.call_async(request)
         if not self._surroundings.wait_for(answer.done, _ANSWER_S):
             client.remove_pending_request(answer)
-            raise Refused(f"{who} has not answered within {_ANSWER_S:g} s: see whether it was done")
+            raise Refused(f"{node} has not answered within {_ANSWER_S:g} s: see whether it was done")
         if answer.exception() is not None:
-            raise Refused(f"{who}: {answer.exception()}")
+            raise Refused(f"{node}: {answer.exception()}")
         return answer.result()
 
     def _set_up(self, setup: messages.Setup) -> None:
-        """The policy alone can be changed while the game is up, in the menu; no second one is asked beside it."""
+        """The policy can be changed while the game runs, in the menu; a second one is ignored, all else refused."""
         others = {name for name in setup.__struct_fields__ if name not in ("id", "policy", "second")}
         if setup.policy is None or any(getattr(setup, name) not in (None, False) for name in others):
             raise Refused("on a robot only the policy can be changed here; all else is chosen by pacman-env ros up")
@@ -285,26 +240,17 @@ class RosGame:
             raise Refused("on a robot Clyde alone can be placed")
         point = PointStamped(header=Header(stamp=self.node.get_clock().now().to_msg(), frame_id="map"))
         point.point.x, point.point.y = x, y
-        self._publishers[topics.CLICKED_POINT.name].publish(point)
-
-        def there() -> bool:
-            at = self.node.game.ghosts.get(0, _NOWHERE)
-            return math.dist(at, (x, y)) < _PLACED_M
-
-        if not self._surroundings.wait_for(there, _PLACED_S):
+        self._clicked_point.publish(point)
+        game = self.node.game
+        if not self._surroundings.wait_for(
+            lambda: math.dist(game.ghosts.get(0, (math.nan, math.nan)), (x, y)) < _PLACED_M, _PLACED_S
+        ):
             raise Refused("Clyde cannot be there: no place near it is wide enough for him")
 
-    def _drive(self, person: str, v: float, omega: float) -> None:
-        self._driving.require_role(person)
-        self._driving.require_not_stopped()
-        self._require_game()
-        facts = self._view.scene.facts
-        self._driving.drive(v, omega, float(facts.get("wheels_mps", 0.0)), float(facts.get("turn_radps", 0.0)))
-
     def _ready(self) -> list[dict[str, str]]:
-        """What ``pacman-env ros doctor`` says, and who obeys a stop; one check at a time."""
+        """The findings of ``pacman-env ros doctor``, one doctor at a time, and the nodes that obey a stop."""
         with self._doctors:
-            doctor = Doctor(self._where, self._domain, self._occupancy, self._map_file, self._sim, _CHECKS_S)
+            doctor = self._make_doctor()
             try:
                 doctor.observe(self._closed.is_set)
                 findings = examine(doctor.observations())
@@ -322,9 +268,11 @@ class RosGame:
         return [*rows, self._driving.stop_row()]
 
 
-def _context(domain: int) -> Context:
-    """Of the page's own."""
-    context = Context()
-    no_signals = SignalHandlerOptions.NO
-    rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
-    return context
+def open_game(
+    namespace: str = "robot_15", domain: int | None = None, sim: bool = False, map: str | None = None
+) -> RosGame:
+    """The game in a robot's namespace, running or not yet; ValueError for a domain or map that does not exist.
+
+    ``domain`` None: ROS_DOMAIN_ID; ``sim``: a simulated robot, on this machine alone; ``map``: a file or shipped name.
+    """
+    return RosGame(full_namespace(namespace), join(domain, this_machine=sim), sim, map)

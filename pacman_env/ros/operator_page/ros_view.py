@@ -1,33 +1,33 @@
-"""What is shown of a robot's game: whether it is there, its scene and its frames, from what the node has received."""
+"""What is shown of a robot's game: whether there is one, its scene and its frames, from what the node has received."""
 
 from __future__ import annotations
 
 import json
-from typing import cast
+import math
+from functools import lru_cache
+from itertools import product
+from typing import Any, cast
 
 import numpy as np
+from msgspec.structs import replace
 
+from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config
+from pacman_env.game.round import State
 from pacman_env.ros import topics
-from pacman_env.ros.operator_page.page_node import PageNode
-from pacman_env.ros.operator_page.scenes import facts_of, pellets_of_scene
-from pacman_env.web.frame import Frame, State, thinned
-from pacman_env.web.game import Scene
-from pacman_env.web.news import News
+from pacman_env.ros.messages import Position
+from pacman_env.ros.operator_page.page_node import GameState, PageNode
+from pacman_env.web.control import ghost_role
+from pacman_env.web.frame import Frame, thinned
+from pacman_env.web.game import News, Scene
 
 
 class RosView:
-    """The scene and the newest frame.
-
-    Args:
-        node: has received what they are made of.
-        where: the game is, in words.
-        news: that the game came, or is gone, is added to it.
-    """
+    """The scene and the newest frame of the game at ``where``; that it comes and goes is added to the ``news``."""
 
     def __init__(self, node: PageNode, where: str, news: News) -> None:
         self.scene = Scene(1, {"map": None, "preparing": True})
-        self.frame: Frame | None = None  # None: neither a game nor a robot is there
-        self.game_is_there: bool | None = None  # None: nobody has looked yet
+        self.frame: Frame | None = None  # None: there is neither a game nor a robot
+        self.game_is_there: bool | None = None  # None: not known yet
         self._robot_gone = True  # neither referee nor robot
         self._node, self._where, self._news = node, where, news
         self._scene_key = ""
@@ -36,7 +36,7 @@ class RosView:
         self._notice = ""  # what a page shows in the place of a game
 
     def find_game(self) -> bool:
-        """Look whether a referee is there; returns whether it has gone."""
+        """Check whether there is a referee; returns whether it has gone."""
         node = self._node
         there = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
         was, self.game_is_there = self.game_is_there, there
@@ -49,48 +49,39 @@ class RosView:
             node.game.state = None
         robot_gone = not there and not node.robot.alive
         if robot_gone and not self._robot_gone:  # once: what is latched of the next robot may come before its odometry
-            node.forget_robot()
+            node.robot.forget()
+            node.game.forget()
         self._robot_gone = robot_gone
         return gone
 
     def update_scene(self) -> None:
-        """Another scene, where it has changed."""
-        node = self._node
-        ids, _ = pellets_of_scene(node.game)
-        facts = {**facts_of(node), "notice": self._notice}
-        picture = node.robot.map
-        key = json.dumps([facts, ids, id(picture)])
-        if key == self._scene_key:
-            return
-        revision = self.scene.revision % 65535 + 1
-        if facts["map"] is not None:
-            facts["map"]["url"] = f"/map/{revision}.png"
-        self._scene_key, self._pellet_ids = key, ids
-        self.scene = Scene(revision, facts, b"" if picture is None else picture.png)
+        pellets = _pellets(self._node.game)
+        facts = _facts(self._node, pellets) | {"notice": self._notice}
+        picture = self._node.robot.map
+        key = json.dumps([facts, list(pellets), id(picture)])
+        if key != self._scene_key:
+            self._scene_key, self._pellet_ids = key, list(pellets)
+            self.scene = Scene(self.scene.revision + 1, facts, b"" if picture is None else picture.png)
 
     def update_frame(self, stopped: bool, lidar: bool) -> None:
-        """Another frame, where what it shows has changed."""
         if not (self.game_is_there or self._node.robot.alive):
             self.frame, self._encoded = None, ""
             return
-        encoded = self._framed(0, stopped, lidar).encode()
+        frame = self._framed(stopped, lidar)
+        encoded = frame.encode()
         if encoded != self._encoded:
             self._encoded, self._number = encoded, self._number + 1
-            self.frame = self._framed(self._number, stopped, lidar)
+            self.frame = replace(frame, number=self._number)
 
-    def _framed(self, number: int, stopped: bool, lidar: bool) -> Frame:
+    def _framed(self, stopped: bool, lidar: bool) -> Frame:
         robot, game = self._node.robot, self._node.game
-        numbers = game.numbers
-        candidates = len(game.candidates.get("places", ()))
-        scores = np.full(candidates + 1 if candidates else 0, np.nan)
-        for candidate, score in game.scores.items():
-            if candidate < len(scores):
-                scores[candidate] = score
+        numbers, candidates = game.numbers, len(game.places)
+        scores = [game.scores.get(k, math.nan) for k in range(candidates + 1)] if candidates else []
         ghosts = [game.ghosts[k] for k in sorted(game.ghosts)]
         return Frame(
             state=cast(State, game.state or "menu"),
             revision=self.scene.revision,
-            number=number,
+            number=0,
             time_s=round(game.round_time_s, 2),
             speed=round(robot.rate, 1),
             score=int(numbers.get("score", 0)),
@@ -106,7 +97,72 @@ class RosView:
             ring=robot.ring,
             ghosts=np.array(ghosts, dtype=np.float64).reshape(-1, 2),
             alive=np.array([one in game.pellets for one in self._pellet_ids], dtype=np.bool_),
-            scores=scores,
+            scores=np.array(scores, dtype=np.float64),
             plan=thinned(robot.plan),
             scan=robot.scan if lidar else np.zeros(0),
         )
+
+
+def _pellets(game: GameState) -> dict[int, Position]:
+    """Places by id: first the candidates, as they are numbered, then those that cannot be driven to."""
+    known = dict(zip(game.pellet_ids, game.places, strict=False))
+    return known | {number: game.pellets[number] for number in sorted(game.pellets) if number not in known}
+
+
+def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
+    own: Config = make_config("robot", "robust")
+    game, picture = node.game, node.robot.map
+    configuration, condition = game.configuration, game.condition
+    candidates, first_refuge = [list(place) for place in game.places], len(game.pellet_ids)
+    behaviours = (configuration.get("clyde") or {}).get("ghosts") or own.clyde.ghosts
+    preset, settings = played_by(game.configuration_text) if configuration else (None, {})
+    home = condition.get("home")
+
+    def number(name: str) -> float:
+        """Of the robot's configuration, as far as it is valid."""
+        group, _, key = name.partition(".")
+        value = (configuration.get(group) or {}).get(key)
+        return float(value if isinstance(value, int | float) and math.isfinite(value) else own.value(name))
+
+    return {
+        "map": None if picture is None else {"name": str(condition.get("map") or "map"), **picture.facts},
+        "home": home if isinstance(home, list) and len(home) == 3 else [0.0, 0.0, 0.0],
+        "pellets": [list(place) for place in pellets.values()],
+        "candidates": candidates,
+        "refuges": candidates[first_refuge:],
+        "first_refuge": first_refuge,
+        "ghosts": [
+            {
+                "role": ghost_role(k),
+                "behaviour": str(behaviours[k])[:100] if k < len(behaviours) else "",
+                "catch_m": number("execution.death_radius_m"),
+            }
+            for k in sorted(game.ghosts)
+        ],
+        "robot": {"radius_m": number("robot.radius_m"), "speed_mps": number("robot.speed_mps")},
+        "wheels_mps": number("robot.wheel_speed_mps"),
+        "turn_radps": number("robot.omega_radps"),
+        "policy": str(condition.get("policy") or "")[:200],
+        "second": None,
+        "preset": preset,
+        "seed": None,
+        "level": None,
+        "settings": settings,
+        "clyde_speed_mps": game.numbers.get("clyde_speed", own.clyde.speed_mps),
+        "link": "",
+        "preparing": picture is None,
+    }
+
+
+@lru_cache(maxsize=4)
+def played_by(text: str) -> tuple[str, dict[str, Any]]:
+    """The preset that a configuration, as JSON, is nearest to, and its differences, by dotted names."""
+    configuration, found = json.loads(text), {}
+    for preset, execution in product(PRESETS, EXECUTIONS):
+        fields = make_config(preset, execution).as_dict()
+        name = preset if execution == "robust" else f"{preset}, {execution}"
+        try:
+            found[name] = {field: value for field, (value, _) in differences(configuration, fields).items()}
+        except (TypeError, ValueError, AttributeError):  # of another version
+            return "", {}
+    return min(found.items(), key=lambda pair: len(pair[1]))

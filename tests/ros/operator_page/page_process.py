@@ -14,8 +14,9 @@ from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
-from pacman_env.web.frame import Frame, decode
+from pacman_env.web.frame import Frame
 from tests.ros.system import NAMESPACE, PATIENCE_S, Probe, Process, System
+from tests.web.frames import decode
 
 MAP = "loop"
 START_S = 240.0  # the first nodes may have to compile
@@ -136,7 +137,7 @@ class Page:
             connect(f"ws://{where}/ws", origin=f"http://{where}", close_timeout=0.2)  # a killed page does not answer
         )
         self.frame: Frame | None = None
-        self.told: list[dict[str, Any]] = []
+        self.texts: list[dict[str, Any]] = []
         self._id = 0
 
     def _there(self) -> bool:
@@ -158,7 +159,7 @@ class Page:
             if text["kind"] == "frame":
                 self.frame = decode(message)
             else:
-                self.told.append(text)
+                self.texts.append(text)
 
     def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = PATIENCE_S) -> Any:
         def looked() -> Any:
@@ -167,26 +168,26 @@ class Page:
 
         return self.nodes.wait(looked, what, timeout_s)
 
-    def say(self, do: str, **fields: Any) -> None:
+    def send(self, do: str, **fields: Any) -> None:
         self._socket.send(json.dumps({"do": do, **fields}))
 
     def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         self._id += 1
         number = self._id
-        self.say(do, id=number, **fields)
+        self.send(do, id=number, **fields)
 
         def answer() -> dict[str, Any] | None:
-            return next((one for one in self.told if one["kind"] == "answer" and one["id"] == number), None)
+            return next((one for one in self.texts if one["kind"] == "answer" and one["id"] == number), None)
 
         return dict(self.wait(answer, f"the answer to {do}"))
 
     def words(self) -> list[str]:
-        news = [item for one in self.told if one["kind"] == "news" for item in one["items"]]
+        news = [item for one in self.texts if one["kind"] == "news" for item in one["items"]]
         return [item["words"] for item in news if "words" in item]
 
     def scene(self) -> dict[str, Any]:
         """The last."""
-        return next((one for one in reversed(self.told) if one["kind"] == "scene"), {})
+        return next((one for one in reversed(self.texts) if one["kind"] == "scene"), {})
 
     def notice(self) -> str:
         return str(self.scene().get("notice", ""))

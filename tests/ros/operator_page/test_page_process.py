@@ -46,7 +46,7 @@ def nodes(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nod
 def test_a_page_over_nothing_says_so_and_shows_the_game_when_it_comes(nodes: Nodes) -> None:
     page = nodes.page()
     page.wait(lambda: "no game is heard in /robot_15" in page.notice(), "what is missing")
-    hello = next(one for one in page.told if one["kind"] == "hello")
+    hello = next(one for one in page.texts if one["kind"] == "hello")
     assert hello["source"] == "ros"
     assert page.frame is None
     answer = page.ask("start")
@@ -91,7 +91,7 @@ def test_a_stop_by_websocket_and_its_page_killed_and_another_one_that_lets_go(
     took = []
     for _ in range(STOPS):
         page.until_it_drives()
-        took.append(nodes.measured(lambda: page.say("stop")))
+        took.append(nodes.measured(lambda: page.send("stop")))
         page.wait(lambda: page.frame is not None and page.frame.stopped, "the page to show it")
         assert page.ask("release")["ok"]
         page.wait(lambda: page.frame is not None and not page.frame.stopped, "the release")
@@ -99,7 +99,7 @@ def test_a_stop_by_websocket_and_its_page_killed_and_another_one_that_lets_go(
         figures = f"median {statistics.median(took):.3f} s, longest {max(took):.3f} s, {STOPS} stops"
         print(f"\nSTOP over the websocket to zero velocity on the wire: {figures}")
     page.until_it_drives()
-    page.say("stop")
+    page.send("stop")
     page.wait(lambda: nodes.condition().get("stopped") and nodes.stands(), "the robot to stand")
     page.kill()
     nodes.kill("goal_selector")  # and a node that obeyed is started again, too
@@ -130,7 +130,7 @@ def test_a_page_killed_while_driving_by_hand_leaves_a_robot_that_stands(nodes: N
         nonlocal due
         if time.monotonic() >= due:
             due = time.monotonic() + 0.2
-            page.say("drive", v=0.0, omega=1.0)
+            page.send("drive", v=0.0, omega=1.0)
         assert page.frame is not None
         return page.frame.velocity[1] > 0.8
 

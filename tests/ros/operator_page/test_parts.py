@@ -18,11 +18,12 @@ pytest.importorskip("rclpy")
 from pacman_env.config import make_config
 from pacman_env.ros import operator_stop, topics
 from pacman_env.ros.messages import BadMessage
-from pacman_env.ros.operator_page.pictures import RAYS, picture_of, rays_of
-from pacman_env.ros.operator_page.scenes import played_by
-from pacman_env.ros.operator_page.wheels import DEAD_MAN_S, Wheels
+from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
+from pacman_env.ros.operator_page.ros_driving import Wheels
+from pacman_env.ros.operator_page.ros_view import played_by
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.web.news import KEPT, News
+from pacman_env.web.control import DEAD_MAN_S
+from pacman_env.web.game import MOST_NEWS, News
 from pacman_env.world.maps.occupancy import load_map
 
 
@@ -156,7 +157,7 @@ def test_a_stop_is_said_at_once_and_again_and_nobody_drives(wheels: tuple[Wheels
     assert set(said[count:]) == {(0.0, 0.0)}
     own.release()
     assert own.drive(0.1, 0.0)
-    own.let_go()
+    own.end_drive()
     assert said[-1] == (0.0, 0.0)
 
 
@@ -179,9 +180,9 @@ def test_a_map_becomes_the_picture_of_its_file() -> None:
     message = map_message(house, Time())
     picture = picture_of(message)
     pixels = cv2.imdecode(np.frombuffer(picture.png, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert (picture.width, picture.height) == (house.width, house.height)
-    assert picture.resolution == pytest.approx(house.resolution)
-    assert picture.origin == pytest.approx(house.origin)
+    assert (picture.facts["width"], picture.facts["height"]) == (house.width, house.height)
+    assert picture.facts["resolution"] == pytest.approx(house.resolution)
+    assert picture.facts["origin"] == pytest.approx(house.origin)
     assert ((pixels == 254) == (house.occupancy == 0)).all()
     assert ((pixels == 0) == (house.occupancy == 100)).all()
     assert ((pixels == 205) == (house.occupancy < 0)).all()
@@ -202,14 +203,14 @@ def test_ray_0_is_ahead_wherever_the_lidar_looks() -> None:
 
 def test_news_are_numbered_and_of_reasons_the_newest_is_kept() -> None:
     news = News()
-    for number in range(KEPT):
+    for number in range(MOST_NEWS):
         news.add(why={"goal": number})
         news.add(words=str(number))
     last = news.after(0)
-    assert len(last) == KEPT
+    assert len(last) == MOST_NEWS
     assert sum("why" in one for one in last) == 1
-    assert last[-1]["number"] == 2 * KEPT
-    assert [one["words"] for one in news.after(2 * KEPT - 2) if "words" in one] == [str(KEPT - 1)]
+    assert last[-1]["number"] == 2 * MOST_NEWS
+    assert [one["words"] for one in news.after(2 * MOST_NEWS - 2) if "words" in one] == [str(MOST_NEWS - 1)]
 
 
 def test_a_configuration_is_told_by_what_it_has_otherwise() -> None:

@@ -1,4 +1,4 @@
-"""Messages as pages say them, right ones and wrong ones."""
+"""Messages as pages send them, right ones and wrong ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pacman_env.web import messages
 
-KINDS = messages.Said.__subclasses__()
+KINDS = messages.Message.__subclasses__()
 RIGHT: dict[str, dict[str, Any]] = {
     "start": {},
     "reset": {},
@@ -73,5 +73,5 @@ def is_right(text: str) -> bool:
     return True
 
 
-def as_said(word: str, **fields: Any) -> str:
+def as_sent(word: str, **fields: Any) -> str:
     return msgspec.json.encode({"do": word, **RIGHT[word], **fields}).decode()
