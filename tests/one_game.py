@@ -20,8 +20,8 @@ from pacman_env.game.execution import (
     RUNNING,
     SUCCEEDED,
 )
-from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
-from pacman_env.game.goals import Goals, Home
+from pacman_env.game.goal_executor import GoalExecutor
+from pacman_env.game.goals import ExecutorAction, Goals, Home
 from pacman_env.game.round import RoundController
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
@@ -189,7 +189,7 @@ class RobotSide:
         known = number in self.unanswered
         if known:
             self.unanswered.remove(number)
-        self._do(self.executor.accepted(number, self.now))
+        self._do(self.executor.sent.accepted(number, self.now))
         for earlier in [n for n in self.live if known and n < number]:
             self.unanswered = [n for n in self.unanswered if n != earlier]
             self.finish(earlier, ABORTED, self.executor.pose or self.home)
@@ -215,13 +215,13 @@ class RobotSide:
 
     def let_go(self, number: int) -> bool:
         """Whether nobody wants a goal any more."""
-        sent = self.executor._open.get(number)
-        return sent is None or sent.let_go
+        sent = self.executor.sent.open.get(number)
+        return sent is None or sent.unwanted
 
     def gives_up(self) -> bool:
         """Whether the current goal has been without an answer for too long."""
-        current = self.executor._open.get(self.executor._current or 0)
-        return self.executor.playing and current is not None and self.executor._unanswered(current, self.now)
+        current = self.executor.sent.open.get(self.executor.sent.current or 0)
+        return self.executor.playing and current is not None and current.unanswered(self.now)
 
     def driven(self) -> int | None:
         """The goal that Nav2 drives to: the last that it has accepted."""

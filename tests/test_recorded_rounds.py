@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.game.decisions import HOLD
+from pacman_env.game.decisions import HOLD, LastDecision, Moment
 from pacman_env.game.execution import COMPLETE, DEAD, RUNNING, TIMEOUT
-from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
@@ -111,7 +110,7 @@ def play_again(
                 robot.accept(robot.unanswered[-1])
         elif kind == "result":
             status, old = value
-            numbers = [number for number in robot.live if number != robot.executor._current] if old else robot.live
+            numbers = [number for number in robot.live if number != robot.executor.sent.current] if old else robot.live
             if numbers:
                 robot.finish(numbers[-1], status, at)
         else:

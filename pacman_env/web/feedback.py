@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from pacman_env.config import ShowConfig
-from pacman_env.game.dances import Motion, angular_velocity
-from pacman_env.game.events import FEEDBACK
+from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
 from pacman_env.game.lights import LASTING, LightRing, Ring
 from pacman_env.game.sounds import SoundQueue, duration_s
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pacman_env.config import make_config
-from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
-from pacman_env.game.goals import Goals, Home
+from pacman_env.game.goal_executor import GoalExecutor
+from pacman_env.game.goals import ExecutorAction, Goals, Home
 
 CONFIG = make_config("robot")
 
@@ -34,9 +34,9 @@ def words(actions: list[ExecutorAction]) -> list[str]:
 GOALS = Goals(PELLETS, {}, [(0.0, 3.0)])
 
 
-def make_executor(home: Home, min_dwell_s: float = 1.0, goals: Goals = GOALS, **options: float) -> GoalExecutor:
+def make_executor(home: Home, min_dwell_s: float = 1.0, goals: Goals = GOALS) -> GoalExecutor:
     config = CONFIG.with_fields(**{"execution.min_dwell_s": min_dwell_s})
-    return GoalExecutor(config, goals, home, **options)  # type: ignore[arg-type]
+    return GoalExecutor(config, goals, home)
 
 
 def running(goals: Goals = GOALS, shown: Iterable[int] | None = None, **options: Any) -> GoalExecutor:

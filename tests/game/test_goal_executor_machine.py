@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goal_executor import ExecutorAction
-from pacman_env.game.goals import HOME, Home
+from pacman_env.game.goals import HOME, ExecutorAction, Home
 from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, Spot, make_executor
 
 
@@ -116,7 +115,7 @@ class Nav2(RuleBasedStateMachine):
         self.waiting.remove(number)
         if accept:
             self.live[number] = self.now
-        self.do(self.executor.accepted(number, self.now) if accept else self.executor.rejected(number, self.now))
+        self.do(self.executor.sent.accepted(number, self.now) if accept else self.executor.rejected(number, self.now))
 
     @precondition(lambda self: self.live)
     @rule(data=st.data(), status=st.sampled_from([SUCCEEDED, CANCELED, ABORTED]))

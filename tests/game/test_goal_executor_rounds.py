@@ -22,7 +22,7 @@ def test_pellets_within_the_radius_are_collected_whichever_is_pursued() -> None:
 def test_death_names_the_ghost_reports_and_stops_in_the_order_of_the_recorded_game() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     actions = executor.look((0.9, 0.0), [(1.1, 0.1)], 1.0)
     assert words(actions) == [
         "status pellet_collected:10",
@@ -119,7 +119,7 @@ def test_the_way_home_begins_with_the_state_and_ends_with_one_report() -> None:
     actions = executor.state("returning_home", 1.1)
     assert [(a.kind, a.place) for a in actions] == [("send", Home(0.0, 0.0, 0.0))]
     assert executor.pursued == HOME
-    executor.accepted(1, 1.2)
+    executor.sent.accepted(1, 1.2)
     executor.look((0.2, 0.1), (), 20.0)
     assert words(executor.finished(1, SUCCEEDED, 20.0)) == ["status home_reached"]
     assert executor.look((0.2, 0.1), (), 20.5) == []
@@ -140,7 +140,7 @@ def test_a_robot_that_is_home_reports_without_driving() -> None:
 def test_home_has_failed_only_where_the_robot_is_not_there(status: int, pose: tuple[float, float], report: str) -> None:
     executor = homing()
     executor.state("returning_home", 1.1)
-    executor.accepted(1, 1.2)
+    executor.sent.accepted(1, 1.2)
     assert words(executor.finished(1, status, 9.0, at=pose)) == [f"status {report}"]
 
 
@@ -150,7 +150,7 @@ def test_home_has_failed_only_where_the_robot_is_not_there(status: int, pose: tu
 def test_a_success_far_from_home_waits_for_a_newer_pose(later: tuple[float, float], reports: list[str]) -> None:
     executor = homing()
     executor.state("returning_home", 1.1)
-    executor.accepted(1, 1.2)
+    executor.sent.accepted(1, 1.2)
     assert executor.finished(1, SUCCEEDED, 9.0, at=(1.0, 0.0)) == []
     assert executor.look((1.0, 0.0), (), 9.5) == []
     assert words(executor.look(later, (), 11.0)) == reports
@@ -168,7 +168,7 @@ def test_the_way_home_waits_for_the_end_of_a_cancelled_goal() -> None:
     executor = running()
     executor.look((3.0, 0.0), (), 0.0)
     executor.choose(FAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     assert words(executor.command("disable", 1.0)) == ["cancel 1", "stop"]
     assert words(executor.command("return_home", 1.0)) == ["stop"]  # the state is not there yet
     assert executor.state("returning_home", 1.0) == []

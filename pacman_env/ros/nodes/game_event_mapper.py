@@ -9,8 +9,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pacman_env.game.dances import Motion, angular_velocity
-from pacman_env.game.events import FEEDBACK
+from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
 
 from .. import topics
 from ..messages import twist_message, word_of

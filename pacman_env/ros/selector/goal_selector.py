@@ -20,8 +20,7 @@ from std_msgs.msg import Int32, String
 
 from pacman_env.config import ConfigError
 from pacman_env.game.execution import CANCELED
-from pacman_env.game.goal_executor import ExecutorAction
-from pacman_env.game.goals import Home, Place
+from pacman_env.game.goals import ExecutorAction, Home, Place
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import unheard_by
@@ -281,12 +280,12 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             scores = policy.scores(situation)
             self._out[SCORES.name].publish(score_markers(situation, scores, chosen, self._stamp()))
         if self._out[WHY.name].get_subscription_count() > 0:
-            round_s = self._selection.executor.round_s(now)
+            round_s = now - self._selection.executor.began_s
             self._out[WHY.name].publish(String(data=as_json(reasons(policy, situation, chosen, round_s))))
 
     def _on_accepted(self, number: int) -> None:
         assert self._selection is not None
-        self._do(self._selection.executor.accepted(number, self.now_s()))
+        self._do(self._selection.executor.sent.accepted(number, self.now_s()))
 
     def _on_rejected(self, number: int) -> None:
         assert self._selection is not None
@@ -369,7 +368,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         executor, now = self._selection.executor, self.now_s()
         if action.kind == "send":
             self.get_logger().info(f"shadow: goal {action.value}: {_words(action.place)}")
-            self._do(executor.accepted(int(action.value), now))
+            self._do(executor.sent.accepted(int(action.value), now))
         elif action.kind == "cancel":
             self.get_logger().info(f"shadow: cancel goal {action.value}")
             self._do(executor.finished(int(action.value), CANCELED, now))

@@ -14,12 +14,11 @@ import numpy as np
 
 from pacman_env import __version__
 from pacman_env.config import MAX_SPEED_MPS, Config
-from pacman_env.game.decisions import HOLD
+from pacman_env.game.decisions import HOLD, LastDecision, Moment
 from pacman_env.game.execution import ABORTED
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
-from pacman_env.game.goals import Home
-from pacman_env.game.last_decision import LastDecision, Moment
+from pacman_env.game.goal_executor import GoalExecutor
+from pacman_env.game.goals import ExecutorAction, Home
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
 from pacman_env.ros.messages import BadMessage, Pose, Position, nanoseconds_of, number_of, pellets_of, pose_of, word_of
@@ -192,7 +191,7 @@ class Selection:
             self._warn(f"no {unseen[0]}", f"nothing is chosen as long as {unseen[0]}_pose has not been heard")
             return
         seen = Seen(
-            time_s=self.executor.round_s(now),
+            time_s=now - self.executor.began_s,
             pose=belief.pose,
             left=self.executor.left,
             velocity=belief.velocity,
@@ -219,13 +218,13 @@ class Selection:
 
     def on_rejected(self, number: int, now: float) -> list[ExecutorAction]:
         """Nav2 has not taken a goal up."""
-        self._ended["rejected"] += number == self.executor.number
+        self._ended["rejected"] += number == self.executor.sent.number
         return self.executor.rejected(number, now)
 
     def on_finished(self, number: int, status: int, now: float, seen: Position | None) -> list[ExecutorAction]:
         """A goal has ended; ``seen`` is where Nav2 saw the robot last."""
         self._believe(now)
-        self._ended["aborted"] += number == self.executor.number and status == ABORTED
+        self._ended["aborted"] += number == self.executor.sent.number and status == ABORTED
         return self.executor.finished(number, status, now, seen)
 
     def condition(self, now: float) -> dict[str, Any]:
@@ -252,7 +251,7 @@ class Selection:
             "pellets_unknown": list(self._pellets.unknown[:20]),
             "pursued": executor.pursued,
             "masked": sorted(executor.masked(now)),
-            "goals_sent": executor.number,
+            "goals_sent": executor.sent.number,
             "goals_rejected": self._ended["rejected"],
             "goals_aborted": self._ended["aborted"],
             "decisions": self._times.summary(),
