@@ -21,23 +21,13 @@ from pacman_env.game.execution import (
     SUCCEEDED,
 )
 from pacman_env.game.goal_executor import GoalExecutor
-from pacman_env.game.goals import ExecutorAction, Goals, Home
+from pacman_env.game.goals import ExecutorAction, Goals, Place, home_place
 from pacman_env.game.round import RoundController
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
 from pacman_env.world.navigation import navigator
 
 Position = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Place:
-    """A candidate."""
-
-    candidate: int
-    x: float
-    y: float
-    pellet: int | None
 
 
 class SimulatorSide:
@@ -139,7 +129,7 @@ class RobotSide:
         own = {number: (x, y) for number, (x, y) in enumerate(self.pellets.tolist())}
         goals = Goals(own, {}, self.refuges.tolist())
         self.home = (-50.0, -50.0)
-        self.executor = GoalExecutor(self.config, goals, Home(*self.home, 0.0))
+        self.executor = GoalExecutor(self.config, goals, home_place(*self.home, 0.0))
         self.referee = RoundController(self.config.clyde)
         self.shown = set(own)
         self.executor.activate(0.0)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from ..config import Config
 from .execution import CANCEL, CHOICE, DEAD, LOOK, NO_CHOICE, REJECTED, RESULT, RUNNING, SEND, SUCCEEDED, within
 from .ghosts import GHOST_NAMES
-from .goals import HOME, ExecutorAction, Goals, Home, Place, Position, SentGoals
+from .goals import HOME, ExecutorAction, Goals, Place, Position, SentGoals
 from .robot_round import RobotRound
 
 _AWAY_S = 10.0  # the return home waits so long for Nav2, or for a pose, before it has failed
@@ -30,7 +30,7 @@ class GoalExecutor:
         home: where ``return_home`` leads; may be set later.
     """
 
-    def __init__(self, config: Config, goals: Goals, home: Home | None = None) -> None:
+    def __init__(self, config: Config, goals: Goals, home: Place | None = None) -> None:
         self.home = home
         self.pose: Position | None = None  # as believed last, m
         self.round = RobotRound(config, goals)

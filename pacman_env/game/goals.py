@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -18,35 +18,19 @@ _CANCEL_S = 1.0  # a new goal waits so long for the end of a cancelled one, whic
 Position = tuple[float, float]  # m
 
 
-class Place(Protocol):
-    """Where to go."""
-
-    @property
-    def candidate(self) -> int:
-        """Its number, or ``HOME``."""
-
-    @property
-    def x(self) -> float:
-        """m."""
-
-    @property
-    def y(self) -> float:
-        """m."""
-
-    @property
-    def pellet(self) -> int | None:
-        """Its id; None if it is no pellet."""
-
-
 @dataclass(frozen=True)
-class Home:
-    """The home pose as a place."""
+class Place:
+    """Where to go: a pellet, which has an id, a refuge, or home, which has a heading (rad)."""
 
+    candidate: int  # or ``HOME``
     x: float  # m
     y: float
-    heading: float  # rad
-    candidate: int = HOME
-    pellet: None = None
+    pellet: int | None = None
+    heading: float | None = None
+
+
+def home_place(x: float, y: float, heading: float) -> Place:
+    return Place(HOME, x, y, heading=heading)
 
 
 class Goals:

@@ -1,4 +1,4 @@
-"""Algorithm 1: where pellets lie on a map. What a robot can reach, and removal, are not decided here."""
+"""Algorithm 1: where pellets lie on a map, whether or not a robot can reach them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pacman_env.config import ConfigError, PelletConfig
 
 
 class FreeSpace(Protocol):
-    """What of an occupancy map the pellets need."""
+    """The properties of an occupancy map that pellets need."""
 
     @property
     def resolution(self) -> float:

@@ -31,7 +31,7 @@ class Feedback:
             self._ring.command(word, now)
             return [{"light": word}]
         if what == "sound":
-            return self._play(self._sounds.ask(word, now), now)
+            return self._play(self._sounds.request(word, now), now)
         answer = FEEDBACK[word]
         news = [{"event": word}]
         if answer.light is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goals import ExecutorAction, Home
+from pacman_env.game.goals import ExecutorAction, home_place
 from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, make_executor, running, words
 
 # A choice
@@ -237,7 +237,7 @@ def test_the_old_goal_is_let_go_where_the_new_one_was_rejected_and_nothing_is_ch
 
 @pytest.mark.parametrize("state", ["menu", "starting", None])
 def test_nothing_is_driven_in_the_menu_or_before_the_state_is_known(state: str | None) -> None:
-    executor = make_executor(Home(9.0, 9.0, 0.0))
+    executor = make_executor(home_place(9.0, 9.0, 0.0))
     executor.activate(0.0)
     executor.nav2(True, 0.0)
     if state is not None:
@@ -295,7 +295,7 @@ def test_a_burst_of_commands_loses_none() -> None:
 def test_a_new_start_acts_on_what_the_old_commands_come_to_and_on_nothing_on_the_way(
     state: str, last: str, expected: str
 ) -> None:
-    executor = make_executor(Home(0.0, 0.0, 0.0))
+    executor = make_executor(home_place(0.0, 0.0, 0.0))
     executor.nav2(True, 0.0)
     executor.look((4.0, 0.0), (), 0.0)
     for word in ("disable", "reset_round", "return_home", "enable", "disable", "return_home", last):

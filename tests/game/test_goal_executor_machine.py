@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goals import HOME, ExecutorAction, Home
-from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, Spot, make_executor
+from pacman_env.game.goals import HOME, ExecutorAction, Place, home_place
+from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, make_executor
 
 
 class Nav2(RuleBasedStateMachine):
@@ -19,7 +19,7 @@ class Nav2(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.now = 0.0
-        self.executor = make_executor(Home(0.0, 0.0, 0.0), min_dwell_s=1.0)
+        self.executor = make_executor(home_place(0.0, 0.0, 0.0), min_dwell_s=1.0)
         self.waiting: list[int] = []  # goals sent, not answered
         self.sent: dict[int, float] = {}  # when each was
         self.live: dict[int, float] = {}  # accepted, not ended: since when
@@ -100,7 +100,7 @@ class Nav2(RuleBasedStateMachine):
         self.do(self.executor.look(self.pose, [] if clyde is None else [clyde], self.now))
 
     @rule(spot=st.sampled_from([None, NEAR, FAR, REFUGE]))
-    def policy_chooses(self, spot: Spot | None) -> None:
+    def policy_chooses(self, spot: Place | None) -> None:
         self.do(self.executor.choose(spot, self.now))
 
     @rule(there=st.sampled_from([True, True, True, False]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goals import HOME, Goals, Home
+from pacman_env.game.goals import HOME, Goals, home_place
 from tests.game.executors import FAR, NEAR, PELLETS, homing, running, words
 
 # Pick-up, death, the end of a round
@@ -117,7 +117,7 @@ def test_a_round_that_was_called_complete_too_early_goes_on_where_pellets_are_sh
 def test_the_way_home_begins_with_the_state_and_ends_with_one_report() -> None:
     executor = homing()
     actions = executor.state("returning_home", 1.1)
-    assert [(a.kind, a.place) for a in actions] == [("send", Home(0.0, 0.0, 0.0))]
+    assert [(a.kind, a.place) for a in actions] == [("send", home_place(0.0, 0.0, 0.0))]
     assert executor.pursued == HOME
     executor.sent.accepted(1, 1.2)
     executor.look((0.2, 0.1), (), 20.0)

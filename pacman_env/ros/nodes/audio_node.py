@@ -6,7 +6,7 @@ The melodies, and which of them is played when, are decided in ``game/sounds.py`
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from irobot_create_msgs.msg import AudioNote, AudioNoteVector
@@ -44,7 +44,7 @@ class AudioNode(GameNode):
         self.create_timer(_TICK_S, self._tick)
 
     def _hear(self, message: Any) -> None:
-        self._play(self._queue.ask(word_of(message, MELODIES), self.now_s()))
+        self._play(self._queue.request(word_of(message, MELODIES), self.now_s()))
 
     def _tick(self) -> None:
         if self._queue.overdue(self.now_s()):
@@ -77,10 +77,7 @@ class AudioNode(GameNode):
             self._play(self._queue.ended(self.now_s()))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(AudioNode, NAME, argv)
-
+main = partial(run, AudioNode, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

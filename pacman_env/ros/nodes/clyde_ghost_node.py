@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -245,10 +246,7 @@ class ClydeGhostNode(GameNode):
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(ClydeGhostNode, NAME, argv)
-
+main = partial(run, ClydeGhostNode, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

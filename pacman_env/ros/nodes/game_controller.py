@@ -12,6 +12,7 @@ import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -199,10 +200,7 @@ class GameController(GameNode):
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(GameController, NAME, argv)
-
+main = partial(run, GameController, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,7 +6,8 @@ Which they are is decided in ``game/events.py``, how a motion goes in ``game/dan
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
@@ -89,10 +90,7 @@ class GameEventMapper(GameNode):
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(GameEventMapper, NAME, argv)
-
+main = partial(run, GameEventMapper, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

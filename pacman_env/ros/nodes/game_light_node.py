@@ -7,7 +7,8 @@ whose own warnings it would otherwise hide; so does one that another process has
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 from irobot_create_msgs.msg import LedColor, LightringLeds
@@ -85,10 +86,7 @@ class GameLightNode(GameNode):
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(GameLightNode, NAME, argv)
-
+main = partial(run, GameLightNode, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,7 +6,7 @@ Where pellets lie is Algorithm 1's rule in ``game/pellets.py``; who collects one
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from pacman_env.game.pellets import generate_pellets
@@ -58,10 +58,7 @@ class PelletManager(GameNode):
         return response
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(PelletManager, NAME, argv)
-
+main = partial(run, PelletManager, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -16,21 +16,17 @@ from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, po
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.surroundings import current
 
-_TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
-_ASK_AGAIN_S = 5.0  # of wall time
+_CANCELLING, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
+_REQUEST_AGAIN_S = 5.0  # of wall time
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 class NavigationClient:
-    """Sends and cancels goals by number and tells what becomes of them.
+    """Sends and cancels goals by number; calls back with the number when Nav2 has accepted, rejected or finished one.
 
-    Args:
-        node: of rclpy.
-        accepted: called with the number of a goal that has been taken up.
-        rejected: called with the number of one that has not.
-        finished: called with the number, the status of action_msgs/GoalStatus, and where Nav2 saw the robot last.
+    ``finished`` also gets the status of action_msgs/GoalStatus, and where Nav2 saw the robot last.
     """
 
     def __init__(
@@ -42,31 +38,32 @@ class NavigationClient:
     ) -> None:
         self._node, self._surroundings = node, current()
         action = topics.NAVIGATE_TO_POSE
-        # Not rclpy's ActionClient, whom every feedback wakes: Nav2 sends a hundred in a second.
-        self._asker, self._results = action.goal_client(node), action.result_client(node)
+        # Not rclpy's ActionClient, which every feedback wakes: Nav2 sends a hundred in a second.
+        self._sender, self._results = action.goal_client(node), action.result_client(node)
         self._canceller = action.cancel_client(node)
-        self._feedback = MessageQueue(node, action.feedback, self._take_feedback)
+        self._clients = (self._sender, self._results, self._canceller)
+        self._feedback = MessageQueue(node, action.feedback, self._on_feedback)
         self._statuses = action.statuses.subscription(node, self._on_statuses)
         self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
-        self._taken: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
+        self._running: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
         self._unanswered: dict[int, UUID] = {}
-        self._asked: dict[int, tuple[Future, float]] = {}  # for the results of those taken, and when
-        self._ended: dict[int, int] = {}  # the last statuses of goals of which there is no result yet
+        self._requests: dict[int, tuple[Future, float]] = {}  # requests for results, and when they were sent
+        self._ended: dict[int, int] = {}  # the statuses of goals that have ended, but without a result yet
         self._overdue: set[int] = set()  # those at the last call of ``end_without_results``
         self._newest: Any = None  # feedback, of whichever goal
-        self.forbidden = False  # goals of anybody's: each that turns up is cancelled
-        self._rest: Future | None = None
+        self.forbidden = False  # every goal is cancelled, whichever node sent it
+        self._rest: Future | None = None  # see ``rest``
         self._destroyed = False
         self.last_status, self.last_error = 0, 0  # of the last goal that ended
 
     @property
     def ready(self) -> bool:
         """Whether the server is there."""
-        return all(client.service_is_ready() for client in (self._asker, self._results, self._canceller))
+        return all(client.service_is_ready() for client in self._clients)
 
     def clear(self) -> bool:
-        """Have every goal cancelled that anybody has sent before; whether that is done. To be called until it is.
+        """Have every earlier goal cancelled; whether that is done. To be called until it is.
 
         A node that was killed cannot do so itself, and Nav2 drives on. A goal sent too early would be cancelled too.
         """
@@ -79,21 +76,21 @@ class NavigationClient:
         return self._surroundings.monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def cancel_all(self) -> None:
-        """Have every goal cancelled, whoever sent it."""
+        """Have every goal cancelled, whichever node sent it."""
         if self._canceller.service_is_ready():
             self._canceller.call_async(self._canceller.srv_type.Request())
 
     def _on_statuses(self, message: Any) -> None:
-        """Goals that have ended; one of somebody else's that turns up just after all were cancelled was on its way, and
-        while goals are forbidden none may run.
+        """Note goals that have ended; cancel those of other nodes that appear just after all were cancelled, or while
+        goals are forbidden.
         """
         status_of = {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in message.status_list}
-        for number, name in self._taken.items():
+        for number, name in self._running.items():
             if (status := status_of.get(bytes(name.uuid))) in _ENDED:
                 self._ended[number] = status
         if not self.forbidden and (self._clearing is None or self._surroundings.monotonic() > self._clearing[1]):
             return
-        own = {bytes(name.uuid) for goals in (self._taken, self._unanswered) for name in goals.values()}
+        own = {bytes(name.uuid) for goals in (self._running, self._unanswered) for name in goals.values()}
         for goal in message.status_list:
             if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in own:
                 self._canceller.call_async(self._canceller.srv_type.Request(goal_info=goal.goal_info))
@@ -101,18 +98,15 @@ class NavigationClient:
     def end_without_results(self) -> None:
         """End the goals whose result must be lost, for their end is known; to be called every few seconds.
 
-        The others' results are asked for again: a server that was started anew meanwhile, faster than anybody could
-        miss it, answers that it knows no such goal.
+        The others' results are requested again: a server that was restarted meanwhile answers that it knows no such
+        goal.
         """
-        for number, (answer, asked_s) in list(self._asked.items()):
-            if (
-                self._surroundings.monotonic() - asked_s > _ASK_AGAIN_S
-                and number in self._taken
-                and self._results.service_is_ready()
-            ):
+        for number, (answer, sent_s) in list(self._requests.items()):
+            overdue = self._surroundings.monotonic() - sent_s > _REQUEST_AGAIN_S
+            if overdue and number in self._running and self._results.service_is_ready():
                 self._results.remove_pending_request(answer)
-                self._ask_for_result(number)
-        self._ended = {number: status for number, status in self._ended.items() if number in self._taken}
+                self._request_result(number)
+        self._ended = {number: status for number, status in self._ended.items() if number in self._running}
         for number in self._overdue & self._ended.keys():
             self._end(number, self._ended.pop(number), 0)
         self._overdue = set(self._ended)
@@ -120,13 +114,13 @@ class NavigationClient:
     def send(self, number: int, pose: Pose) -> None:
         """Send a goal in the map frame."""
         name = self._unanswered[number] = UUID(uuid=list(self._surroundings.new_id()))
-        request = self._asker.srv_type.Request(goal_id=name)
+        request = self._sender.srv_type.Request(goal_id=name)
         request.goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
-        self._asker.call_async(request).add_done_callback(partial(self._on_answer, number, name))
+        self._sender.call_async(request).add_done_callback(partial(self._on_answer, number, name))
 
     def cancel(self, number: int) -> None:
-        """Ask for the end of a goal, be it known to have been accepted or not: the answer may have been lost."""
-        name = self._taken.get(number, self._unanswered.get(number))
+        """Request the end of a goal, whether or not its acceptance is known: the answer may have been lost."""
+        name = self._running.get(number, self._unanswered.get(number))
         if name is not None and self._canceller.service_is_ready():
             request = self._canceller.srv_type.Request()
             request.goal_info.goal_id = name
@@ -137,20 +131,20 @@ class NavigationClient:
         for number in self._unanswered:
             self.cancel(number)
         self._rest = Future()
-        self._look_for_rest()
+        self._check_rest()
         return self._rest
 
     def destroy(self) -> None:
-        """No goals any more, and nothing is told of those sent, be their answers under way."""
+        """Destroy the entities; no more calls back, even for answers in transit."""
         self._destroyed = True
-        self._taken.clear()
+        self._running.clear()
         self._unanswered.clear()
         self._feedback.destroy()
         self._node.destroy_subscription(self._statuses)
-        for client in (self._asker, self._results, self._canceller):
+        for client in self._clients:
             self._node.destroy_client(client)
 
-    def _take_feedback(self, message: Any, waited_s: float) -> None:
+    def _on_feedback(self, message: Any, waited_s: float) -> None:
         self._newest = message
 
     def _on_answer(self, number: int, name: UUID, answer: Any) -> None:
@@ -158,17 +152,17 @@ class NavigationClient:
             return
         self._unanswered.pop(number, None)
         if answer.result().accepted:
-            self._taken[number] = name
-            self._ask_for_result(number)
+            self._running[number] = name
+            self._request_result(number)
             self._accepted(number)
         else:
             self._rejected(number)
-        self._look_for_rest()
+        self._check_rest()
 
-    def _ask_for_result(self, number: int) -> None:
-        request = self._results.srv_type.Request(goal_id=self._taken[number])
+    def _request_result(self, number: int) -> None:
+        request = self._results.srv_type.Request(goal_id=self._running[number])
         answer = self._results.call_async(request)
-        self._asked[number] = answer, self._surroundings.monotonic()
+        self._requests[number] = answer, self._surroundings.monotonic()
         answer.add_done_callback(partial(self._on_result, number))
 
     def _on_result(self, number: int, answer: Any) -> None:
@@ -178,19 +172,19 @@ class NavigationClient:
 
     def _on_cancel(self, number: int, answer: Any) -> None:
         code = answer.result().return_code
-        known = number in self._taken
+        known = number in self._running
         # No result will come: from a server that was started anew, or of a goal whose acceptance was lost.
-        if (code == _UNKNOWN_GOAL and known) or (code == _TAKEN and number in self._unanswered):
+        if (code == _UNKNOWN_GOAL and known) or (code == _CANCELLING and number in self._unanswered):
             self._end(number, CANCELED, 0)
 
     def _end(self, number: int, status: int, error: int) -> None:
-        name = self._taken.pop(number, None) or self._unanswered.pop(number, None)
-        self._asked.pop(number, None)
+        name = self._running.pop(number, None) or self._unanswered.pop(number, None)
+        self._requests.pop(number, None)
         if name is None:
             return
         self.last_status, self.last_error = status, error
         self._finished(number, status, self._seen_at(name))
-        self._look_for_rest()
+        self._check_rest()
 
     def _seen_at(self, name: UUID) -> Position | None:
         self._feedback.catch_up()
@@ -202,6 +196,6 @@ class NavigationClient:
             return None
         return x, y
 
-    def _look_for_rest(self) -> None:
-        if self._rest is not None and not self._rest.done() and not self._unanswered and not self._taken:
+    def _check_rest(self) -> None:
+        if self._rest is not None and not self._rest.done() and not self._unanswered and not self._running:
             self._rest.set_result(True)
