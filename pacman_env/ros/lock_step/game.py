@@ -41,10 +41,7 @@ SEEDED = (SIMULATOR, "clyde_ghost_node")
 class LockStepGame(LockStep):
     """The nodes of a game; after the making the robot has its pose and every node is there.
 
-    Args:
-        setup: of the game; ``sim`` must be true.
-        seed: of robot, ghosts and everything else that is drawn.
-        options: of :class:`LockStep`.
+    ``seed`` is that of everything that is drawn, ``options`` are those of :class:`LockStep`.
 
     Raises:
         ValueError: no simulated robot; a map, policy or number that cannot be played.
@@ -57,7 +54,6 @@ class LockStepGame(LockStep):
         extra = {name: {"seed": seed, **setup.extra.get(name, {})} for name in SEEDED}
         self.setup = replace(setup, speed=1.0, extra={**setup.extra, **extra})
         super().__init__(seed, **options)
-        self.ended = self._ended
         self.restarts: list[tuple[float, str, int | None]] = []  # when (s), which node, and with which status it ended
         self._due: dict[str, float] = {}  # nodes that are started again, and when, s
         self.namespace = full_namespace(setup.namespace)
@@ -72,20 +68,15 @@ class LockStepGame(LockStep):
             raise
 
     def start(self, name: str) -> Member:
-        """Make one of the game's nodes."""
         return self.add(CLASSES[name], self.setup.command(name)[1:])
 
     def join(self, make: Callable[[], BaseNode]) -> Any:
-        """Add a node that is none of the game's, in its namespace, which no loss concerns; the node."""
+        """Add a node of another kind to the game's namespace, which no loss concerns; the node."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}", "-p", "use_sim_time:=true"]
         return self.add(make, arguments, loses=False).node
 
     def call(self, node: BaseNode, service: Service, limit_s: float = 10.0) -> Any:
-        """The answer of a service, asked for by a node that has joined.
-
-        Raises:
-            NodeFailed: there is none within so much simulated time, s.
-        """
+        """The answer to a node that has joined; raises NodeFailed after so much simulated time, s."""
         client = service.client(node)
         answer = self.within(node, lambda: client.call_async(service.type.Request()))
         if not self.until(answer.done, limit_s):
@@ -102,7 +93,6 @@ class LockStepGame(LockStep):
             self._start_again(name, None)
 
     def freeze_node(self, name: str) -> None:
-        """The node stands still."""
         if (member := self.member(name)) is not None and member.frozen_s is None:
             self.freeze(member)
 
@@ -116,10 +106,9 @@ class LockStepGame(LockStep):
             member.inbox.clear()
         self.thaw(member)
         if member.node.status is not None:
-            self.remove(member)
-            self._ended(member)
+            self._end(member)
 
-    def _ended(self, member: Member) -> None:
+    def ended(self, member: Member) -> None:
         if member.name == WAIT:
             if member.node.status != FOUND:
                 raise NodeFailed("the robot is not localized")
@@ -133,7 +122,7 @@ class LockStepGame(LockStep):
         self._due[name] = self.wall.now_s + RESTART_S
 
     def step(self) -> None:
-        """As of any lock-step; nodes that are due are started again."""
+        """As of any lock-step; nodes that ended a while ago are started again."""
         super().step()
         for name in [name for name, due_s in self._due.items() if due_s <= self.wall.now_s]:
             del self._due[name]
