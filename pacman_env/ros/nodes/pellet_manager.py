@@ -1,7 +1,4 @@
-"""Node ``pellet_manager``: shows the pellets that still lie on the map, takes them away and puts them back.
-
-Where pellets lie is Algorithm 1's rule in ``game/pellets.py``; who collects one is decided elsewhere.
-"""
+"""Node ``pellet_manager``: shows the pellets that are left on the map, removes and restores them."""
 
 from __future__ import annotations
 
@@ -51,7 +48,6 @@ class PelletManager(GameNode):
             self.once.warning("foreign pellet", f"pellet {message.data} is not one of this map's {len(self._all)}")
 
     def _reset(self, request: Any, response: Any) -> Any:
-        del request
         self._left = dict(self._all)
         self._show()
         response.success, response.message = True, f"{len(self._left)} pellets"
