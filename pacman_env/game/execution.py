@@ -1,8 +1,8 @@
 """Algorithm 4: the goal that is pursued, the pellets that are collected, and how a round ends.
 
-One function of plain numbers, :func:`transition`, takes one record from event to event. The simulator compiles it and
-loops over its games; the robot's goal selector steps one record with it. Time is in any unit, the same for the record
-and the rules: physics steps in the simulator, seconds on the robot.
+One function of plain numbers, :func:`transition`, takes a record from event to event. The simulator compiles it and
+loops over its games; the robot's goal selector steps one record. Time is in one unit for the record and the rules:
+physics steps in the simulator, seconds on the robot.
 """
 
 from __future__ import annotations

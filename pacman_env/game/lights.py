@@ -27,7 +27,7 @@ _FRAME_S = 0.15
 
 @dataclass(frozen=True)
 class Animation:
-    """Rings shown one after the other, from the first again, until the time is over."""
+    """Rings shown one after the other, again and again, until the time is over."""
 
     rings: tuple[Ring, ...]
     duration_s: float = math.inf  # inf: until the next word
@@ -47,7 +47,6 @@ def _dimmed(colour: Colour, share: float) -> Colour:
 
 
 def _turning(ring: Ring) -> tuple[Ring, ...]:
-    """The pattern goes once around the ring."""
     return tuple(ring[6 - k :] + ring[: 6 - k] for k in range(6))
 
 
@@ -97,11 +96,7 @@ class LightRing:
         self._since_s = 0.0
 
     def command(self, word: str, now: float) -> None:
-        """Show a word from now on.
-
-        Raises:
-            ValueError: it is none of ``LIGHTS``.
-        """
+        """Show a word from now on; raises ValueError unless it is one of ``LIGHTS``."""
         if word not in LIGHTS:
             raise ValueError(f"light {word!r}: not one of {', '.join(sorted(LIGHTS))}")
         self._word, self._since_s = word, now

@@ -31,8 +31,11 @@ class Action:
     value: str | int | float | None = None
 
 
+_RESETS = (Action("reset_pellets"), Action("reset_clyde"))
+
+
 def clyde_speed_mps(base: float, step: float, round: int) -> float:
-    """Clyde's speed in a round, the first being 1 (Milestone 3, Algorithm 5)."""
+    """In a round, the first being 1 (Milestone 3, Algorithm 5)."""
     return base + (round - 1) * step
 
 
@@ -100,7 +103,6 @@ class RoundController:
 
     @property
     def collected(self) -> int:
-        """Pellets collected in this round."""
         return len(self._pellets.collected)
 
     @property
@@ -111,7 +113,6 @@ class RoundController:
 
     @property
     def clyde_speed(self) -> float:
-        """Clyde's speed in this round, m/s."""
         return clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round)
 
     def announce(self) -> list[Action]:
@@ -155,8 +156,7 @@ class RoundController:
         self._deadline_s = None if due_s is None else now + due_s
         self._after_home, self._home_failures = kept.after_home, kept.home_failures
         before_round = state == "starting" or (state == "returning_home" and self._after_home == "start")
-        resets = [Action("reset_pellets"), Action("reset_clyde")] if before_round else []
-        return [*self.announce(), *resets]
+        return [*self.announce(), *(_RESETS if before_round else ())]
 
     def start(self, now: float) -> list[Action]:
         """Drive home and begin the round; only from the menu."""
@@ -234,28 +234,15 @@ class RoundController:
         return Action("state", state)
 
     def _latched(self) -> list[Action]:
-        return [
-            Action("clyde_speed", self.clyde_speed),
-            Action("result", self.result),
-            Action("spawned", self.spawned),
-            Action("collected", self.collected),
-            Action("score", self.score),
-            Action("round", self.round),
-            Action("state", self.state),
-        ]
+        latched = ("clyde_speed", "result", "spawned", "collected", "score", "round", "state")
+        return [Action(kind, getattr(self, kind)) for kind in latched]
 
     def _reset_round(self) -> list[Action]:
         self.state = "menu"
         self._pellets = _Pellets()
         self._deadline_s = None
-        return [
-            Action("command", "disable"),
-            Action("command", "reset_round"),
-            Action("event", "reset"),
-            Action("reset_pellets"),
-            Action("reset_clyde"),
-            *self._latched(),
-        ]
+        words = [Action("command", "disable"), Action("command", "reset_round"), Action("event", "reset")]
+        return [*words, *_RESETS, *self._latched()]
 
     def _game_over(self) -> list[Action]:
         self.score = 0
@@ -305,14 +292,8 @@ class RoundController:
     def _complete(self) -> list[Action]:
         self.result = f"Complete - Score: {self.score}"
         command, returning = self._go_home("next_round")
-        return [
-            Action("command", "disable"),
-            Action("event", "win"),
-            Action("result", self.result),
-            command,
-            Action("state", "complete"),
-            returning,
-        ]
+        end = [Action("command", "disable"), Action("event", "win"), Action("result", self.result)]
+        return [*end, command, Action("state", "complete"), returning]
 
     def _die(self, now: float) -> list[Action]:
         self.result = f"Death - Score: {self.score}"

@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from ..node import BAD_START, BaseNode
-from ..nodes.audio_node import AudioNode
-from ..nodes.clyde_ghost_node import ClydeGhostNode
-from ..nodes.game_controller import GameController
-from ..nodes.game_event_mapper import GameEventMapper
-from ..nodes.game_light_node import GameLightNode
-from ..nodes.pellet_manager import PelletManager
-from ..nodes.wait_for_amcl_pose import FOUND, PoseWaiter
-from ..selector.goal_selector import GoalSelector
-from ..simulated_robot.sim_robot import SimRobot
+from ..nodes.wait_for_amcl_pose import FOUND
 from ..standstill import DEFAULT_LEASE_S, STOOD_STILL
-from ..supervisor.game_nodes import SELECTOR, SIMULATOR, STOP_ORDER, WAIT, GameSetup, full_namespace
+from ..supervisor.game_nodes import (
+    NODES,
+    SELECTOR,
+    SIMULATOR,
+    STOP_ORDER,
+    WAIT,
+    GameSetup,
+    full_namespace,
+    module_of,
+)
 from ..topics import Service
 from .members import Member
 from .stepper import LockStep, NodeFailed
 
-CLASSES: dict[str, Callable[[], BaseNode]] = {
-    SIMULATOR: SimRobot,
-    "pellet_manager": PelletManager,
-    "audio_node": AudioNode,
-    "game_light_node": GameLightNode,
-    "clyde_ghost_node": ClydeGhostNode,
-    "game_event_mapper": GameEventMapper,
-    "game_controller": GameController,
-    WAIT: PoseWaiter,
-    SELECTOR: GoalSelector,
-}
 RESTART_S = 3.0  # of simulated time: the pause before a node is started again, and its start
 LOCALIZED_S = 60.0  # of simulated time, for the robot's first pose
 SEEDED = (SIMULATOR, "clyde_ghost_node")
+
+
+def node_class(name: str) -> type[BaseNode]:
+    """The node that the module of that name defines."""
+    module = importlib.import_module(module_of(name))
+    kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
+    return next(kind for kind in kinds if kind.__module__ == module.__name__)
 
 
 class LockStepGame(LockStep):
@@ -68,7 +66,7 @@ class LockStepGame(LockStep):
             raise
 
     def start(self, name: str) -> Member:
-        return self.add(CLASSES[name], self.setup.command(name)[1:])
+        return self.add(node_class(name), self.setup.command(name)[1:])
 
     def join(self, make: Callable[[], BaseNode]) -> Any:
         """Add a node of another kind to the game's namespace, which no loss concerns; the node."""
@@ -112,7 +110,7 @@ class LockStepGame(LockStep):
         if member.name == WAIT:
             if member.node.status != FOUND:
                 raise NodeFailed("the robot is not localized")
-        elif member.name in CLASSES:
+        elif member.name in NODES:
             if member.node.status == BAD_START:
                 raise NodeFailed(f"{member.name} does not start")
             self._start_again(member.name, member.node.status)
