@@ -75,7 +75,6 @@ class LastDecision:
         self._at = None
 
     def due(self, now: Moment) -> bool:
-        """Whether the planner is asked now."""
         at = self._at
         if self._always or at is None or now.time_s < at.time_s:  # a clock was set back
             return True

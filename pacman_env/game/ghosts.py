@@ -70,12 +70,10 @@ class Behaviour:
     parameters: tuple[float | str, ...] = ()
 
     def constants(self, config: Config) -> tuple[float, ...]:
-        """The parameters' values under a configuration."""
         return tuple(float(config.value(p)) if isinstance(p, str) else float(p) for p in self.parameters)
 
 
 def wander(view, parameters):  # type: ignore[no-untyped-def]
-    """Algorithm 2: the targets are drawn."""
     return math.nan, math.nan
 
 
@@ -166,5 +164,4 @@ def walk(ghost, path, position, period):  # type: ignore[no-untyped-def]
 
 
 def at_target(ghost):  # type: ignore[no-untyped-def]
-    """Whether it stands at the end of its path and needs a target before its next update."""
     return ghost.path_index >= ghost.path_length - 1

@@ -22,16 +22,10 @@ _STATES = {"play": "running", "home": "returning_home"}  # of the game, by the t
 
 
 class GoalExecutor:
-    """Pursues goals while the game runs, drives home on command, and does nothing in every other state.
-
-    Args:
-        config: the rules of Algorithm 4; the goal tolerance.
-        goals: of the map.
-        home: where ``return_home`` leads; may be set later.
-    """
+    """Pursues goals while the game runs, drives home on command, and does nothing in every other state."""
 
     def __init__(self, config: Config, goals: Goals, home: Place | None = None) -> None:
-        self.home = home
+        self.home = home  # may be set later
         self.pose: Position | None = None  # as believed last, m
         self.round = RobotRound(config, goals)
         self.statuses = self.round.statuses
@@ -52,7 +46,6 @@ class GoalExecutor:
 
     @property
     def pursued(self) -> int:
-        """The candidate pursued now, ``HOME`` or ``NO_CHOICE``."""
         return self.sent.pursued
 
     @property
@@ -62,15 +55,12 @@ class GoalExecutor:
 
     @property
     def playing(self) -> bool:
-        """Whether it may be driven to pellets."""
         return self.driving and self.task == "play"
 
     def masked(self, now: float) -> set[int]:
-        """Candidates that may not be chosen now."""
         return {candidate for candidate, until in enumerate(self.round.waits.tolist()) if until > now}
 
     def wants_choice(self, now: float) -> bool:
-        """Whether a choice would be acted on now."""
         return self.playing and self._nav2_there and not self._held and not self.sent.settling(now)
 
     # The game's messages
@@ -94,7 +84,6 @@ class GoalExecutor:
         return self._halt(now) if held else self._continue(now)
 
     def command(self, word: str, now: float) -> list[ExecutorAction]:
-        """A word on ``game_command``."""
         if word == "enable" and self.statuses.end in ("death_detected", "game_complete"):
             return []  # of a referee that has not received it: otherwise it disables first
         self.statuses.end = ""
@@ -116,7 +105,6 @@ class GoalExecutor:
         return self._continue(now)
 
     def state(self, word: str, now: float) -> list[ExecutorAction]:
-        """A word on ``game_state``."""
         if word != self.game_state:
             self.statuses.new_state()
         was, self.game_state = self.driving, word
@@ -125,7 +113,6 @@ class GoalExecutor:
         return self._continue(now)
 
     def pellets(self, left: Iterable[int], unknown: int, now: float) -> list[ExecutorAction]:
-        """A report of the pellets, see :meth:`RobotRound.report`."""
         return self.round.report(left, unknown, self.playing, now)
 
     # What the robot does
@@ -170,7 +157,6 @@ class GoalExecutor:
         return self._continue(now)
 
     def rejected(self, number: int, now: float) -> list[ExecutorAction]:
-        """Nav2 has not accepted a goal."""
         sent = self.sent.open.pop(number, None)
         if number != self.sent.current or sent is None:
             return self._continue(now)

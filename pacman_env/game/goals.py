@@ -74,7 +74,6 @@ class Sent:
     unwanted: bool = False  # to be cancelled, or pre-empted by a later one
 
     def unanswered(self, now: float) -> bool:
-        """Whether an answer is overdue."""
         return not self.accepted and now - self.since_s >= _ANSWER_S
 
     def cancel_due(self, now: float) -> bool:
@@ -99,12 +98,10 @@ class SentGoals:
 
     @property
     def pursued(self) -> int:
-        """The candidate of the current goal, ``HOME`` or ``NO_CHOICE``."""
         return NO_CHOICE if self.current is None else self.open[self.current].place.candidate
 
     @property
     def navigating(self) -> bool:
-        """Whether any goal is wanted."""
         return any(not sent.unwanted for sent in self.open.values())
 
     def settling(self, now: float) -> bool:
@@ -112,7 +109,6 @@ class SentGoals:
         return any(sent.cancelled_s is not None and now - sent.cancelled_s < _CANCEL_S for sent in self.open.values())
 
     def send(self, place: Place, now: float) -> ExecutorAction:
-        """A new current goal, which pre-empts the others."""
         for sent in self.open.values():
             sent.unwanted |= not sent.accepted  # accepted late, it would come after the new one
         self.number += 1
@@ -143,7 +139,6 @@ class SentGoals:
         return self.cancel_unwanted(now)
 
     def cancel_unwanted(self, now: float) -> list[ExecutorAction]:
-        """Cancel those that are due."""
         due = [number for number, sent in self.open.items() if sent.unwanted and sent.cancel_due(now)]
         for number in due:
             self.open[number].cancelled_s = now

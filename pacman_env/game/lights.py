@@ -56,7 +56,6 @@ def _wave(colour: Colour) -> tuple[Ring, ...]:
 
 
 def _mouth(width: int) -> Ring:
-    """Yellow but for a gap around the first LED."""
     dark = range(-(width // 2), width - width // 2)
     return tuple(BLACK if {k, k - 6} & set(dark) else _YELLOW for k in range(6))
 

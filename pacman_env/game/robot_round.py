@@ -41,12 +41,10 @@ class UnacknowledgedStatuses:
         return [ExecutorAction("status", one) for one in (*self.pellets[: self._earlier], word)]
 
     def withdraw(self, word: str) -> None:
-        """The task has not ended after all."""
         if self.end == word:
             self.end = ""
 
     def collected(self, pellet: int) -> ExecutorAction:
-        """Report a pellet."""
         self.pellets.append(f"pellet_collected:{pellet}")
         self._expected = max(self._expected, self._counted or 0) + 1
         return ExecutorAction("status", self.pellets[-1])
@@ -63,7 +61,6 @@ class UnacknowledgedStatuses:
         self._forget()
 
     def new_round(self) -> None:
-        """The count begins again."""
         self._forget()
         self._expected = 0
 
@@ -105,7 +102,6 @@ class RobotRound:
 
     @property
     def left(self) -> dict[int, Position]:
-        """The pellets that are left, by id, m."""
         ids = [self.goals.ids[slot] for slot in np.flatnonzero(self._left)]
         return {number: self.goals.positions[number] for number in ids}
 

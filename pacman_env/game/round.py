@@ -159,7 +159,6 @@ class RoundController:
         return [*self.announce(), *(_RESETS if before_round else ())]
 
     def start(self, now: float) -> list[Action]:
-        """Drive home and begin the round; only from the menu."""
         if self.state != "menu":
             return [Action("ignored", f"start: the game is in state {self.state!r}")]
         self.result = ""

@@ -28,6 +28,7 @@ MOST_DELIVERIES = 100_000  # in one step
 _JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
 _Span = tuple[int, int]  # begin and end of a publication, ns of the machine's clock
 _ANY: _Span = (0, 2**63)
+_Ended = Callable[[Member], None]
 
 
 class NodeFailed(RuntimeError):
@@ -37,21 +38,12 @@ class NodeFailed(RuntimeError):
 class Deliveries:
     """The queue of what members have sent to one another.
 
-    Args:
-        members: those present.
-        wall: the game's clock.
-        losses: of the network.
-        silence_s: of real time that one callback may take.
-        ended: called with a member whose node has a status after its callback.
+    ``ended`` is called with a member whose node has a status after its callback, which may take ``silence_s`` of real
+    time.
     """
 
     def __init__(
-        self,
-        members: list[Member],
-        wall: SimulatedWall,
-        losses: Losses,
-        silence_s: float,
-        ended: Callable[[Member], None],
+        self, members: list[Member], wall: SimulatedWall, losses: Losses, silence_s: float, ended: _Ended
     ) -> None:
         self._members, self._wall, self._losses, self._ended = members, wall, losses, ended
         self.witnesses: list[Callable[[Delivery], None]] = []  # called with each delivery before it is handled
@@ -77,7 +69,6 @@ class Deliveries:
 
     @contextlib.contextmanager
     def making(self, name: str) -> Iterator[None]:
-        """A node is made in the block."""
         before, self._turn = self._turn, None
         try:
             with self.watchdog.during(name):
@@ -208,7 +199,6 @@ class Deliveries:
         return statuses + [self._latched[one] for one in publishers if one in self._latched and one.topic_name == name]
 
     def forget(self, member: Member) -> None:
-        """A member is gone."""
         self.queue = deque(one for one in self.queue if one.member is not member)
         self._losses.forget(member)
         for publisher in member.node.publishers:
@@ -217,11 +207,7 @@ class Deliveries:
     # Handling
 
     def drain(self) -> None:
-        """Have everything handled that waits, and what follows from it.
-
-        Raises:
-            NodeFailed: what a callback has raised, or there is no end to it.
-        """
+        """Have everything handled that waits, and what follows from it; raises NodeFailed."""
         for _ in range(MOST_DELIVERIES):
             if not self.queue:
                 return

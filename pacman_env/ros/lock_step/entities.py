@@ -134,7 +134,6 @@ def sets_time(sub: Subscription) -> bool:
 
 
 def call(member: Member, callback: Callable[..., Any], *arguments: Any) -> None:
-    """Call a member's callback; a coroutine becomes a task of its executor."""
     result = callback(*arguments)
     if inspect.iscoroutine(result):
         member.executor.create_task(result)

@@ -10,16 +10,8 @@ from typing import Any
 from ..node import BAD_START, BaseNode
 from ..nodes.wait_for_amcl_pose import FOUND
 from ..standstill import DEFAULT_LEASE_S, STOOD_STILL
-from ..supervisor.game_nodes import (
-    NODES,
-    SELECTOR,
-    SIMULATOR,
-    STOP_ORDER,
-    WAIT,
-    GameSetup,
-    full_namespace,
-    module_of,
-)
+from ..supervisor import game_nodes
+from ..supervisor.game_nodes import SELECTOR, SIMULATOR, WAIT, GameSetup
 from ..topics import Service
 from .members import Member
 from .stepper import LockStep, NodeFailed
@@ -31,7 +23,7 @@ SEEDED = (SIMULATOR, "clyde_ghost_node")
 
 def node_class(name: str) -> type[BaseNode]:
     """The node that the module of that name defines."""
-    module = importlib.import_module(module_of(name))
+    module = importlib.import_module(game_nodes.module_of(name))
     kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
     return next(kind for kind in kinds if kind.__module__ == module.__name__)
 
@@ -54,7 +46,7 @@ class LockStepGame(LockStep):
         super().__init__(seed, **options)
         self.restarts: list[tuple[float, str, int | None]] = []  # when (s), which node, and with which status it ended
         self._due: dict[str, float] = {}  # nodes that are started again, and when, s
-        self.namespace = full_namespace(setup.namespace)
+        self.namespace = game_nodes.full_namespace(setup.namespace)
         try:
             for name in self.setup.first_nodes:
                 self.start(name)
@@ -82,8 +74,6 @@ class LockStepGame(LockStep):
         node.destroy_client(client)
         return answer.result()
 
-    # Faults
-
     def kill(self, name: str) -> None:
         """The node is gone, without last messages; it is started again as ``ros up`` does."""
         if (member := self.member(name)) is not None:
@@ -110,7 +100,7 @@ class LockStepGame(LockStep):
         if member.name == WAIT:
             if member.node.status != FOUND:
                 raise NodeFailed("the robot is not localized")
-        elif member.name in NODES:
+        elif member.name in game_nodes.NODES:
             if member.node.status == BAD_START:
                 raise NodeFailed(f"{member.name} does not start")
             self._start_again(member.name, member.node.status)
@@ -129,7 +119,7 @@ class LockStepGame(LockStep):
     def stop(self) -> None:
         """Stop all nodes in the order of ``ros up``, with their last messages, then ROS."""
         self._due.clear()
-        order = [*STOP_ORDER, *(member.name for member in reversed(self.members))]
+        order = [*game_nodes.STOP_ORDER, *(member.name for member in reversed(self.members))]
         for name in dict.fromkeys(order):
             if (member := self.member(name)) is not None:
                 self.remove(member)

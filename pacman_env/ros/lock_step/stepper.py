@@ -53,16 +53,10 @@ class LockStep:
         self._started = 0
         self._closed = False
 
-    # Members
-
     def add(self, make: Callable[[], BaseNode], arguments: list[str], loses: bool = True) -> Member:
         """Make a node with arguments of ROS, ``--ros-args ...``; what is latched reaches it before this returns.
 
-        Losses concern it if ``loses``.
-
-        Raises:
-            Exception: what the making raises.
-            NodeFailed: a latched message does not arrive.
+        Losses concern it if ``loses``. Raises what the making raises, and NodeFailed.
         """
         self._started += 1
         surroundings = LockStepSurroundings(self, self._started, arguments, self._alone)
@@ -91,7 +85,6 @@ class LockStep:
         self.messages.observed[service].append((self._member_of(node), callback))
 
     def member(self, name: str) -> Member | None:
-        """The node of that name that is present."""
         return next((one for one in self.members if one.name == name and one.present), None)
 
     def _member_of(self, node: BaseNode) -> Member:
@@ -134,19 +127,14 @@ class LockStep:
             self.remove(member, last_messages=False)
         self.context.try_shutdown()
 
-    # Faults
-
     def freeze(self, member: Member) -> None:
         """The node does not run any more; what comes for it waits."""
         member.frozen_s = self.wall.now_s
 
     def thaw(self, member: Member) -> None:
-        """The node runs again."""
         member.frozen_s = None
         inbox, member.inbox = member.inbox, []
         self.messages.queue.extend(inbox)
-
-    # Time
 
     def step(self) -> None:
         """Let time go on by one step of the simulated robot, and have everything handled; raises NodeFailed."""
@@ -190,5 +178,4 @@ class LockStep:
         return results[0]
 
     def advance(self, seconds: float) -> None:
-        """Let so much time pass, s."""
         self.until(lambda: False, seconds - 1e-6)

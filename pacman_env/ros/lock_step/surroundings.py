@@ -48,14 +48,7 @@ class SimulatedWall:
 
 
 class LockStepSurroundings(Surroundings):
-    """Those of one node.
-
-    Args:
-        game: of the node.
-        number: of the node, in the order of their starts.
-        arguments: of the node, as they would follow its program's name.
-        alone: no node of another process meets it.
-    """
+    """Those of one node, whose number is in the order of starts; ``alone`` if no node of another process meets it."""
 
     lock_step = True
 

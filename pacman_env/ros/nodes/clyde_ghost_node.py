@@ -36,13 +36,7 @@ _CATCH_UP_S = 1.0  # of what a late timer has left out, at most so much is made 
 
 
 class ClydeGhostNode(GameNode):
-    """The ghosts, which move only while the game is running.
-
-    Raises:
-        MapError: the map cannot be read or played on.
-        ConfigError: the ghosts find no room on it, or there is no such behaviour.
-        ValueError: a ghost's policy cannot be loaded.
-    """
+    """The ghosts, which move only while the game is running."""
 
     def __init__(self) -> None:
         super().__init__(NAME, with_map=True)
@@ -204,7 +198,6 @@ class ClydeGhostNode(GameNode):
         self._trail_out.publish(messages.cloud_message(points, stamp, _OBSTACLE_Z_M))
 
     def last_messages(self) -> Iterable[Any]:
-        """Remove the obstacles."""
         stamp = self.get_clock().now().to_msg()
         self._show_obstacle(GHOST_OBSTACLE[:0], stamp)
         self._show_trail((), stamp)

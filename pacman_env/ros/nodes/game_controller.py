@@ -84,7 +84,6 @@ class GameController(GameNode):
         return StateFile(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def _load(self) -> Any:
-        """The game to go on with, if any."""
         try:
             saved = self._file.load()
             if saved is not None:

@@ -17,12 +17,7 @@ _PERIOD_S = 1.0  # original
 
 
 class PelletManager(GameNode):
-    """The pellets of one map, as markers.
-
-    Raises:
-        MapError: the map cannot be read, or no pellet fits on it.
-        ConfigError: a setting is out of range.
-    """
+    """The pellets of one map, as markers."""
 
     def __init__(self) -> None:
         super().__init__(NAME, with_map=True)

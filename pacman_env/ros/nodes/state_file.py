@@ -16,12 +16,9 @@ _LARGEST = 1_000_000  # bytes
 
 
 class StateFile:
-    """The file.
+    """The file, or none; what another owner, described by plain values, has left behind is ignored.
 
-    Args:
-        path: of the file; None to save nothing.
-        max_age_s: what was written longer ago, in wall time, is not loaded.
-        owner: plain values; what another owner has left behind is ignored.
+    What was written longer than ``max_age_s`` of wall time ago is not loaded.
     """
 
     def __init__(self, path: Path | None, max_age_s: float, owner: Mapping[str, Any]) -> None:
@@ -32,9 +29,7 @@ class StateFile:
     def load(self) -> Any:
         """The state saved last; None if there is none of this owner's, or too long ago.
 
-        Raises:
-            ValueError: why the file is of another kind and must not be overwritten.
-            OSError: it cannot be read.
+        Raises OSError, or ValueError with the reason why the file is of another kind and must not be overwritten.
         """
         if self.path is None or not self.path.exists():
             return None

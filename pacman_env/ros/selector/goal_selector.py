@@ -29,11 +29,7 @@ _UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, 
 
 
 class GoalSelector(LifecycleNodeMixin, GameNode):
-    """A lifecycle node; it configures and activates itself unless ``autostart`` is false.
-
-    Raises:
-        ValueError: with ``autostart``, a map or a policy that cannot be used.
-    """
+    """A lifecycle node; it configures and activates itself unless ``autostart`` is false."""
 
     def __init__(self) -> None:
         GameNode.__init__(self, NAME, with_map=True)
@@ -67,10 +63,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 
-    # Lifecycle
-
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Prepare the map, load the policy and warm it up; connect."""
         try:
             if self._home is not None and len(self._home) != 3:
                 raise ValueError(f"parameter home: {len(self._home)} numbers, must be x, y, heading")
@@ -88,7 +81,6 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return super().on_configure(state)
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Begin to decide."""
         assert self._pursuit is not None
         self._pursuit.activate()
         selection = self._pursuit.selection
@@ -101,7 +93,6 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
-        """Forget map and policy; disconnect."""
         assert self._pursuit is not None
         self._pursuit.destroy()
         self._pursuit = None
@@ -117,8 +108,6 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def last_messages(self) -> Iterable[Any]:
         return () if self._pursuit is None else self._pursuit.last_messages()
-
-    # Parameters
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Load a new policy; refuse it outside the menu, and if it cannot be used."""

@@ -47,7 +47,6 @@ class MessageQueue:
         self._waiting.append((message, self._surroundings.monotonic()))
 
     def catch_up(self) -> None:
-        """Handle what waits."""
         now_s = self._surroundings.monotonic()
         while self._waiting:
             message, arrived_s = self._waiting.popleft()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -21,6 +22,18 @@ _REQUEST_AGAIN_S = 5.0  # of wall time
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+
+
+@dataclass
+class _Goal:
+    """A goal that has not ended, as far as is known."""
+
+    name: UUID
+    accepted: bool = False
+    request: Future | None = None  # for the result
+    requested_s: float = 0.0
+    status: int | None = None  # if it has ended, but the result has not arrived
+    overdue: bool = False  # the same, at the last call of ``end_without_results``
 
 
 class NavigationClient:
@@ -46,11 +59,7 @@ class NavigationClient:
         self._statuses = action.statuses.subscription(node, self._on_statuses)
         self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
-        self._running: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
-        self._unanswered: dict[int, UUID] = {}
-        self._requests: dict[int, tuple[Future, float]] = {}  # requests for results, and when they were sent
-        self._ended: dict[int, int] = {}  # the statuses of goals that have ended, but without a result yet
-        self._overdue: set[int] = set()  # those at the last call of ``end_without_results``
+        self._goals: dict[int, _Goal] = {}
         self._newest: Any = None  # feedback, of whichever goal
         self.forbidden = False  # every goal is cancelled, whichever node sent it
         self._rest: Future | None = None  # see ``rest``
@@ -59,7 +68,6 @@ class NavigationClient:
 
     @property
     def ready(self) -> bool:
-        """Whether the server is there."""
         return all(client.service_is_ready() for client in self._clients)
 
     def clear(self) -> bool:
@@ -81,18 +89,17 @@ class NavigationClient:
             self._canceller.call_async(self._canceller.srv_type.Request())
 
     def _on_statuses(self, message: Any) -> None:
-        """Note goals that have ended; cancel those of other nodes that appear just after all were cancelled, or while
-        goals are forbidden.
-        """
         status_of = {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in message.status_list}
-        for number, name in self._running.items():
-            if (status := status_of.get(bytes(name.uuid))) in _ENDED:
-                self._ended[number] = status
+        for own in self._goals.values():
+            status = status_of.get(bytes(own.name.uuid))
+            if own.accepted and status in _ENDED:
+                own.status = status
         if not self.forbidden and (self._clearing is None or self._surroundings.monotonic() > self._clearing[1]):
             return
-        own = {bytes(name.uuid) for goals in (self._running, self._unanswered) for name in goals.values()}
+        # A goal of another node that appears just after all were cancelled was in transit then.
+        names = {bytes(own.name.uuid) for own in self._goals.values()}
         for goal in message.status_list:
-            if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in own:
+            if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in names:
                 self._canceller.call_async(self._canceller.srv_type.Request(goal_info=goal.goal_info))
 
     def end_without_results(self) -> None:
@@ -101,35 +108,33 @@ class NavigationClient:
         The others' results are requested again: a server that was restarted meanwhile answers that it knows no such
         goal.
         """
-        for number, (answer, sent_s) in list(self._requests.items()):
-            overdue = self._surroundings.monotonic() - sent_s > _REQUEST_AGAIN_S
-            if overdue and number in self._running and self._results.service_is_ready():
-                self._results.remove_pending_request(answer)
-                self._request_result(number)
-        self._ended = {number: status for number, status in self._ended.items() if number in self._running}
-        for number in self._overdue & self._ended.keys():
-            self._end(number, self._ended.pop(number), 0)
-        self._overdue = set(self._ended)
+        for number, goal in list(self._goals.items()):
+            late = self._surroundings.monotonic() - goal.requested_s > _REQUEST_AGAIN_S
+            if late and goal.request is not None and self._results.service_is_ready():
+                self._results.remove_pending_request(goal.request)
+                self._request_result(number, goal)
+            if goal.status is not None and goal.overdue:
+                self._end(number, goal.status, 0)
+            goal.overdue = goal.status is not None
 
     def send(self, number: int, pose: Pose) -> None:
-        """Send a goal in the map frame."""
-        name = self._unanswered[number] = UUID(uuid=list(self._surroundings.new_id()))
-        request = self._sender.srv_type.Request(goal_id=name)
+        goal = self._goals[number] = _Goal(UUID(uuid=list(self._surroundings.new_id())))
+        request = self._sender.srv_type.Request(goal_id=goal.name)
         request.goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
-        self._sender.call_async(request).add_done_callback(partial(self._on_answer, number, name))
+        self._sender.call_async(request).add_done_callback(partial(self._on_answer, number, goal))
 
     def cancel(self, number: int) -> None:
         """Request the end of a goal, whether or not its acceptance is known: the answer may have been lost."""
-        name = self._running.get(number, self._unanswered.get(number))
-        if name is not None and self._canceller.service_is_ready():
+        if number in self._goals and self._canceller.service_is_ready():
             request = self._canceller.srv_type.Request()
-            request.goal_info.goal_id = name
+            request.goal_info.goal_id = self._goals[number].name
             self._canceller.call_async(request).add_done_callback(partial(self._on_cancel, number))
 
     def rest(self) -> Future:
         """Done when every goal sent has been answered and has ended; unanswered ones are cancelled."""
-        for number in self._unanswered:
-            self.cancel(number)
+        for number, goal in self._goals.items():
+            if not goal.accepted:
+                self.cancel(number)
         self._rest = Future()
         self._check_rest()
         return self._rest
@@ -137,8 +142,7 @@ class NavigationClient:
     def destroy(self) -> None:
         """Destroy the entities; no more calls back, even for answers in transit."""
         self._destroyed = True
-        self._running.clear()
-        self._unanswered.clear()
+        self._goals.clear()
         self._feedback.destroy()
         self._node.destroy_subscription(self._statuses)
         for client in self._clients:
@@ -147,23 +151,23 @@ class NavigationClient:
     def _on_feedback(self, message: Any, waited_s: float) -> None:
         self._newest = message
 
-    def _on_answer(self, number: int, name: UUID, answer: Any) -> None:
+    def _on_answer(self, number: int, goal: _Goal, answer: Any) -> None:
         if self._destroyed:
             return
-        self._unanswered.pop(number, None)
         if answer.result().accepted:
-            self._running[number] = name
-            self._request_result(number)
+            goal.accepted = True
+            self._goals[number] = goal  # again, if a cancel has ended it before
+            self._request_result(number, goal)
             self._accepted(number)
         else:
+            self._goals.pop(number, None)
             self._rejected(number)
         self._check_rest()
 
-    def _request_result(self, number: int) -> None:
-        request = self._results.srv_type.Request(goal_id=self._running[number])
-        answer = self._results.call_async(request)
-        self._requests[number] = answer, self._surroundings.monotonic()
-        answer.add_done_callback(partial(self._on_result, number))
+    def _request_result(self, number: int, goal: _Goal) -> None:
+        request = self._results.srv_type.Request(goal_id=goal.name)
+        goal.request, goal.requested_s = self._results.call_async(request), self._surroundings.monotonic()
+        goal.request.add_done_callback(partial(self._on_result, number))
 
     def _on_result(self, number: int, answer: Any) -> None:
         result = answer.result()
@@ -171,19 +175,17 @@ class NavigationClient:
         self._end(number, status, getattr(result.result, "error_code", 0))
 
     def _on_cancel(self, number: int, answer: Any) -> None:
-        code = answer.result().return_code
-        known = number in self._running
-        # No result will come: from a server that was started anew, or of a goal whose acceptance was lost.
-        if (code == _UNKNOWN_GOAL and known) or (code == _CANCELLING and number in self._unanswered):
+        # No result will come: from a server that was restarted, or of a goal whose acceptance was lost.
+        goal, code = self._goals.get(number), answer.result().return_code
+        if goal is not None and code == (_UNKNOWN_GOAL if goal.accepted else _CANCELLING):
             self._end(number, CANCELED, 0)
 
     def _end(self, number: int, status: int, error: int) -> None:
-        name = self._running.pop(number, None) or self._unanswered.pop(number, None)
-        self._requests.pop(number, None)
-        if name is None:
+        goal = self._goals.pop(number, None)
+        if goal is None:
             return
         self.last_status, self.last_error = status, error
-        self._finished(number, status, self._seen_at(name))
+        self._finished(number, status, self._seen_at(goal.name))
         self._check_rest()
 
     def _seen_at(self, name: UUID) -> Position | None:
@@ -191,11 +193,10 @@ class NavigationClient:
         if self._newest is None or self._newest.goal_id != name:
             return None
         try:
-            x, y, _ = pose_of(self._newest.feedback.current_pose)
+            return pose_of(self._newest.feedback.current_pose)[:2]
         except BadMessage:
             return None
-        return x, y
 
     def _check_rest(self) -> None:
-        if self._rest is not None and not self._rest.done() and not self._unanswered and not self._running:
+        if self._rest is not None and not self._rest.done() and not self._goals:
             self._rest.set_result(True)

@@ -35,14 +35,7 @@ _Actions = list[ExecutorAction] | None
 
 
 class Pursuit:
-    """The entities of a configured node, and what they do.
-
-    Args:
-        node: whose entities they are.
-        selection: decides.
-        diagnostics_rate: messages per second.
-        passive: decides and logs, but sends nothing.
-    """
+    """The entities of a configured node, and what they do; it decides and logs, but sends nothing, if ``passive``."""
 
     def __init__(self, node: GameNode, selection: Selection, diagnostics_rate: float, passive: bool) -> None:
         self._node, self.selection, self._passive = node, selection, passive
@@ -97,14 +90,12 @@ class Pursuit:
         self._tick_timer = self._node.create_timer(self._node.config.execution.tick_s, self._tick)
 
     def deactivate(self) -> None:
-        """Stop the robot and decide nothing any more."""
         if self._tick_timer is not None:
             self._node.destroy_timer(self._tick_timer)
             self._tick_timer = None
         self._do(self._executor.deactivate(self._node.now_s()))
 
     def last_messages(self) -> tuple[Any, ...]:
-        """Cancel the goals and stop the wheels."""
         if self._passive:
             return ()
         self.deactivate()

@@ -35,13 +35,8 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 class Selection:
     """A policy on a prepared map, warmed up; handlers of messages return what is to be done and raise BadMessage.
 
-    Args:
-        config: of the game.
-        map: a YAML file, the name of a shipped map, or a loaded map.
-        policy: a name of the registry, or an .onnx file.
-        home: the home pose; None for the first one in menu, or the one it is corrected to there, or the map's.
-        pose_timeout_s: a transform older than this gives way to the latched pose.
-        warn: called with the kind of a trouble and its text.
+    Without a ``home`` it is the first pose in menu, or the one it is corrected to there, or the map's. ``warn`` is
+    called with the kind of a trouble and its text.
 
     Raises:
         MapError: the map cannot be read or played on.

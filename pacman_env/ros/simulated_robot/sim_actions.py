@@ -69,7 +69,6 @@ class _Server(ABC):
         return result
 
     def end(self, key: bytes, status: int, **result: Any) -> None:
-        """Send a goal's client the result."""
         handle = self._handles.pop(key)
         ends = {GoalStatus.STATUS_SUCCEEDED: handle.succeed, GoalStatus.STATUS_CANCELED: handle.canceled}
         ends.get(status, handle.abort)()
@@ -133,7 +132,6 @@ class NavigateServer(_Server):
         return self.navigation.cancel(key)
 
     def step(self) -> None:
-        """One step of the world, with the results of goals that end in it."""
         for ended in self.navigation.step():
             if ended.message:
                 self.node.get_logger().info(f"goal ended with code {ended.error_code}: {ended.message}")
@@ -197,7 +195,6 @@ class NotesServer(_Server):
         self._show({"playing": True, "iterations": request.iterations, "notes": notes})
 
     def cancel(self, key: bytes) -> bool:
-        """At the next step."""
         if self._playing is None or self._playing.key != key:
             return False
         self._playing.canceled = True

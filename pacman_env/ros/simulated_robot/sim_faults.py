@@ -29,14 +29,12 @@ class Faults:
         return name in self.now
 
     def number(self, name: str) -> float | None:
-        """The first number of a fault, None without it."""
         return self.now[name][0] if name in self.now else None
 
     def apply(self, text: str) -> None:
         """Begin a fault, ``NAME NUMBERS``, or end one, ``end NAME``, or all, ``end``; case does not matter.
 
-        Raises:
-            ValueError: no such fault, or other numbers than it needs; nothing has been changed then.
+        Nothing has changed when it raises ValueError: no such fault, or other numbers than it needs.
         """
         words = text.lower().split()
         if not words:
@@ -54,7 +52,6 @@ class Faults:
             self.now[name] = _numbers(name, words[1:])
 
     def words(self) -> list[str]:
-        """The present faults, as :meth:`apply` takes them."""
         return [" ".join([name, *(f"{value:g}" for value in values)]) for name, values in sorted(self.now.items())]
 
 

@@ -175,7 +175,6 @@ class SimRobot(GameNode):
             self.step()
 
     def step(self) -> None:
-        """One step of the world, and all that is published after it."""
         robot = self.robot
         if self._marked_step is not None and (robot.steps - self._marked_step) * self.step_ns > MARK_LASTS_S * 1e9:
             self._unmark()

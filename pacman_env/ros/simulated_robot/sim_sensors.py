@@ -25,7 +25,6 @@ REPORTED_VARIANCE = (0.25, 0.25, 0.07)
 
 
 def map_message(occupancy: OccupancyMap, stamp: Any) -> Any:
-    """The OccupancyGrid that map_server would publish."""
     message = OccupancyGrid()
     message.header.stamp, message.header.frame_id = stamp, "map"
     message.info.map_load_time = stamp
@@ -56,12 +55,9 @@ class Sensors:
             self._latched[-1].publish(message)
 
     def publish(self, stamp: Any, later: Any, with_scan: bool) -> None:
-        """What is due after a step.
+        """What is due after a step, and ``with_scan`` after a turn of the lidar.
 
-        Args:
-            stamp: the time of the step.
-            later: that time and ``TRANSFORM_TOLERANCE_NS``.
-            with_scan: the lidar has turned once more, and AMCL has used its scan.
+        ``later`` is the time of the step, ``stamp``, and ``TRANSFORM_TOLERANCE_NS``.
         """
         robot = self._robot
         odometry = Odometry(child_frame_id="base_link")
