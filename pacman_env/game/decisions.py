@@ -46,7 +46,7 @@ def decision_due(choice, pursued, news, distance_before, distance, waited, p):  
 
 
 class Moment(NamedTuple):
-    """The end of a tick, as the rule sees it."""
+    """The end of a tick, for the rule."""
 
     time_s: float
     pursued: int  # candidate or HOLD

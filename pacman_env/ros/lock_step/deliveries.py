@@ -95,7 +95,7 @@ class Deliveries:
                 self._latched[publisher] = deque(maxlen=publisher.qos_profile.depth)
             self._latched[publisher].append((begin_ns, time.time_ns()))
         if self._turn is not None:
-            for member, sub in self.index.by_publisher(publisher):
+            for member, sub in self.index.by_topic[self.index.name_of(publisher)]:
                 if (taken := entities.message(sub)) is not None:
                     self._put_taken(member, sub, taken)
 
@@ -229,12 +229,12 @@ class Deliveries:
         names = sorted({f"{one.member.name} ({one.name})" for one in self.queue})
         raise NodeFailed(f"no end to messages in one step, {MOST_DELIVERIES} so far; waiting: {', '.join(names)}")
 
-    def run(self, member: Member, handle: Callable[[], object]) -> None:
-        """Have a member's callback called, and its tasks run; raises NodeFailed for what they raise."""
+    def run(self, member: Member, handle: Callable[[], Any]) -> Any:
+        """Call a member's callback and run its tasks; what the callback returns, NodeFailed for what they raise."""
         before, self._turn = self._turn, member
         try:
             with self.watchdog.during(member.name):
-                handle()
+                result = handle()
                 member.executor.run_tasks()
             if member in self.index.with_actions:
                 self._take_actions()
@@ -244,6 +244,7 @@ class Deliveries:
             self._turn = before
         if member.node.status is not None and not member.ending:
             self._ended(member)
+        return result
 
 
 def _complete(latched: list[deque[_Span]], came_ns: list[int]) -> bool:

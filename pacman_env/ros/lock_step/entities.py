@@ -35,7 +35,7 @@ class Index:
         self.with_actions = {m for m, _ in self.waitables}
         self.timers = {m: list(m.node.timers) for m in members}
         self._names: dict[Any, str] = {}
-        self.services, self.clients, self._by_topic = map(self._by_name, (services, clients, self.subscriptions))
+        self.services, self.clients, self.by_topic = map(self._by_name, (services, clients, self.subscriptions))
         self.clients_of_actions = [(m, one) for m, one in clients if ACTION in self.name_of(one)]
         self.topics_of_actions = [(m, one) for m, one in self.subscriptions if ACTION in self.name_of(one)]
         self.all = [*self.subscriptions, *services, *clients]
@@ -58,10 +58,6 @@ class Index:
             by_topic = isinstance(entity, Publisher | Subscription)
             self._names[entity] = entity.topic_name if by_topic else entity.service_name
         return self._names[entity]
-
-    def by_publisher(self, publisher: Publisher) -> _Pairs:
-        """The subscriptions of its topic."""
-        return self._by_topic[self.name_of(publisher)]
 
     def delivery(self, member: Member, entity: Any, taken: Any, sender: Member | None) -> Delivery:
         """What was taken for an entity, with what the node does with it."""

@@ -96,8 +96,7 @@ class LockStep:
             return
         member.ending = True
         if last_messages and not member.node.silent:
-            answers: list[Any] = []
-            self.messages.run(member, lambda: answers.extend(member.node.last_messages()))
+            answers = self.messages.run(member, lambda: list(member.node.last_messages()))
             end_s = self.wall.now_s + LAST_MESSAGES_S
             self.messages.drain()
             while not all(one.done() for one in answers) and self.wall.now_s < end_s and not self._closed:
@@ -172,10 +171,9 @@ class LockStep:
 
     def within(self, node: BaseNode, do: Callable[[], Any]) -> Any:
         """Have a member do something between two steps; what ``do`` returns."""
-        results: list[Any] = []
-        self.messages.run(self._member_of(node), lambda: results.append(do()))
+        result = self.messages.run(self._member_of(node), do)
         self.messages.drain()
-        return results[0]
+        return result
 
     def advance(self, seconds: float) -> None:
         self.until(lambda: False, seconds - 1e-6)
