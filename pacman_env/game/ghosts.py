@@ -15,10 +15,26 @@ import numpy as np
 
 from ..config import Config, ConfigError
 from ..plugins import PluginError, Registry
-from ..rng import CLYDE, GHOSTS, below, stream
+from ..rng import CLYDE, below, stream
+from ..rng import GHOSTS as GHOST_STREAMS
+
+
+class Ghost(NamedTuple):
+    """A ghost's name and colours; how it moves is a behaviour."""
+
+    name: str
+    light: tuple[int, int, int]  # on the light ring: red, green, blue, 0 to 255
+    marker: tuple[float, float, float]  # on the map: the same, 0 to 1
+
 
 #: By number; the original has Clyde alone, its events know all four.
-GHOST_NAMES = ("clyde", "blinky", "pinky", "inky")
+GHOSTS = (
+    Ghost("clyde", (255, 80, 0), (1.0, 0.31, 0.0)),
+    Ghost("blinky", (255, 0, 0), (1.0, 0.0, 0.0)),
+    Ghost("pinky", (255, 60, 180), (1.0, 0.6, 0.8)),
+    Ghost("inky", (0, 0, 255), (0.0, 1.0, 1.0)),
+)
+GHOST_NAMES = tuple(ghost.name for ghost in GHOSTS)
 
 #: State of one ghost from step to step.
 GHOST_FIELDS = [
@@ -117,7 +133,7 @@ def find_behaviour(name: str) -> Behaviour:
 
 def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
     """The random stream of ghost ``number`` in the round with this seed: others do not change Clyde's."""
-    return stream(seed, CLYDE if number == 0 else GHOSTS + number)
+    return stream(seed, CLYDE if number == 0 else GHOST_STREAMS + number)
 
 
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ..config import ShowConfig
-from .ghosts import GHOST_NAMES
+from .ghosts import GHOSTS
 
 Colour = tuple[int, int, int]  # red, green, blue, 0..255
 Ring = tuple[Colour, ...]  # of the six LEDs
@@ -19,7 +19,7 @@ COLOURS: dict[str, Colour] = {
     "orange": (255, 80, 0),
     "white": (255, 255, 255),
 }
-GHOST_COLOURS = dict(zip(GHOST_NAMES, (COLOURS[name] for name in ("orange", "red", "pink", "blue")), strict=True))
+GHOST_COLOURS = {ghost.name: ghost.light for ghost in GHOSTS}
 BLACK: Colour = (0, 0, 0)
 _YELLOW, _RED, _WHITE = COLOURS["yellow"], COLOURS["red"], COLOURS["white"]
 _FRAME_S = 0.15

@@ -19,6 +19,7 @@ from pacman_env.config.validation import convert, require
 from pacman_env.game.execution import round_complete
 
 State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
+Command = Literal["enable", "disable", "reset_round", "return_home"]
 _AfterHome = Literal["start", "next_round", "game_over"]
 
 

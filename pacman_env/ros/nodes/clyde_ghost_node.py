@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.game.ghosts import GHOSTS
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.sim.core.map_ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
@@ -28,8 +29,6 @@ from .ghost_trail import CostmapClearing, GhostTrail
 
 NAME = "clyde_ghost_node"
 _DIAMETER_M = 0.35  # of the marker; original
-#: Of the markers, whose ids count from 1: orange is the original's Clyde.
-_COLOURS = ((1.0, 0.31, 0.0), (1.0, 0.0, 0.0), (1.0, 0.6, 0.8), (0.0, 1.0, 1.0))
 _OBSTACLE_Z_M = 0.25  # where the costmap expects a ghost; original
 _LISTEN_S = 2.0  # of wall time: so long a new node waits for the robot's pose
 _CATCH_UP_S = 1.0  # of what a late timer has left out, at most so much is made up for
@@ -182,7 +181,7 @@ class ClydeGhostNode(GameNode):
         for number, (pose, publisher) in enumerate(zip(poses, self._poses, strict=True)):
             self._view.see_ghost(number, *pose[:2], now.nanoseconds)
             publisher.publish(messages.pose_message(*pose, stamp))
-            at, colour = pose[:2], _COLOURS[number]
+            at, colour = pose[:2], GHOSTS[number].marker
             marker = messages.marker_message(messages.GHOSTS, number + 1, at, _DIAMETER_M, colour, stamp)
             self._marker.publish(marker)
         radius_m = max(nav2.clyde_keepout_m - self.config.robot.inscribed_radius_m, 0.0)
