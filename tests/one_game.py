@@ -256,9 +256,9 @@ class RobotSide:
         wanted = [number for number in self.live if not self.let_go(number)]
         return {
             "end": self.end,
-            "left": sorted(self.executor.left),
+            "left": sorted(self.executor.round.left),
             "score": self.referee.score if running else self.score,
-            "pursued": self.executor.pursued if running else NO_CHOICE,
+            "pursued": self.executor.sent.pursued if running else NO_CHOICE,
             "goal": self.sent[wanted[-1]] if running and wanted else NO_CHOICE,
-            "masked": sorted(self.executor.masked(self.now)) if running else [],
+            "masked": sorted(self.executor.round.masked(self.now)) if running else [],
         }

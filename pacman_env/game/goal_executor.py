@@ -40,15 +40,6 @@ class GoalExecutor:
         self._arrived_s: float | None = None  # when Nav2 reported a success at home that no pose confirms
 
     @property
-    def left(self) -> dict[int, Position]:
-        """The pellets that are left, by id, m."""
-        return self.round.left
-
-    @property
-    def pursued(self) -> int:
-        return self.sent.pursued
-
-    @property
     def driving(self) -> bool:
         """Whether the robot may be driven now: the task fits the game's state, and the node is active."""
         return self._active and self.game_state is not None and _STATES.get(self.task) == self.game_state
@@ -56,9 +47,6 @@ class GoalExecutor:
     @property
     def playing(self) -> bool:
         return self.driving and self.task == "play"
-
-    def masked(self, now: float) -> set[int]:
-        return {candidate for candidate, until in enumerate(self.round.waits.tolist()) if until > now}
 
     def wants_choice(self, now: float) -> bool:
         return self.playing and self._nav2_there and not self._held and not self.sent.settling(now)
@@ -98,7 +86,7 @@ class GoalExecutor:
                 return []
             self.round.record.end = RUNNING
         self.began_s, self._waiting_s, self._arrived_s, self.round.empty_s = now, None, None, None
-        if (self.pursued == HOME) != (word == "return_home"):
+        if (self.sent.pursued == HOME) != (word == "return_home"):
             self._forget_current()  # what is sent next pre-empts it
         if not self.driving:
             return self._halt(now) if self._active else []
@@ -143,7 +131,7 @@ class GoalExecutor:
         self, event: int, value: int, at: Position | None, now: float, ghosts: Sequence[Position] = ()
     ) -> tuple[int, list[ExecutorAction]]:
         action, actions = self.round.step(event, value, at, now, self.sent.navigating, ghosts)
-        if self.round.record.pursued == NO_CHOICE and self.pursued != HOME:
+        if self.round.record.pursued == NO_CHOICE and self.sent.pursued != HOME:
             self.sent.current = None
         return action, actions
 

@@ -105,6 +105,10 @@ class RobotRound:
         ids = [self.goals.ids[slot] for slot in np.flatnonzero(self._left)]
         return {number: self.goals.positions[number] for number in ids}
 
+    def masked(self, now: float) -> set[int]:
+        """Candidates that may not be chosen now."""
+        return {candidate for candidate, until in enumerate(self.waits.tolist()) if until > now}
+
     def report(self, left: Iterable[int], unknown: int, playing: bool, now: float) -> list[ExecutorAction]:
         """Take over a report of the pellets that are ``left``, by id, and of ``unknown`` more of another map.
 

@@ -14,14 +14,14 @@ from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, make_executor, runn
 def test_a_choice_is_sent_kept_and_switched_by_sending() -> None:
     executor = running()
     assert executor.choose(NEAR, 0.0) == [ExecutorAction("send", 1, NEAR)]
-    assert executor.pursued == 0
+    assert executor.sent.pursued == 0
     executor.sent.accepted(1, 0.1)
     assert executor.choose(NEAR, 0.5) == []
     assert words(executor.choose(FAR, 2.0)) == ["send 2"]
     executor.sent.accepted(2, 2.1)
     assert executor.finished(1, ABORTED, 2.2) == []  # pre-empted: no abort of anything
-    assert executor.pursued == 1
-    assert executor.masked(2.2) == set()
+    assert executor.sent.pursued == 1
+    assert executor.round.masked(2.2) == set()
 
 
 def test_hold_cancels_what_runs_and_a_new_goal_waits_for_its_end() -> None:
@@ -29,7 +29,7 @@ def test_hold_cancels_what_runs_and_a_new_goal_waits_for_its_end() -> None:
     executor.choose(NEAR, 0.0)
     executor.sent.accepted(1, 0.1)
     assert words(executor.choose(None, 2.0)) == ["cancel 1"]
-    assert executor.pursued == -1
+    assert executor.sent.pursued == -1
     assert not executor.wants_choice(2.1)  # the cancel would take it along
     assert executor.choose(FAR, 2.1) == []
     executor.finished(1, CANCELED, 2.2)
@@ -91,7 +91,7 @@ def test_a_success_near_the_pellet_collects_it_once(x: float) -> None:
     assert words(executor.finished(1, SUCCEEDED, 4.0)) == ["status pellet_collected:10", "remove 10"]
     assert executor.look((0.8, 0.0), (), 4.1) == []
     executor.pellets(PELLETS, 0, 4.2)  # on its way since before
-    assert executor.left == {11: PELLETS[11]}
+    assert executor.round.left == {11: PELLETS[11]}
     assert executor.look((0.9, 0.0), (), 4.3) == []
 
 
@@ -101,8 +101,8 @@ def test_a_success_far_from_the_pellet_makes_it_wait() -> None:
     executor.sent.accepted(1, 0.1)
     executor.look((0.5, 0.4), (), 4.0)
     assert executor.finished(1, SUCCEEDED, 4.0) == []
-    assert executor.masked(4.0) == {0}
-    assert 10 in executor.left
+    assert executor.round.masked(4.0) == {0}
+    assert 10 in executor.round.left
 
 
 def test_where_nav2_says_that_the_robot_is_counts_for_its_result() -> None:
@@ -118,19 +118,19 @@ def test_aborts_back_off_twice_as_long_each_time_and_lose_no_pellet() -> None:
         number = int(executor.choose(NEAR, now)[0].value)
         executor.sent.accepted(number, now)
         assert executor.finished(number, ABORTED, now) == []
-        assert executor.pursued == -1
-        until = next(t / 2 for t in range(200) if 0 not in executor.masked(now + t / 2))
+        assert executor.sent.pursued == -1
+        until = next(t / 2 for t in range(200) if 0 not in executor.round.masked(now + t / 2))
         waits.append(until)
         now += until
     assert waits == [3.0, 6.0, 12.0, 24.0, 24.0, 24.0]
-    assert 10 in executor.left
+    assert 10 in executor.round.left
 
 
 def test_a_rejected_goal_waits_and_another_is_chosen() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
     assert executor.rejected(1, 0.1) == []
-    assert executor.masked(0.1) == {0}
+    assert executor.round.masked(0.1) == {0}
     assert words(executor.choose(FAR, 0.5)) == ["send 2"]
 
 
@@ -140,19 +140,19 @@ def test_a_new_round_forgets_what_failed_and_what_was_collected() -> None:
     executor.rejected(1, 0.1)
     executor.look((5.0, 0.0), (), 0.2)
     executor.command("reset_round", 0.3)
-    assert executor.masked(0.3) == set()
+    assert executor.round.masked(0.3) == set()
     executor.pellets(PELLETS, 0, 0.4)
-    assert executor.left == PELLETS
+    assert executor.round.left == PELLETS
 
 
 def test_a_goal_without_an_answer_is_given_up() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
     executor.look((0.0, 0.0), (), 4.9)
-    assert executor.pursued == 0
+    assert executor.sent.pursued == 0
     executor.look((0.0, 0.0), (), 5.0)
-    assert executor.pursued == -1
-    assert executor.masked(5.0) == {0}
+    assert executor.sent.pursued == -1
+    assert executor.round.masked(5.0) == {0}
     assert words(executor.sent.accepted(1, 6.0)) == ["cancel 1"]
 
 
@@ -186,8 +186,8 @@ def test_results_of_old_and_of_unknown_goals_mean_nothing() -> None:
     for number in (1, 7):
         assert executor.finished(number, SUCCEEDED, 2.1, at=PELLETS[10]) == []
         assert executor.rejected(number, 2.1) == []
-    assert executor.pursued == 1
-    assert 10 in executor.left
+    assert executor.sent.pursued == 1
+    assert 10 in executor.round.left
 
 
 # Orphans
@@ -284,7 +284,7 @@ def test_a_burst_of_commands_loses_none() -> None:
         executor.command(word, 1.0)
     assert executor.playing
     executor.pellets(PELLETS, 0, 1.1)
-    assert executor.left == PELLETS
+    assert executor.round.left == PELLETS
     assert words(executor.choose(FAR, 1.2)) == ["send 1"]
 
 

@@ -122,22 +122,22 @@ class Nav2(RuleBasedStateMachine):
     def nav2_ends_a_goal(self, data: st.DataObject, status: int) -> None:
         number = data.draw(st.sampled_from(sorted(self.live)))
         del self.live[number]
-        before = dict(self.executor.left), self.executor.pursued, self.executor.masked(self.now)
+        before = dict(self.executor.round.left), self.executor.sent.pursued, self.executor.round.masked(self.now)
         old = number != self.last
         actions = self.executor.finished(number, status, self.now, at=self.pose)
         if old:
-            assert (self.executor.left, self.executor.masked(self.now)) == (before[0], before[2])
+            assert (self.executor.round.left, self.executor.round.masked(self.now)) == (before[0], before[2])
         self.do(actions)
 
     @invariant()
     def no_orphan(self) -> None:
         if not self.may_drive():
             assert not set(self.live) - set(self.cancelled), "a goal runs that nobody wants"
-            assert self.executor.pursued == -1
+            assert self.executor.sent.pursued == -1
 
     @invariant()
     def a_collected_pellet_is_not_left(self) -> None:
-        assert not self.counted & set(self.executor.left) or not self.executor.playing
+        assert not self.counted & set(self.executor.round.left) or not self.executor.playing
 
 
 TestNav2 = Nav2.TestCase

@@ -157,11 +157,11 @@ class Selection:
         seen = Seen(
             time_s=now - self.executor.began_s,
             pose=belief.pose,
-            left=self.executor.left,
+            left=self.executor.round.left,
             velocity=belief.velocity,
             pose_age_s=belief.age_s,
-            masked=self.executor.masked(now),
-            pursued=self.executor.pursued,
+            masked=self.executor.round.masked(now),
+            pursued=self.executor.sent.pursued,
         )
         situation = self.view.situation(seen)  # at every call: it counts them, and measures how fast Clyde comes
         distance = min(math.dist(belief.pose[:2], ghost) for ghost in self.view.ghosts)
@@ -203,11 +203,11 @@ class Selection:
             "pose_source": None if belief is None else belief.source,
             "pose_age_s": None if belief is None else belief.age_s,
             **{name: None if name in self.view.unseen else at for name, at in ghosts.items()},
-            "pellets_left": len(executor.left),
-            "pellets_unreachable": self._out_of_reach(executor.left),
+            "pellets_left": len(executor.round.left),
+            "pellets_unreachable": self._out_of_reach(executor.round.left),
             "pellets_unknown": list(self._unknown_pellets[:20]),
-            "pursued": executor.pursued,
-            "masked": sorted(executor.masked(now)),
+            "pursued": executor.sent.pursued,
+            "masked": sorted(executor.round.masked(now)),
             "goals_sent": executor.sent.number,
             "goals_rejected": self._ended["rejected"],
             "goals_aborted": self._ended["aborted"],
