@@ -29,14 +29,9 @@ def decision_rules(config: Config, in_units: Callable[[float], Any]) -> dict[str
 def decision_due(choice, pursued, news, distance_before, distance, waited, p):  # type: ignore[no-untyped-def]
     """Whether the planner is asked now, after a tick.
 
-    Args:
-        choice: the candidate that was chosen last, or ``HOLD``.
-        pursued: the candidate that is pursued now, or ``HOLD``: its goal has ended, or was not sent.
-        news: whether a pellet was collected, or the round has ended, since the choice.
-        distance_before: believed distance to the nearest ghost at the choice, m.
-        distance: the same now.
-        waited: time since the choice, in the unit of the rules.
-        p: constants of :func:`decision_rules`.
+    ``choice`` is the candidate that was chosen last and ``pursued`` the one that is pursued now, or ``HOLD``; ``news``
+    whether a pellet was collected, or the round has ended, since then; ``waited`` the time since then, in the unit of
+    the rules ``p``. Distances are those to the nearest ghost from the believed pose, m.
     """
     if news or pursued != choice:
         return True

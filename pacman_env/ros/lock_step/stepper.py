@@ -30,11 +30,8 @@ SILENCE_S = 60.0  # of real time that one callback may take
 class LockStep:
     """Nodes of this process, and the simulated time that they share.
 
-    Args:
-        seed: of what nodes draw, and of losses.
-        domain: ROS domain; None for that of the environment.
-        silence_s: after so much real time in one callback, its node is named and the process ends.
-        alone: no node of another process meets these, whatever its domain; otherwise their ids differ from all others.
+    ``seed`` is that of nodes' draws and of losses. Without a ROS ``domain`` it is that of the environment. After
+    ``silence_s`` of real time in one callback the process ends. If ``alone``, no node of another process meets these.
     """
 
     def __init__(
