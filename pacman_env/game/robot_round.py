@@ -40,10 +40,6 @@ class UnacknowledgedStatuses:
         self.end = word
         return [ExecutorAction("status", one) for one in (*self.pellets[: self._earlier], word)]
 
-    def withdraw(self, word: str) -> None:
-        if self.end == word:
-            self.end = ""
-
     def collected(self, pellet: int) -> ExecutorAction:
         self.pellets.append(f"pellet_collected:{pellet}")
         self._expected = max(self._expected, self._counted or 0) + 1
@@ -126,7 +122,8 @@ class RobotRound:
             record.spawned = record.collected + record.lost + int(self._left.sum())
             if shown.any() and record.end != DEAD:
                 record.end = RUNNING
-                self.statuses.withdraw("game_complete")
+                if self.statuses.end == "game_complete":  # it was not, after all
+                    self.statuses.end = ""
         if shown[: self.goals.candidates].any() or unknown or not playing:
             self.empty_s = None
         elif self.empty_s is None:

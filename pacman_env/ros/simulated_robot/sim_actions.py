@@ -89,16 +89,13 @@ class _Server(ABC):
         return CancelResponse.ACCEPT if self.cancel(bytes(handle.goal_id.uuid)) else CancelResponse.REJECT
 
     @abstractmethod
-    async def check(self, request: Any) -> None:
-        """Raise BadMessage to reject a goal."""
+    async def check(self, request: Any) -> None: ...  # raises BadMessage to reject a goal
 
     @abstractmethod
-    def begin(self, key: bytes, request: Any) -> None:
-        """A goal was accepted."""
+    def begin(self, key: bytes, request: Any) -> None: ...  # of an accepted goal
 
     @abstractmethod
-    def cancel(self, key: bytes) -> bool:
-        """Cancel a goal; False if that is not possible."""
+    def cancel(self, key: bytes) -> bool: ...  # whether that is possible
 
 
 class NavigateServer(_Server):

@@ -9,7 +9,7 @@ import dataclasses
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -99,9 +99,7 @@ class SimRobot(GameNode):
         self._lights = ""
         self._faults_out = FAULTS_NOW.publisher(self)
         self._listen(stamped)
-        for text in filter(str.strip, faults.split(";")):
-            self._apply_fault(text)
-        self._show_faults()
+        self._begin_faults(filter(str.strip, faults.split(";")))
         period_s = config.physics_step_s / self._speed
         if not self.surroundings.lock_step:
             self.create_timer(period_s, self.tick, clock=self.surroundings.clock())
@@ -138,7 +136,7 @@ class SimRobot(GameNode):
             *((topic, partial(self._on_ghost, k)) for k, topic in enumerate(topics.GHOST_POSES)),
             (topics.CLYDE_OBSTACLE, self._on_obstacle),
             (topics.LIGHT_RING, self._on_lights),
-            (FAULT, self._on_fault),
+            (FAULT, lambda message: self._begin_faults([message.data])),
         )
         for topic, handle in handlers:
             topic.subscription(self, partial(self._handle, topic.name, handle))
@@ -237,10 +235,6 @@ class SimRobot(GameNode):
 
     # Faults
 
-    def _on_fault(self, message: Any) -> None:
-        self._apply_fault(message.data)
-        self._show_faults()
-
     def _apply_fault(self, text: str) -> None:
         before = dict(self._faults.now)
         self._faults.apply(text)
@@ -262,7 +256,9 @@ class SimRobot(GameNode):
             x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
             self.robot.shift_belief((x, y, heading))
 
-    def _show_faults(self) -> None:
+    def _begin_faults(self, texts: Iterable[str]) -> None:
+        for text in texts:
+            self._apply_fault(text)
         words = self._faults.words()
         self._faults_out.publish(String(data=json.dumps(words)))
         self.get_logger().info(f"faults: {', '.join(words) or 'none'}")
