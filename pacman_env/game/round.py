@@ -32,6 +32,7 @@ class Action:
     value: str | int | float | None = None
 
 
+_KEPT = ("state", "score", "round", "result", "base_speed_mps", "after_home", "home_failures")  # in a snapshot as is
 _RESETS = (Action("reset_pellets"), Action("reset_clyde"))
 
 
@@ -92,15 +93,15 @@ class RoundController:
     score: int = field(default=0, init=False)
     round: int = field(default=1, init=False)
     result: str = field(default="", init=False)
-    _base_speed_mps: float = field(init=False)
+    base_speed_mps: float = field(init=False)
     _pellets: _Pellets = field(default_factory=_Pellets, init=False)
     _reported_s: float = field(default=-math.inf, init=False)  # when the latest report of pellets was received
     _deadline_s: float | None = field(default=None, init=False)  # when ``tick`` acts next
-    _after_home: _AfterHome = field(default="start", init=False)
-    _home_failures: int = field(default=0, init=False)
+    after_home: _AfterHome = field(default="start", init=False)
+    home_failures: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        self._base_speed_mps = self.clyde.speed_mps
+        self.base_speed_mps = self.clyde.speed_mps
 
     @property
     def collected(self) -> int:
@@ -114,7 +115,7 @@ class RoundController:
 
     @property
     def clyde_speed(self) -> float:
-        return clyde_speed_mps(self._base_speed_mps, self.clyde.speed_step_mps, self.round)
+        return clyde_speed_mps(self.base_speed_mps, self.clyde.speed_step_mps, self.round)
 
     def announce(self) -> list[Action]:
         """Everything latched, and the command that the state stands for, for a node that has just started."""
@@ -124,15 +125,9 @@ class RoundController:
     def snapshot(self, now: float) -> dict[str, Any]:
         """All that ``restore`` needs, as plain values that JSON has; instants as the time left until then, s."""
         return {
-            "state": self.state,
-            "score": self.score,
-            "round": self.round,
-            "result": self.result,
-            "base_speed_mps": self._base_speed_mps,
+            **{name: getattr(self, name) for name in _KEPT},
             **{name: None if ids is None else sorted(ids) for name, ids in vars(self._pellets).items()},
             "due_in_s": None if self._deadline_s is None else max(0.0, self._deadline_s - now),
-            "after_home": self._after_home,
-            "home_failures": self._home_failures,
         }
 
     def restore(self, values: Mapping[str, Any], now: float) -> list[Action]:
@@ -150,13 +145,12 @@ class RoundController:
         state, due_s = kept.state, kept.due_in_s
         timed = state == "returning_home" or (due_s is not None) == (state in ("starting", "dying"))
         require(timed, "snapshot.due_in_s", due_s, f"does not fit state {state!r}")
-        self.state, self.score, self.round, self.result = state, kept.score, kept.round, kept.result
-        self._base_speed_mps = kept.base_speed_mps
+        for name in _KEPT:
+            setattr(self, name, getattr(kept, name))
         self._pellets = _Pellets(**pellets)
         self._reported_s = -math.inf  # reports were missed since
         self._deadline_s = None if due_s is None else now + due_s
-        self._after_home, self._home_failures = kept.after_home, kept.home_failures
-        before_round = state == "starting" or (state == "returning_home" and self._after_home == "start")
+        before_round = state == "starting" or (state == "returning_home" and self.after_home == "start")
         return [*self.announce(), *(_RESETS if before_round else ())]
 
     def start(self, now: float) -> list[Action]:
@@ -195,7 +189,7 @@ class RoundController:
         """Set Clyde's speed of round 1; announced at once in the menu, else with the next round."""
         if not (math.isfinite(speed_mps) and speed_mps > 0):
             return [Action("ignored", f"base Clyde speed {speed_mps!r}: must be a finite number above 0")]
-        self._base_speed_mps = float(speed_mps)
+        self.base_speed_mps = float(speed_mps)
         return [Action("clyde_speed", self.clyde_speed)] if self.state == "menu" else []
 
     def status(self, word: str, now: float) -> list[Action]:
@@ -250,16 +244,16 @@ class RoundController:
         return self._reset_round()
 
     def _go_home(self, then: _AfterHome) -> list[Action]:
-        self._after_home = then
-        self._home_failures = 0
+        self.after_home = then
+        self.home_failures = 0
         return [Action("command", "return_home"), self._enter("returning_home")]
 
     def _arrive(self) -> list[Action]:
-        self.round += self._after_home == "next_round"
-        return self._game_over() if self._after_home == "game_over" else self._reset_round()
+        self.round += self.after_home == "next_round"
+        return self._game_over() if self.after_home == "game_over" else self._reset_round()
 
     def _home_reached(self, now: float) -> list[Action]:
-        if self._after_home != "start":
+        if self.after_home != "start":
             return self._arrive()
         self._deadline_s = now + self.start_show_s
         return [Action("event", "start theatrical"), self._enter("starting")]
@@ -267,8 +261,8 @@ class RoundController:
     def _home_failed(self, now: float) -> list[Action]:
         if self._deadline_s is not None:
             return [Action("ignored", "status 'home_failed': the next try is due already")]
-        self._home_failures += 1
-        if self._home_failures <= self.home_retries:
+        self.home_failures += 1
+        if self.home_failures <= self.home_retries:
             self._deadline_s = now + self.home_retry_s
             return []
         self.result = "home_failed"
