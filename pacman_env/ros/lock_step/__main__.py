@@ -15,8 +15,8 @@ from rclpy.utilities import remove_ros_args
 from ..discovery import stay_on_this_machine
 from ..node import BAD_START, Stop
 from ..supervisor.game_nodes import LOCK_STEP, from_json
+from .deliveries import NodeFailed
 from .game import LockStepGame
-from .stepper import NodeFailed
 
 OUTSIDE_S = 0.01  # of real time, after which messages from outside are received again
 FAILED = 1  # exit status

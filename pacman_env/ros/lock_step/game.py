@@ -13,8 +13,9 @@ from ..standstill import DEFAULT_LEASE_S, STOOD_STILL
 from ..supervisor import game_nodes
 from ..supervisor.game_nodes import SELECTOR, SIMULATOR, WAIT, GameSetup
 from ..topics import Service
+from .deliveries import NodeFailed
 from .members import Member
-from .stepper import LockStep, NodeFailed
+from .stepper import LockStep
 
 RESTART_S = 3.0  # of simulated time: the pause before a node is started again, and its start
 LOCALIZED_S = 60.0  # of simulated time, for the robot's first pose

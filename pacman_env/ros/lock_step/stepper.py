@@ -15,13 +15,11 @@ from ..discovery import undiscovered
 from ..node import LAST_MESSAGES_S, BaseNode
 from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
-from .deliveries import Deliveries, NodeFailed
+from .deliveries import Deliveries
 from .entities import call
 from .losses import Losses
 from .members import Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
-
-__all__ = ["LockStep", "NodeFailed"]
 
 STEP_NS = 50_000_000  # of physics: Nav2's controller rate
 SILENCE_S = 60.0  # of real time that one callback may take

@@ -16,9 +16,10 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step import deliveries
+from pacman_env.ros.lock_step.deliveries import NodeFailed
 from pacman_env.ros.lock_step.losses import HEARTBEAT_S
 from pacman_env.ros.lock_step.members import Member
-from pacman_env.ros.lock_step.stepper import LockStep, NodeFailed
+from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.lock_step.watchdog import SILENT
 from pacman_env.ros.node import BaseNode
 from tests.ros import session
