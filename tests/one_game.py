@@ -20,24 +20,14 @@ from pacman_env.game.execution import (
     RUNNING,
     SUCCEEDED,
 )
-from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
-from pacman_env.game.goals import Goals, Home
+from pacman_env.game.goal_executor import GoalExecutor
+from pacman_env.game.goals import ExecutorAction, Goals, Place, home_place
 from pacman_env.game.round import RoundController
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
 from pacman_env.world.navigation import navigator
 
 Position = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Place:
-    """A candidate."""
-
-    candidate: int
-    x: float
-    y: float
-    pellet: int | None
 
 
 class SimulatorSide:
@@ -139,7 +129,7 @@ class RobotSide:
         own = {number: (x, y) for number, (x, y) in enumerate(self.pellets.tolist())}
         goals = Goals(own, {}, self.refuges.tolist())
         self.home = (-50.0, -50.0)
-        self.executor = GoalExecutor(self.config, goals, Home(*self.home, 0.0))
+        self.executor = GoalExecutor(self.config, goals, home_place(*self.home, 0.0))
         self.referee = RoundController(self.config.clyde)
         self.shown = set(own)
         self.executor.activate(0.0)
@@ -189,7 +179,7 @@ class RobotSide:
         known = number in self.unanswered
         if known:
             self.unanswered.remove(number)
-        self._do(self.executor.accepted(number, self.now))
+        self._do(self.executor.sent.accepted(number, self.now))
         for earlier in [n for n in self.live if known and n < number]:
             self.unanswered = [n for n in self.unanswered if n != earlier]
             self.finish(earlier, ABORTED, self.executor.pose or self.home)
@@ -215,13 +205,13 @@ class RobotSide:
 
     def let_go(self, number: int) -> bool:
         """Whether nobody wants a goal any more."""
-        sent = self.executor._open.get(number)
-        return sent is None or sent.let_go
+        sent = self.executor.sent.open.get(number)
+        return sent is None or sent.unwanted
 
     def gives_up(self) -> bool:
         """Whether the current goal has been without an answer for too long."""
-        current = self.executor._open.get(self.executor._current or 0)
-        return self.executor.playing and current is not None and self.executor._unanswered(current, self.now)
+        current = self.executor.sent.open.get(self.executor.sent.current or 0)
+        return self.executor.playing and current is not None and current.unanswered(self.now)
 
     def driven(self) -> int | None:
         """The goal that Nav2 drives to: the last that it has accepted."""
@@ -266,9 +256,9 @@ class RobotSide:
         wanted = [number for number in self.live if not self.let_go(number)]
         return {
             "end": self.end,
-            "left": sorted(self.executor.left),
+            "left": sorted(self.executor.round.left),
             "score": self.referee.score if running else self.score,
-            "pursued": self.executor.pursued if running else NO_CHOICE,
+            "pursued": self.executor.sent.pursued if running else NO_CHOICE,
             "goal": self.sent[wanted[-1]] if running and wanted else NO_CHOICE,
-            "masked": sorted(self.executor.masked(self.now)) if running else [],
+            "masked": sorted(self.executor.round.masked(self.now)) if running else [],
         }

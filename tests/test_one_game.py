@@ -61,7 +61,7 @@ class Trace:
 
     def choose(self, value: int) -> None:
         candidate = value % (HOLD + 1)
-        if candidate in self.robot.executor.masked(self.robot.now) or candidate not in self.allowed():
+        if candidate in self.robot.executor.round.masked(self.robot.now) or candidate not in self.allowed():
             return
         self.robot.look_at(PLACES[value // 16 % len(PLACES)])
         self.simulator.at(self.step, PLACES[value // 16 % len(PLACES)])

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
-from pacman_env.game.decisions import HOLD
+from pacman_env.game.decisions import HOLD, LastDecision, Moment
 from pacman_env.game.execution import COMPLETE, DEAD, RUNNING, TIMEOUT
-from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
@@ -104,20 +103,20 @@ def play_again(
             robot.executor.pose = at
             if before_choice is not None:
                 before_choice(robot, step * STEP_S, value, ghosts)
-            masked = value != batch.hold and (value in robot.executor.masked(robot.now))
-            taken = value < assets.pellets and value not in robot.executor.left
+            masked = value != batch.hold and (value in robot.executor.round.masked(robot.now))
+            taken = value < assets.pellets and value not in robot.executor.round.left
             assert robot.choose(batch.hold if masked or taken else value)
             if robot.unanswered:
                 robot.accept(robot.unanswered[-1])
         elif kind == "result":
             status, old = value
-            numbers = [number for number in robot.live if number != robot.executor._current] if old else robot.live
+            numbers = [number for number in robot.live if number != robot.executor.sent.current] if old else robot.live
             if numbers:
                 robot.finish(numbers[-1], status, at)
         else:
             robot.look(at, ghosts)
         if robot.end == RUNNING and pursued is not None:
-            assert robot.executor.pursued == pursued, (step, kind, value)
+            assert robot.executor.sent.pursued == pursued, (step, kind, value)
     return robot
 
 
@@ -139,7 +138,7 @@ def test_recorded_rounds_are_the_same_games_on_the_robots_side(policy: str, ghos
         end = int(game["end"])
         ends.add(end)
         assert robot.end == (RUNNING if end == TIMEOUT else end), i
-        assert sorted(robot.executor.left) == np.flatnonzero(batch.alive[i]).tolist()
+        assert sorted(robot.executor.round.left) == np.flatnonzero(batch.alive[i]).tolist()
         assert (robot.referee.score if end == TIMEOUT else robot.score) == game["score"]
     assert {DEAD, COMPLETE} <= ends
 
@@ -154,7 +153,7 @@ class Asked:
         pose = robot.executor.pose
         assert pose is not None
         distance = min(math.dist(pose, ghost) for ghost in ghosts)
-        moment = Moment(robot.now, robot.executor.pursued, robot.executor.left, distance)
+        moment = Moment(robot.now, robot.executor.sent.pursued, robot.executor.round.left, distance)
         due = self.last.due(moment)
         assert due == (time_s in self.at_s), time_s
         chosen = HOLD if choice == self.hold else choice

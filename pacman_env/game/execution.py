@@ -1,23 +1,22 @@
 """Algorithm 4: the goal that is pursued, the pellets that are collected, and how a round ends.
 
-One function of plain numbers, :func:`transition`, takes one record from event to event. The simulator compiles it and
-loops over its games; the robot's goal selector steps one record with it. Time is in any unit, the same for the record
-and the rules: physics steps in the simulator, seconds on the robot.
+One function of plain numbers, :func:`transition`, takes a record from event to event. The simulator compiles it and
+loops over its games; the robot's goal selector steps one record. Time is in one unit for the record and the rules:
+physics steps in the simulator, seconds on the robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..config import Config
 
 NO_CHOICE, CHOICE, RESULT, LOOK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
 KEEP, SEND, CANCEL = 0, 1, 2  # what is to be done with Nav2's goal
-REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: there was no answer but no
+REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: Nav2 did not accept it
 RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellet left, but some were lost
-NOBODY = -1
 _ROUNDING_M = 1e-9
 
 
@@ -34,7 +33,17 @@ class Execution:
     lost: int = 0
     aborts: int = 0  # goals that Nav2 aborted
     end: int = RUNNING
-    catcher: int = NOBODY  # the ghost that caught the robot
+    catcher: int = -1  # number of the ghost that caught the robot
+
+
+class Board(NamedTuple):
+    """What a game's record is stepped over."""
+
+    goal_xy: Any  # (K, 2) m
+    ghost_xy: Any  # (G, 2 or more) m
+    left: Any  # (pellets,) by slot, whether it is left
+    waits: Any  # (candidates,) time before which it is not chosen
+    aborts: Any  # (candidates,) in a row
 
 
 def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
@@ -71,32 +80,29 @@ def goal_of(s, candidate, p):  # type: ignore[no-untyped-def]
     return candidate if candidate < p.pellet_slots else s.pellets + candidate - p.pellet_slots
 
 
-def transition(s, event, value, x, y, now, navigating, ground, p):  # type: ignore[no-untyped-def]
+def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[no-untyped-def]
     """Take the record ``s`` over one event of a round that runs; returns what is to be done with Nav2's goal.
 
     Args:
         s: the record, see :class:`Execution`.
         event: ``CHOICE`` of a candidate, ``RESULT`` of the goal pursued, ``LOOK`` at pellets and ghosts.
         value: the candidate chosen or ``NO_CHOICE``; the status of the result.
-        x: where the robot believes to be, m; of a result, where Nav2 has left it.
-        y: m.
+        at: (x, y), m, where the robot believes to be; of a result, where Nav2 has left it.
         now: time.
-        navigating: Nav2 has a goal that nobody has cancelled.
-        ground: position of each goal (K, 2) and ghost (G, 2+), m; by slot which pellets are left; by candidate until
-            when it waits and its aborts in a row.
+        navigating: Nav2 has a goal that is not cancelled.
+        board: see :class:`Board`.
         p: the constants, see :func:`rules`, and ``pellet_slots``.
     """
-    goal_xy, ghost_xy, left, waits, aborts = ground
     if s.end != RUNNING:
         return KEEP
     if event == CHOICE:
-        return _choose(s, value, x, y, now, navigating, goal_xy, p)
+        return _choose(s, value, at, now, navigating, board.goal_xy, p)
     if event == RESULT:
-        return _conclude(s, value, x, y, now, goal_xy, left, waits, aborts, p)
-    return _look(s, x, y, goal_xy, ghost_xy, left, p)
+        return _conclude(s, value, at, now, board, p)
+    return _look(s, at, board, p)
 
 
-def _choose(s, chosen, x, y, now, navigating, goal_xy, p):  # type: ignore[no-untyped-def]
+def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-untyped-def]
     """Switching by sending pre-empts the goal that runs.
 
     Cancel-then-send, as the original does it, loses the new goal with the old one, because a cancel terminates pending
@@ -117,7 +123,7 @@ def _choose(s, chosen, x, y, now, navigating, goal_xy, p):  # type: ignore[no-un
             return CANCEL
     elif not to_pellet:
         goal = goal_of(s, chosen, p)
-        if within(x - goal_xy[goal, 0], y - goal_xy[goal, 1], p.goal_tolerance):
+        if within(at[0] - goal_xy[goal, 0], at[1] - goal_xy[goal, 1], p.goal_tolerance):
             s.pursued = NO_CHOICE  # it waits there already; Nav2 would end such a goal at once
             return KEEP
     s.pursued = chosen
@@ -125,7 +131,7 @@ def _choose(s, chosen, x, y, now, navigating, goal_xy, p):  # type: ignore[no-un
     return SEND
 
 
-def _conclude(s, status, x, y, now, goal_xy, left, waits, aborts, p):  # type: ignore[no-untyped-def]
+def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
     """As built, a success collects the pellet wherever the robot stands and an abort removes it uncounted.
 
     Robust: a success counts only near the pellet (Nav2 moves a blocked goal by up to half a metre); everything else
@@ -139,28 +145,30 @@ def _conclude(s, status, x, y, now, goal_xy, left, waits, aborts, p):  # type: i
     failed = status in (ABORTED, REJECTED)
     s.aborts += status == ABORTED
     if is_pellet and status == SUCCEEDED:
-        dx, dy = x - goal_xy[slot, 0], y - goal_xy[slot, 1]
+        dx, dy = at[0] - board.goal_xy[slot, 0], at[1] - board.goal_xy[slot, 1]
         failed = not (p.lose_on_abort or within(dx, dy, p.success_distance + _ROUNDING_M))
-        if not failed and left[slot]:
-            _collect(s, slot, left)
+        if not failed and board.left[slot]:
+            _collect(s, slot, board.left)
     if not failed:
-        aborts[slot] = 0
+        board.aborts[slot] = 0
     elif not (p.lose_on_abort and is_pellet):
-        aborts[slot] += 1
-        waits[slot] = now + p.back_off * 2 ** min(aborts[slot] - 1, 3)
-    elif status == ABORTED and left[slot]:
-        left[slot] = False
+        board.aborts[slot] += 1
+        board.waits[slot] = now + p.back_off * 2 ** min(board.aborts[slot] - 1, 3)
+    elif status == ABORTED and board.left[slot]:
+        board.left[slot] = False
         s.lost += 1
     _end_if_no_pellet_is_left(s)
     return KEEP
 
 
-def _look(s, x, y, goal_xy, ghost_xy, left, p):  # type: ignore[no-untyped-def]
-    """In the order of Algorithm 4: who collects the last pellet in a ghost's reach has completed the round."""
+def _look(s, at, board, p):  # type: ignore[no-untyped-def]
+    """In the order of Algorithm 4: the last pellet, collected in a ghost's reach, completes the round."""
+    x, y = at
+    goal_xy, ghost_xy = board.goal_xy, board.ghost_xy
     pursued = s.pursued
     for slot in range(s.pellets):
-        if left[slot] and within(x - goal_xy[slot, 0], y - goal_xy[slot, 1], s.pickup):
-            _collect(s, slot, left)
+        if board.left[slot] and within(x - goal_xy[slot, 0], y - goal_xy[slot, 1], s.pickup):
+            _collect(s, slot, board.left)
     _end_if_no_pellet_is_left(s)
     if s.end == RUNNING:
         for k in range(len(ghost_xy)):

@@ -1,8 +1,7 @@
 """How ghosts move, and where to: Algorithm 2's walk, and the table of behaviours.
 
-A behaviour is a function from what a ghost knows to where he goes. ``wander`` is the original: a target drawn uniformly
-from the cells he can reach, the next one when he is there. Ways are found elsewhere; here he moves exactly along his
-path at his speed.
+A behaviour is a function from what a ghost knows to where it goes. ``wander`` is the original: a target drawn uniformly
+from the cells it can reach, the next one when it is there. A ghost moves exactly along its path at its speed.
 """
 
 from __future__ import annotations
@@ -16,24 +15,40 @@ import numpy as np
 
 from ..config import Config, ConfigError
 from ..plugins import PluginError, Registry
-from ..rng import CLYDE, GHOSTS, below, stream
+from ..rng import CLYDE, below, stream
+from ..rng import GHOSTS as GHOST_STREAMS
+
+
+class Ghost(NamedTuple):
+    """A ghost's name and colours; how it moves is a behaviour."""
+
+    name: str
+    light: tuple[int, int, int]  # on the light ring: red, green, blue, 0 to 255
+    marker: tuple[float, float, float]  # on the map: the same, 0 to 1
+
 
 #: By number; the original has Clyde alone, its events know all four.
-GHOST_NAMES = ("clyde", "blinky", "pinky", "inky")
+GHOSTS = (
+    Ghost("clyde", (255, 80, 0), (1.0, 0.31, 0.0)),
+    Ghost("blinky", (255, 0, 0), (1.0, 0.0, 0.0)),
+    Ghost("pinky", (255, 60, 180), (1.0, 0.6, 0.8)),
+    Ghost("inky", (0, 0, 255), (0.0, 1.0, 1.0)),
+)
+GHOST_NAMES = tuple(ghost.name for ghost in GHOSTS)
 
 #: State of one ghost from step to step.
 GHOST_FIELDS = [
-    ("x", np.float64),  # where he is and is seen, m
+    ("x", np.float64),  # where it is and is seen, m
     ("y", np.float64),
-    ("vx", np.float64),  # velocity of his last move, m/s
+    ("vx", np.float64),  # velocity of its last move, m/s
     ("vy", np.float64),
     ("speed", np.float64),  # m/s in this round
-    ("path_index", np.int32),  # into his path: the last cell passed
-    ("path_length", np.int32),  # cells of his path
+    ("path_index", np.int32),  # into its path: the last cell passed
+    ("path_length", np.int32),  # cells of its path
     ("path_offset", np.float64),  # m walked since that cell
     ("stream", np.uint64),
-    ("wanders", np.bool_),  # he draws his own targets at the end of his path
-    ("place", np.int32),  # the candidate he was sent to, -1: none
+    ("wanders", np.bool_),  # it draws its own targets at the end of its path
+    ("place", np.int32),  # the candidate it was sent to, or -1
 ]
 
 
@@ -61,8 +76,8 @@ class Behaviour:
 
     Args:
         name: in ``clyde.ghosts``.
-        target: from a view and the parameters to the place (x, y), m, that the ghost goes to by the shortest way; NaN:
-            he wanders on. It is compiled with Numba. None: somebody outside sends him.
+        target: from a view and the parameters to the place (x, y), m, that the ghost goes to on the shortest path; NaN
+            to wander on. It is compiled with Numba. None if the ghost is sent from outside.
         parameters: numbers, or the dotted names of configuration fields that hold them.
     """
 
@@ -71,22 +86,19 @@ class Behaviour:
     parameters: tuple[float | str, ...] = ()
 
     def constants(self, config: Config) -> tuple[float, ...]:
-        """The parameters' values under a configuration."""
         return tuple(float(config.value(p)) if isinstance(p, str) else float(p) for p in self.parameters)
 
 
 def wander(view, parameters):  # type: ignore[no-untyped-def]
-    """Algorithm 2: the targets are drawn."""
     return math.nan, math.nan
 
 
 def chase(view, parameters):  # type: ignore[no-untyped-def]
-    """Always for the robot."""
     return view.robot_x, view.robot_y
 
 
 def arcade(view, parameters):  # type: ignore[no-untyped-def]
-    """The arcade's Clyde: for the robot from farther away than ``parameters[0]`` m, to his corner when nearer."""
+    """The arcade's Clyde: to the robot from farther away than ``parameters[0]`` m, to its corner when nearer."""
     dx, dy = view.robot_x - view.x, view.robot_y - view.y
     if dx * dx + dy * dy > parameters[0] * parameters[0]:
         return view.robot_x, view.robot_y
@@ -109,11 +121,7 @@ register_ghost = _ALL_BEHAVIOURS.register
 
 
 def find_behaviour(name: str) -> Behaviour:
-    """The entry of that name, of the table or of another package.
-
-    Raises:
-        ConfigError: there is none.
-    """
+    """The entry of that name, of the table or of another package; raises ConfigError if there is none."""
     try:
         entry = _ALL_BEHAVIOURS.find(name)
     except PluginError as error:
@@ -125,19 +133,15 @@ def find_behaviour(name: str) -> Behaviour:
 
 def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
     """The random stream of ghost ``number`` in the round with this seed: others do not change Clyde's."""
-    return stream(seed, CLYDE if number == 0 else GHOSTS + number)
+    return stream(seed, CLYDE if number == 0 else GHOST_STREAMS + number)
 
 
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
-    """Put a ghost on a cell; he chooses his first target at his first move."""
+    """Put a ghost on a cell; it chooses its first target at its first move."""
     path[0] = cell
-    ghost.path_index = 0
-    ghost.path_length = 1
-    ghost.path_offset = 0.0
-    ghost.x = position[cell, 0]
-    ghost.y = position[cell, 1]
-    ghost.vx = 0.0
-    ghost.vy = 0.0
+    ghost.path_index, ghost.path_length, ghost.path_offset = 0, 1, 0.0
+    ghost.x, ghost.y = position[cell, 0], position[cell, 1]
+    ghost.vx, ghost.vy = 0.0, 0.0
     ghost.place = -1
 
 
@@ -150,7 +154,7 @@ def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no
 
 
 def walk(ghost, path, position, period):  # type: ignore[no-untyped-def]
-    """One update: move the ghost along his path for ``period`` seconds, at most to its end."""
+    """One update: move the ghost along its path for ``period`` seconds, at most to its end."""
     x, y = ghost.x, ghost.y
     index, offset = ghost.path_index, ghost.path_offset + ghost.speed * period
     last = ghost.path_length - 1
@@ -176,5 +180,4 @@ def walk(ghost, path, position, period):  # type: ignore[no-untyped-def]
 
 
 def at_target(ghost):  # type: ignore[no-untyped-def]
-    """He stands at the end of his path and needs a target before his next update."""
     return ghost.path_index >= ghost.path_length - 1

@@ -1,7 +1,4 @@
-"""Algorithm 3 of Milestone 3: what the handcrafted scorer says that a goal costs, and when Clyde threatens.
-
-The formula for one situation; which goal is then chosen is decided in ``heuristics/clyde_aware.py``.
-"""
+"""Algorithm 3 of Milestone 3: the handcrafted scorer's cost of a goal, and when Clyde threatens."""
 
 from __future__ import annotations
 
@@ -24,7 +21,7 @@ class ScorerParameters(NamedTuple):
     risk_weight: float = 3.0  # w_g, per m of that
     direction_weight: float = 5.0  # w_d, in m
     emergency_radius_m: float = 2.0  # Clyde threatens within this distance ...
-    warning_radius_m: float = 3.0  # ... or within this one while he closes in
+    warning_radius_m: float = 3.0  # ... or within this one while it closes in
     approach_speed_mps: float = 0.03  # closing in means at least this fast
     replan_margin_m: float = 0.3  # a new goal must cost less by more than this
     threat_exit_margin_m: float = 0.0  # both radii grow by this much while Clyde threatens
@@ -32,7 +29,7 @@ class ScorerParameters(NamedTuple):
 
 
 def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerParameters) -> bool:
-    """Whether Clyde threatens the robot, given that he did (``was``) at the decision before."""
+    """Whether Clyde threatens the robot, given that it did (``was``) at the decision before."""
     if distance_m <= p.death_radius_m:
         return False
     margin = p.threat_exit_margin_m if was else 0.0
@@ -52,7 +49,7 @@ def score_situation(
 ) -> None:
     """Fill ``terms`` (C, 6) for the candidates at ``position`` (C, 2) of one situation.
 
-    Where Clyde's position is NaN (not heard of yet) there is no risk and every direction is safe.
+    Where Clyde's position is NaN (unknown) there is no risk and every direction is safe.
     """
     to_clyde_x, to_clyde_y = clyde[0] - robot[0], clyde[1] - robot[1]
     robot_clyde = math.hypot(to_clyde_x, to_clyde_y)

@@ -1,61 +1,42 @@
-"""Where a robot can be sent, and what is known of a goal that was sent."""
+"""Where a robot can be sent, and the goals that were sent to Nav2 and have not ended, as far as is known."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal
 
 import numpy as np
 
-HOME = -2  # as a candidate: the way home
+from .execution import NO_CHOICE
 
-Position = tuple[float, float]
+HOME = -2  # as a candidate: the home pose
+_KEPT = 16  # goals remembered that Nav2 has not ended; older ones are forgotten
+_ANSWER_S = 5.0  # a goal without an answer for this long is given up
+_CANCEL_S = 1.0  # a new goal waits so long for the end of a cancelled one, which would cancel the new one, too
 
-
-class Place(Protocol):
-    """Where to go; a pellet has an id."""
-
-    @property
-    def candidate(self) -> int:
-        """Number of the candidate, or ``HOME``."""
-
-    @property
-    def x(self) -> float:
-        """Position, m."""
-
-    @property
-    def y(self) -> float:
-        """Position, m."""
-
-    @property
-    def pellet(self) -> int | None:
-        """The pellet's id; None: no pellet."""
+Position = tuple[float, float]  # m
 
 
 @dataclass(frozen=True)
-class Home:
-    """The home pose as a place."""
+class Place:
+    """Where to go: a pellet, which has an id, a refuge, or home, which has a heading (rad)."""
 
+    candidate: int  # or ``HOME``
     x: float  # m
     y: float
-    heading: float  # rad
-    candidate: int = HOME
-    pellet: None = None
+    pellet: int | None = None
+    heading: float | None = None
+
+
+def home_place(x: float, y: float, heading: float) -> Place:
+    return Place(HOME, x, y, heading=heading)
 
 
 class Goals:
-    """The goals of one map: pellets that are candidates, pellets out of reach, refuges.
+    """The goals of one map: pellets that are candidates, pellets out of reach, refuges; positions in m.
 
-    Args:
-        pellets: the candidates' positions by id, m.
-        out_of_reach: those of the pellets that the robot can collect only in passing.
-        refuges: positions, m.
-
-    Attributes:
-        ids: the pellets' ids by slot.
-        candidates: how many of the pellets are candidates.
-        xy: (pellets + refuges, 2) m.
+    The robot can collect pellets out of reach only in passing. ``slot`` is the row in ``xy``.
     """
 
     def __init__(
@@ -69,6 +50,19 @@ class Goals:
         self.refuges = len(refuges)
 
 
+@dataclass(frozen=True)
+class ExecutorAction:
+    """One thing to do, in order.
+
+    ``send`` and ``cancel`` a goal by its number, ``stop`` the wheels, report a ``status`` word, ``remove`` a pellet by
+    its id, announce an ``event``; the value of ``ignored`` is why an input had no effect.
+    """
+
+    kind: Literal["send", "cancel", "stop", "status", "remove", "event", "ignored"]
+    value: int | str = ""
+    place: Place | None = None
+
+
 @dataclass
 class Sent:
     """A goal that Nav2 has not ended yet, as far as is known."""
@@ -76,5 +70,76 @@ class Sent:
     place: Place
     since_s: float
     accepted: bool = False
-    cancelled_s: float | None = None  # when its end was asked for
-    let_go: bool = False  # nobody wants it any more, or a later one has pre-empted it
+    cancelled_s: float | None = None  # when its end was last requested
+    unwanted: bool = False  # to be cancelled, or pre-empted by a later one
+
+    def unanswered(self, now: float) -> bool:
+        return not self.accepted and now - self.since_s >= _ANSWER_S
+
+    def cancel_due(self, now: float) -> bool:
+        """Whether an unwanted goal is to be cancelled now, maybe again.
+
+        One without an answer may never have arrived, and then never ends: its end is requested less often, because
+        nothing is chosen while the end of a goal may cancel the next one, too.
+        """
+        if not (self.accepted or self.unanswered(now)):
+            return False
+        again_s = _CANCEL_S if self.accepted else _ANSWER_S
+        return self.cancelled_s is None or now - self.cancelled_s >= again_s
+
+
+class SentGoals:
+    """The goals that are open, by number; at most one of them is current."""
+
+    def __init__(self) -> None:
+        self.open: dict[int, Sent] = {}
+        self.number = 0  # of the last goal sent
+        self.current: int | None = None
+
+    @property
+    def pursued(self) -> int:
+        return NO_CHOICE if self.current is None else self.open[self.current].place.candidate
+
+    @property
+    def navigating(self) -> bool:
+        return any(not sent.unwanted for sent in self.open.values())
+
+    def settling(self, now: float) -> bool:
+        """Whether a cancel was requested just now, which would cancel a goal sent now, too."""
+        return any(sent.cancelled_s is not None and now - sent.cancelled_s < _CANCEL_S for sent in self.open.values())
+
+    def send(self, place: Place, now: float) -> ExecutorAction:
+        for sent in self.open.values():
+            sent.unwanted |= not sent.accepted  # accepted late, it would come after the new one
+        self.number += 1
+        self.current = self.number
+        self.open[self.number] = Sent(place, now)
+        while len(self.open) > _KEPT:
+            del self.open[min(self.open)]
+        return ExecutorAction("send", self.number, place)
+
+    def accepted(self, number: int, now: float) -> list[ExecutorAction]:
+        """Nav2 has accepted a goal; an unwanted one is cancelled at once."""
+        sent = self.open.get(number)
+        if sent is not None:
+            sent.accepted = True
+            for other, earlier in self.open.items():
+                earlier.unwanted |= other < number
+        if self.current is not None or (sent is not None and not sent.unwanted):
+            return []  # this one, or the next one to be sent, pre-empts it
+        if sent is not None:
+            sent.cancelled_s = now
+        return [ExecutorAction("cancel", number)]
+
+    def cancel_all(self, now: float) -> list[ExecutorAction]:
+        """Cancel every goal; one that is not accepted yet when it is, or when its answer is overdue."""
+        self.current = None
+        for sent in self.open.values():
+            sent.unwanted = True
+        return self.cancel_unwanted(now)
+
+    def cancel_unwanted(self, now: float) -> list[ExecutorAction]:
+        due = [number for number, sent in self.open.items() if sent.unwanted and sent.cancel_due(now)]
+        for number in due:
+            self.open[number].cancelled_s = now
+        return [ExecutorAction("cancel", number) for number in due]

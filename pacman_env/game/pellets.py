@@ -1,4 +1,4 @@
-"""Algorithm 1: where pellets lie on a map. What a robot can reach, and removal, are not decided here."""
+"""Algorithm 1: where pellets lie on a map, whether or not a robot can reach them."""
 
 from __future__ import annotations
 
@@ -13,18 +13,15 @@ from pacman_env.config import ConfigError, PelletConfig
 
 
 class FreeSpace(Protocol):
-    """What of an occupancy map the pellets need."""
+    """The properties of an occupancy map that pellets need."""
 
     @property
-    def resolution(self) -> float:
-        """Edge of a cell, m."""
+    def resolution(self) -> float: ...  # m, edge of a cell
 
     @property
-    def origin(self) -> tuple[float, float, float]:
-        """Pose (x, y, yaw) of the lower left corner, m and rad."""
+    def origin(self) -> tuple[float, float, float]: ...  # pose (m, m, rad) of the lower left corner
 
-    def game_free(self, free_grey: int) -> NDArray[np.bool_]:
-        """(H, W), row 0 at the top: brighter than ``free_grey``."""
+    def game_free(self, free_grey: int) -> NDArray[np.bool_]: ...  # (H, W), row 0 at the top: brighter than that
 
 
 @dataclass(frozen=True)
@@ -64,9 +61,6 @@ def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
 
     Spacing and clearance are rounded to whole pixels. Positions are half a cell off map_server's centres.
     ``config.reachable_only`` is left to the simulator: ids must not depend on where a robot starts.
-
-    Raises:
-        ConfigError: the spacing is less than half a pixel.
     """
     step = round(config.spacing_m / map.resolution)
     clearance = round(config.wall_clearance_m / map.resolution)
@@ -80,9 +74,5 @@ def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
     row, column = np.nonzero(_free_around(_free_around(free, rows, clearance).T, columns, clearance).T)
     u, v = columns[column], rows[row]
 
-    x, y = pixel_to_world(map, u, v)
-    return PelletSet(
-        ids=np.arange(len(u), dtype=np.int64),
-        position=np.column_stack((x, y)).astype(np.float64),
-        pixel=np.column_stack((u, v)).astype(np.int64),
-    )
+    position = np.column_stack(pixel_to_world(map, u, v)).astype(np.float64)
+    return PelletSet(np.arange(len(u), dtype=np.int64), position, np.column_stack((u, v)).astype(np.int64))

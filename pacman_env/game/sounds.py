@@ -1,11 +1,6 @@
-"""Algorithm 8: the melodies, and which of them is played when several are asked for.
-
-Time is an argument. Which event asks for which sound is decided in ``events``; how notes get to the robot is not here.
-"""
+"""Algorithm 8: the melodies, and which of them is played when several are requested."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, field
 
 Melody = tuple[tuple[int, float], ...]  # MIDI note and seconds
 
@@ -30,8 +25,8 @@ MELODIES: dict[str, Melody] = {
     "win": _even((67, 72, 76, 79, 76, 79, 84), 0.14, 0.60),
 }
 
-#: What may be left out while something else sounds; everything else waits for its turn.
-_PASSING = frozenset({"pellet"})
+PATIENCE_S = 2.0  # a melody whose end is not reported is over so long after its time
+_DEBOUNCE_S = 0.1  # the same word again within this time counts once
 _IMPORTANCE = {"pellet": 0, "power pellet": 1, "ghost": 1, "start": 2, "pacman_theme": 2, "win": 3, "death": 3}
 
 
@@ -41,59 +36,48 @@ def frequency_hz(midi_note: int) -> int:
 
 
 def duration_s(word: str) -> float:
-    """How long a melody sounds."""
     return sum(seconds for _, seconds in MELODIES[word])
 
 
-@dataclass
 class SoundQueue:
     """One melody sounds, at most one waits; each method returns the word to play now, or None.
 
     While one sounds, the same word again and a pellet are left out; of the others the more important one waits, the
-    newer of equals. A melody whose end is never reported is over ``patience_s`` after its time.
+    newer of equals.
     """
 
-    debounce_s: float = 0.1  # the same word again within this time counts once
-    patience_s: float = 2.0
+    def __init__(self) -> None:
+        self._playing: str | None = None
+        self._waiting: str | None = None
+        self._deadline_s = 0.0
+        self._last: str | None = None  # the last word begun
+        self._begun_s = 0.0  # and when
 
-    _playing: str | None = field(default=None, init=False)
-    _waiting: str | None = field(default=None, init=False)
-    _deadline_s: float = field(default=0.0, init=False)
-    _last: str | None = field(default=None, init=False)  # the last word begun
-    _begun_s: float = field(default=0.0, init=False)  # and when
-
-    def ask(self, word: str, now: float) -> str | None:
-        """A sound is wanted.
-
-        Raises:
-            ValueError: it is none of ``MELODIES``.
-        """
+    def request(self, word: str, now: float) -> str | None:
+        """Raises ValueError unless the word is one of ``MELODIES``."""
         if word not in MELODIES:
             raise ValueError(f"sound {word!r}: not one of {', '.join(sorted(MELODIES))}")
         if self._playing is None:
-            if word == self._last and 0 <= now - self._begun_s < self.debounce_s:
+            if word == self._last and 0 <= now - self._begun_s < _DEBOUNCE_S:
                 return None
             return self._begin(word, now)
         least = 0 if self._waiting is None else _IMPORTANCE[self._waiting]
-        if word != self._playing and word not in _PASSING and _IMPORTANCE[word] >= least:
+        if word != self._playing and word != "pellet" and _IMPORTANCE[word] >= least:
             self._waiting = word
         return None
 
     def ended(self, now: float) -> str | None:
-        """What sounded is over, or could not be played."""
+        """The melody is over, or could not be played."""
         self._playing = None
         word, self._waiting = self._waiting, None
         return None if word is None else self._begin(word, now)
 
     def overdue(self, now: float) -> bool:
-        """Whether the end of what sounds should have been reported; ``ended`` is then the time-out.
-
-        A clock that was set back counts too: the deadline would otherwise be far away.
-        """
+        """Whether the end of the melody should have been reported, or the clock was set back."""
         return self._playing is not None and not self._begun_s <= now < self._deadline_s
 
     def _begin(self, word: str, now: float) -> str:
         self._playing = word
         self._last, self._begun_s = word, now
-        self._deadline_s = now + duration_s(word) + self.patience_s
+        self._deadline_s = now + duration_s(word) + PATIENCE_S
         return word

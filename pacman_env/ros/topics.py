@@ -17,7 +17,7 @@ from rclpy.action import ActionClient, ActionServer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.round import State
+from pacman_env.game.round import Command, State
 
 
 def _qos(depth: int, *, latched: bool = False, best_effort: bool = False) -> QoSProfile:
@@ -202,6 +202,6 @@ def motion_canceller(node: Any, name: str) -> Any:
 
 
 STATE_WORDS = frozenset(get_args(State))
-COMMAND_WORDS = frozenset({"enable", "disable", "reset_round", "return_home"})
+COMMAND_WORDS = frozenset(get_args(Command))
 #: ``pellet_collected`` is followed by a colon and the pellet's id.
 STATUS_WORDS = frozenset({"pellet_collected", "death_detected", "game_complete", "home_reached", "home_failed"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
@@ -83,7 +83,7 @@ class Choices:
             "presets": list(preset_names()),
             "policies": self._policies,
             "behaviours": [name for name in behaviour_names() if name != POLICY],
-            "settings": [asdict(setting) for setting in self._settings],
+            "settings": [setting._asdict() for setting in self._settings],
         }
 
     def check(self, rules: Rules) -> None:

@@ -11,8 +11,7 @@ import cv2
 from msgspec import structs
 
 from pacman_env.config import ShowConfig
-from pacman_env.game.dances import Motion, angular_velocity
-from pacman_env.game.events import FEEDBACK
+from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
 from pacman_env.game.lights import LightRing
 from pacman_env.game.round import RoundController
 from pacman_env.game.sounds import SoundQueue, duration_s
@@ -94,7 +93,7 @@ class Feedback:
             self.ring.command(word, now)
             self._news.add(light=word)
         elif what == "sound":
-            self._play(self._sounds.ask(word, now), now)
+            self._play(self._sounds.request(word, now), now)
         else:
             answer = FEEDBACK[word]
             self._news.add(event=word)

@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 from pacman_env.config import make_config
-from pacman_env.game.goal_executor import ExecutorAction, GoalExecutor
-from pacman_env.game.goals import Goals, Home
+from pacman_env.game.goal_executor import GoalExecutor
+from pacman_env.game.goals import ExecutorAction, Goals, Place, home_place
 
 CONFIG = make_config("robot")
 
 
-@dataclass(frozen=True)
-class Spot:
-    candidate: int
-    x: float
-    y: float
-    pellet: int | None = None
-
-
-NEAR, FAR = Spot(0, 1.0, 0.0, 10), Spot(1, 5.0, 0.0, 11)
-REFUGE = Spot(2, 0.0, 3.0)
+NEAR, FAR = Place(0, 1.0, 0.0, 10), Place(1, 5.0, 0.0, 11)
+REFUGE = Place(2, 0.0, 3.0)
 PELLETS = {10: (1.0, 0.0), 11: (5.0, 0.0)}
 
 
@@ -34,14 +25,14 @@ def words(actions: list[ExecutorAction]) -> list[str]:
 GOALS = Goals(PELLETS, {}, [(0.0, 3.0)])
 
 
-def make_executor(home: Home, min_dwell_s: float = 1.0, goals: Goals = GOALS, **options: float) -> GoalExecutor:
+def make_executor(home: Place, min_dwell_s: float = 1.0, goals: Goals = GOALS) -> GoalExecutor:
     config = CONFIG.with_fields(**{"execution.min_dwell_s": min_dwell_s})
-    return GoalExecutor(config, goals, home, **options)  # type: ignore[arg-type]
+    return GoalExecutor(config, goals, home)
 
 
 def running(goals: Goals = GOALS, shown: Iterable[int] | None = None, **options: Any) -> GoalExecutor:
     """Enabled and running at t = 0, at the home pose, Nav2 there."""
-    executor = make_executor(Home(0.0, 0.0, 0.0), goals=goals, **options)
+    executor = make_executor(home_place(0.0, 0.0, 0.0), goals=goals, **options)
     executor.activate(0.0)
     executor.nav2(True, 0.0)
     executor.command("enable", 0.0)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import ShowConfig, make_config
-from pacman_env.game.dances import STAND_S, angular_velocity
+from pacman_env.game.events import STAND_S, angular_velocity
 from pacman_env.sim.core.robot import SimulatedRobot
 from pacman_env.world.maps.occupancy import load_map
 

@@ -25,6 +25,7 @@ from pacman_env.game.execution import (
     RUNNING,
     SEND,
     SUCCEEDED,
+    Board,
     Execution,
     closing_speed,
     round_complete,
@@ -56,8 +57,8 @@ class Round:
         navigating: bool = True, ghosts: tuple[tuple[float, float], ...] = (),
     ) -> int:  # fmt: skip
         places = np.array(ghosts, dtype=np.float64).reshape(-1, 2)
-        ground = (GOALS, places, self.left, self.waits, self.aborts)
-        return transition(self.record, event, value, *at, now, navigating, ground, self.rules)
+        board = Board(GOALS, places, self.left, self.waits, self.aborts)
+        return transition(self.record, event, value, at, now, navigating, board, self.rules)
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goal_executor import ExecutorAction
-from pacman_env.game.goals import Home
+from pacman_env.game.goals import ExecutorAction, home_place
 from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, make_executor, running, words
 
 # A choice
@@ -15,22 +14,22 @@ from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, make_executor, runn
 def test_a_choice_is_sent_kept_and_switched_by_sending() -> None:
     executor = running()
     assert executor.choose(NEAR, 0.0) == [ExecutorAction("send", 1, NEAR)]
-    assert executor.pursued == 0
-    executor.accepted(1, 0.1)
+    assert executor.sent.pursued == 0
+    executor.sent.accepted(1, 0.1)
     assert executor.choose(NEAR, 0.5) == []
     assert words(executor.choose(FAR, 2.0)) == ["send 2"]
-    executor.accepted(2, 2.1)
+    executor.sent.accepted(2, 2.1)
     assert executor.finished(1, ABORTED, 2.2) == []  # pre-empted: no abort of anything
-    assert executor.pursued == 1
-    assert executor.masked(2.2) == set()
+    assert executor.sent.pursued == 1
+    assert executor.round.masked(2.2) == set()
 
 
 def test_hold_cancels_what_runs_and_a_new_goal_waits_for_its_end() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     assert words(executor.choose(None, 2.0)) == ["cancel 1"]
-    assert executor.pursued == -1
+    assert executor.sent.pursued == -1
     assert not executor.wants_choice(2.1)  # the cancel would take it along
     assert executor.choose(FAR, 2.1) == []
     executor.finished(1, CANCELED, 2.2)
@@ -38,9 +37,9 @@ def test_hold_cancels_what_runs_and_a_new_goal_waits_for_its_end() -> None:
 
 
 def test_a_cancel_that_is_never_answered_holds_nothing_up_for_long() -> None:
-    executor = running(cancel_s=1.0)
+    executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.choose(None, 2.0)
     assert not executor.wants_choice(2.9)
     assert words(executor.choose(FAR, 3.0)) == ["send 2"]
@@ -57,14 +56,14 @@ def test_the_dwell_time_delays_no_flight_and_no_return() -> None:
     executor.choose(NEAR, 0.0)
     assert words(executor.choose(REFUGE, 0.5)) == ["send 2"]
     assert words(executor.choose(FAR, 1.0)) == ["send 3"]
-    executor.accepted(3, 1.1)
+    executor.sent.accepted(3, 1.1)
     assert words(executor.choose(None, 1.5)) == ["cancel 3"]
 
 
 def test_the_dwell_time_does_not_delay_what_follows_a_goal_that_has_ended() -> None:
     executor = running(min_dwell_s=10.0)
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.look((0.9, 0.0), (), 0.2)
     assert words(executor.choose(FAR, 0.2)) == ["send 2"]
 
@@ -72,7 +71,7 @@ def test_the_dwell_time_does_not_delay_what_follows_a_goal_that_has_ended() -> N
 def test_a_refuge_where_the_robot_waits_is_not_sent_again() -> None:
     executor = running()
     executor.choose(REFUGE, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.look((0.0, 2.8), (), 5.0)
     assert executor.finished(1, SUCCEEDED, 5.0) == []
     assert executor.choose(REFUGE, 5.5) == []
@@ -87,23 +86,23 @@ def test_a_refuge_where_the_robot_waits_is_not_sent_again() -> None:
 def test_a_success_near_the_pellet_collects_it_once(x: float) -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.look((x, 0.0), (), 4.0)
     assert words(executor.finished(1, SUCCEEDED, 4.0)) == ["status pellet_collected:10", "remove 10"]
     assert executor.look((0.8, 0.0), (), 4.1) == []
     executor.pellets(PELLETS, 0, 4.2)  # on its way since before
-    assert executor.left == {11: PELLETS[11]}
+    assert executor.round.left == {11: PELLETS[11]}
     assert executor.look((0.9, 0.0), (), 4.3) == []
 
 
 def test_a_success_far_from_the_pellet_makes_it_wait() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.look((0.5, 0.4), (), 4.0)
     assert executor.finished(1, SUCCEEDED, 4.0) == []
-    assert executor.masked(4.0) == {0}
-    assert 10 in executor.left
+    assert executor.round.masked(4.0) == {0}
+    assert 10 in executor.round.left
 
 
 def test_where_nav2_says_that_the_robot_is_counts_for_its_result() -> None:
@@ -117,21 +116,21 @@ def test_aborts_back_off_twice_as_long_each_time_and_lose_no_pellet() -> None:
     now, waits = 0.0, []
     for _ in range(6):
         number = int(executor.choose(NEAR, now)[0].value)
-        executor.accepted(number, now)
+        executor.sent.accepted(number, now)
         assert executor.finished(number, ABORTED, now) == []
-        assert executor.pursued == -1
-        until = next(t / 2 for t in range(200) if 0 not in executor.masked(now + t / 2))
+        assert executor.sent.pursued == -1
+        until = next(t / 2 for t in range(200) if 0 not in executor.round.masked(now + t / 2))
         waits.append(until)
         now += until
     assert waits == [3.0, 6.0, 12.0, 24.0, 24.0, 24.0]
-    assert 10 in executor.left
+    assert 10 in executor.round.left
 
 
 def test_a_rejected_goal_waits_and_another_is_chosen() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
     assert executor.rejected(1, 0.1) == []
-    assert executor.masked(0.1) == {0}
+    assert executor.round.masked(0.1) == {0}
     assert words(executor.choose(FAR, 0.5)) == ["send 2"]
 
 
@@ -141,24 +140,24 @@ def test_a_new_round_forgets_what_failed_and_what_was_collected() -> None:
     executor.rejected(1, 0.1)
     executor.look((5.0, 0.0), (), 0.2)
     executor.command("reset_round", 0.3)
-    assert executor.masked(0.3) == set()
+    assert executor.round.masked(0.3) == set()
     executor.pellets(PELLETS, 0, 0.4)
-    assert executor.left == PELLETS
+    assert executor.round.left == PELLETS
 
 
 def test_a_goal_without_an_answer_is_given_up() -> None:
-    executor = running(answer_s=5.0)
+    executor = running()
     executor.choose(NEAR, 0.0)
     executor.look((0.0, 0.0), (), 4.9)
-    assert executor.pursued == 0
+    assert executor.sent.pursued == 0
     executor.look((0.0, 0.0), (), 5.0)
-    assert executor.pursued == -1
-    assert executor.masked(5.0) == {0}
-    assert words(executor.accepted(1, 6.0)) == ["cancel 1"]
+    assert executor.sent.pursued == -1
+    assert executor.round.masked(5.0) == {0}
+    assert words(executor.sent.accepted(1, 6.0)) == ["cancel 1"]
 
 
 def test_a_goal_without_an_answer_is_cancelled_after_the_end_all_the_same() -> None:
-    executor = running(answer_s=5.0)
+    executor = running()
     executor.choose(NEAR, 0.0)
     assert words(executor.command("disable", 4.0)) == ["stop"]
     assert words(executor.look(None, (), 4.9)) == []
@@ -170,7 +169,7 @@ def test_a_goal_without_an_answer_is_cancelled_after_the_end_all_the_same() -> N
 
 
 def test_a_goal_that_was_lost_on_the_way_stops_nobody_from_choosing() -> None:
-    executor = running(answer_s=5.0)
+    executor = running()
     executor.choose(NEAR, 0.0)
     assert words(executor.look((0.0, 0.0), (), 5.0)) == []
     assert words(executor.look((0.0, 0.0), (), 5.1)) == ["cancel 1"]
@@ -187,8 +186,8 @@ def test_results_of_old_and_of_unknown_goals_mean_nothing() -> None:
     for number in (1, 7):
         assert executor.finished(number, SUCCEEDED, 2.1, at=PELLETS[10]) == []
         assert executor.rejected(number, 2.1) == []
-    assert executor.pursued == 1
-    assert 10 in executor.left
+    assert executor.sent.pursued == 1
+    assert 10 in executor.round.left
 
 
 # Orphans
@@ -205,16 +204,16 @@ def test_a_goal_accepted_after_the_end_is_cancelled_at_once(how: str) -> None:
         "death": lambda: executor.look((0.0, 0.0), [(0.1, 0.0)], 0.1),
     }[how]
     assert words(end())[-1] == "stop"
-    assert words(executor.accepted(1, 0.2)) == ["cancel 1"]
-    assert not executor.at_rest
+    assert words(executor.sent.accepted(1, 0.2)) == ["cancel 1"]
+    assert executor.sent.open
     assert executor.finished(1, CANCELED, 0.3) == []
-    assert executor.at_rest
+    assert not executor.sent.open
 
 
 def test_a_goal_that_runs_is_cancelled_and_the_wheels_stopped_on_disable() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     assert words(executor.command("disable", 0.2)) == ["cancel 1", "stop"]
 
 
@@ -222,15 +221,15 @@ def test_a_goal_accepted_after_it_was_superseded_is_left_to_be_pre_empted() -> N
     executor = running()
     executor.choose(NEAR, 0.0)
     executor.choose(FAR, 2.0)
-    assert executor.accepted(1, 2.1) == []
-    assert executor.accepted(2, 2.2) == []
+    assert executor.sent.accepted(1, 2.1) == []
+    assert executor.sent.accepted(2, 2.2) == []
     assert words(executor.command("disable", 2.3)) == ["cancel 1", "cancel 2", "stop"]
 
 
 def test_the_old_goal_is_let_go_where_the_new_one_was_rejected_and_nothing_is_chosen() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.choose(FAR, 2.0)
     executor.rejected(2, 2.1)
     assert words(executor.choose(None, 2.5)) == ["cancel 1"]
@@ -238,7 +237,7 @@ def test_the_old_goal_is_let_go_where_the_new_one_was_rejected_and_nothing_is_ch
 
 @pytest.mark.parametrize("state", ["menu", "starting", None])
 def test_nothing_is_driven_in_the_menu_or_before_the_state_is_known(state: str | None) -> None:
-    executor = make_executor(Home(9.0, 9.0, 0.0))
+    executor = make_executor(home_place(9.0, 9.0, 0.0))
     executor.activate(0.0)
     executor.nav2(True, 0.0)
     if state is not None:
@@ -256,7 +255,7 @@ def test_nothing_is_driven_in_the_menu_or_before_the_state_is_known(state: str |
 def test_without_nav2_nothing_is_sent_and_the_goal_is_chosen_anew_when_it_is_back() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.nav2(False, 1.0)
     assert not executor.wants_choice(1.0)
     assert executor.choose(FAR, 1.0) == []
@@ -267,7 +266,7 @@ def test_without_nav2_nothing_is_sent_and_the_goal_is_chosen_anew_when_it_is_bac
 def test_nav2_that_is_back_after_the_end_is_told_to_cancel_again() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     executor.nav2(False, 1.0)
     assert words(executor.command("disable", 1.1)) == ["cancel 1", "stop"]
     assert executor.look((0.0, 0.0), (), 2.5) == []
@@ -285,7 +284,7 @@ def test_a_burst_of_commands_loses_none() -> None:
         executor.command(word, 1.0)
     assert executor.playing
     executor.pellets(PELLETS, 0, 1.1)
-    assert executor.left == PELLETS
+    assert executor.round.left == PELLETS
     assert words(executor.choose(FAR, 1.2)) == ["send 1"]
 
 
@@ -296,7 +295,7 @@ def test_a_burst_of_commands_loses_none() -> None:
 def test_a_new_start_acts_on_what_the_old_commands_come_to_and_on_nothing_on_the_way(
     state: str, last: str, expected: str
 ) -> None:
-    executor = make_executor(Home(0.0, 0.0, 0.0))
+    executor = make_executor(home_place(0.0, 0.0, 0.0))
     executor.nav2(True, 0.0)
     executor.look((4.0, 0.0), (), 0.0)
     for word in ("disable", "reset_round", "return_home", "enable", "disable", "return_home", last):

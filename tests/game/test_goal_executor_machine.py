@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goal_executor import ExecutorAction
-from pacman_env.game.goals import HOME, Home
-from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, Spot, make_executor
+from pacman_env.game.goals import HOME, ExecutorAction, Place, home_place
+from tests.game.executors import FAR, NEAR, PELLETS, REFUGE, make_executor
 
 
 class Nav2(RuleBasedStateMachine):
@@ -20,7 +19,7 @@ class Nav2(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.now = 0.0
-        self.executor = make_executor(Home(0.0, 0.0, 0.0), min_dwell_s=1.0)
+        self.executor = make_executor(home_place(0.0, 0.0, 0.0), min_dwell_s=1.0)
         self.waiting: list[int] = []  # goals sent, not answered
         self.sent: dict[int, float] = {}  # when each was
         self.live: dict[int, float] = {}  # accepted, not ended: since when
@@ -101,7 +100,7 @@ class Nav2(RuleBasedStateMachine):
         self.do(self.executor.look(self.pose, [] if clyde is None else [clyde], self.now))
 
     @rule(spot=st.sampled_from([None, NEAR, FAR, REFUGE]))
-    def policy_chooses(self, spot: Spot | None) -> None:
+    def policy_chooses(self, spot: Place | None) -> None:
         self.do(self.executor.choose(spot, self.now))
 
     @rule(there=st.sampled_from([True, True, True, False]))
@@ -116,29 +115,29 @@ class Nav2(RuleBasedStateMachine):
         self.waiting.remove(number)
         if accept:
             self.live[number] = self.now
-        self.do(self.executor.accepted(number, self.now) if accept else self.executor.rejected(number, self.now))
+        self.do(self.executor.sent.accepted(number, self.now) if accept else self.executor.rejected(number, self.now))
 
     @precondition(lambda self: self.live)
     @rule(data=st.data(), status=st.sampled_from([SUCCEEDED, CANCELED, ABORTED]))
     def nav2_ends_a_goal(self, data: st.DataObject, status: int) -> None:
         number = data.draw(st.sampled_from(sorted(self.live)))
         del self.live[number]
-        before = dict(self.executor.left), self.executor.pursued, self.executor.masked(self.now)
+        before = dict(self.executor.round.left), self.executor.sent.pursued, self.executor.round.masked(self.now)
         old = number != self.last
         actions = self.executor.finished(number, status, self.now, at=self.pose)
         if old:
-            assert (self.executor.left, self.executor.masked(self.now)) == (before[0], before[2])
+            assert (self.executor.round.left, self.executor.round.masked(self.now)) == (before[0], before[2])
         self.do(actions)
 
     @invariant()
     def no_orphan(self) -> None:
         if not self.may_drive():
             assert not set(self.live) - set(self.cancelled), "a goal runs that nobody wants"
-            assert self.executor.pursued == -1
+            assert self.executor.sent.pursued == -1
 
     @invariant()
     def a_collected_pellet_is_not_left(self) -> None:
-        assert not self.counted & set(self.executor.left) or not self.executor.playing
+        assert not self.counted & set(self.executor.round.left) or not self.executor.playing
 
 
 TestNav2 = Nav2.TestCase

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
-from pacman_env.game.goals import HOME, Goals, Home
+from pacman_env.game.goals import HOME, Goals, home_place
 from tests.game.executors import FAR, NEAR, PELLETS, homing, running, words
 
 # Pick-up, death, the end of a round
@@ -16,13 +16,13 @@ def test_pellets_within_the_radius_are_collected_whichever_is_pursued() -> None:
     executor.choose(FAR, 0.0)
     actions = executor.look((0.8, 0.1), (), 1.0)
     assert words(actions) == ["status pellet_collected:10", "remove 10"]
-    assert executor.pursued == 1
+    assert executor.sent.pursued == 1
 
 
 def test_death_names_the_ghost_reports_and_stops_in_the_order_of_the_recorded_game() -> None:
     executor = running()
     executor.choose(NEAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     actions = executor.look((0.9, 0.0), [(1.1, 0.1)], 1.0)
     assert words(actions) == [
         "status pellet_collected:10",
@@ -52,7 +52,7 @@ def test_a_round_is_complete_when_only_pellets_out_of_reach_are_left() -> None:
     assert words(executor.pellets(left, 0, 10.0)) == []
     assert words(executor.pellets(left, 0, 12.0)) == ["status game_complete"]
     assert words(executor.pellets(left, 0, 20.0)) == []
-    assert executor.left == left  # one that is passed by counts all the same
+    assert executor.round.left == left  # one that is passed by counts all the same
 
 
 def test_a_round_without_any_pellet_is_reported_complete_once() -> None:
@@ -66,18 +66,18 @@ def test_a_round_without_any_pellet_is_reported_complete_once() -> None:
 def test_a_report_of_strange_pellets_alone_makes_nobody_forget_those_that_are_left() -> None:
     executor = running()
     assert executor.pellets({}, 2, 1.0) == []
-    assert executor.left == PELLETS
+    assert executor.round.left == PELLETS
 
 
 def test_a_pellet_that_reports_do_not_show_for_two_seconds_has_been_taken_by_somebody_else() -> None:
     executor = running()
     for second in (2.0, 3.0):
         assert executor.pellets({11: PELLETS[11]}, 2, second) == []
-        assert executor.left == PELLETS
+        assert executor.round.left == PELLETS
     assert executor.pellets({11: PELLETS[11]}, 2, 4.0) == []
-    assert executor.left == {11: PELLETS[11]}
+    assert executor.round.left == {11: PELLETS[11]}
     executor.pellets(PELLETS, 0, 5.0)  # shown again, at once
-    assert executor.left == PELLETS
+    assert executor.round.left == PELLETS
 
 
 def test_alternating_empty_reports_end_no_round() -> None:
@@ -89,7 +89,7 @@ def test_alternating_empty_reports_end_no_round() -> None:
         now = 1.0 + 0.5 * step
         said += words(executor.pellets(left if step % 2 else {}, 0, now))
         said += words(executor.look((2.0, 0.0), (), now + 0.2))
-        assert executor.left == left
+        assert executor.round.left == left
     assert not [word for word in said if word.startswith("status")]
 
 
@@ -108,7 +108,7 @@ def test_a_round_that_was_called_complete_too_early_goes_on_where_pellets_are_sh
     executor.pellets(PELLETS, 0, 4.0)
     executor.statuses.open()
     assert executor.statuses.open() == []
-    assert executor.left == PELLETS
+    assert executor.round.left == PELLETS
 
 
 # The way home
@@ -117,9 +117,9 @@ def test_a_round_that_was_called_complete_too_early_goes_on_where_pellets_are_sh
 def test_the_way_home_begins_with_the_state_and_ends_with_one_report() -> None:
     executor = homing()
     actions = executor.state("returning_home", 1.1)
-    assert [(a.kind, a.place) for a in actions] == [("send", Home(0.0, 0.0, 0.0))]
-    assert executor.pursued == HOME
-    executor.accepted(1, 1.2)
+    assert [(a.kind, a.place) for a in actions] == [("send", home_place(0.0, 0.0, 0.0))]
+    assert executor.sent.pursued == HOME
+    executor.sent.accepted(1, 1.2)
     executor.look((0.2, 0.1), (), 20.0)
     assert words(executor.finished(1, SUCCEEDED, 20.0)) == ["status home_reached"]
     assert executor.look((0.2, 0.1), (), 20.5) == []
@@ -140,7 +140,7 @@ def test_a_robot_that_is_home_reports_without_driving() -> None:
 def test_home_has_failed_only_where_the_robot_is_not_there(status: int, pose: tuple[float, float], report: str) -> None:
     executor = homing()
     executor.state("returning_home", 1.1)
-    executor.accepted(1, 1.2)
+    executor.sent.accepted(1, 1.2)
     assert words(executor.finished(1, status, 9.0, at=pose)) == [f"status {report}"]
 
 
@@ -150,7 +150,7 @@ def test_home_has_failed_only_where_the_robot_is_not_there(status: int, pose: tu
 def test_a_success_far_from_home_waits_for_a_newer_pose(later: tuple[float, float], reports: list[str]) -> None:
     executor = homing()
     executor.state("returning_home", 1.1)
-    executor.accepted(1, 1.2)
+    executor.sent.accepted(1, 1.2)
     assert executor.finished(1, SUCCEEDED, 9.0, at=(1.0, 0.0)) == []
     assert executor.look((1.0, 0.0), (), 9.5) == []
     assert words(executor.look(later, (), 11.0)) == reports
@@ -168,7 +168,7 @@ def test_the_way_home_waits_for_the_end_of_a_cancelled_goal() -> None:
     executor = running()
     executor.look((3.0, 0.0), (), 0.0)
     executor.choose(FAR, 0.0)
-    executor.accepted(1, 0.1)
+    executor.sent.accepted(1, 0.1)
     assert words(executor.command("disable", 1.0)) == ["cancel 1", "stop"]
     assert words(executor.command("return_home", 1.0)) == ["stop"]  # the state is not there yet
     assert executor.state("returning_home", 1.0) == []

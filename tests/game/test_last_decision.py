@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.game.decisions import HOLD
+from pacman_env.game.decisions import HOLD, LastDecision, Moment
 from pacman_env.game.execution import NO_CHOICE, RUNNING
-from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.sim.core import kernels, records
 from pacman_env.sim.core.parameters import batch_parameters
 

@@ -18,7 +18,7 @@ LASTING = sorted(LIGHTS - set(ENDING))
 
 def shown(word: str, seconds: float, ring: LightRing | None = None) -> list[Ring | None]:
     """Every ring seen from the command on, ten times a second."""
-    ring = ring or LightRing()
+    ring = ring or LightRing(ShowConfig())
     ring.command(word, 100.0)
     return [ring.ring(100.0 + 0.1 * k) for k in range(int(seconds * 10))]
 
@@ -49,7 +49,7 @@ def test_an_animation_moves_and_is_over_after_its_time(word: str) -> None:
     rings = shown(word, duration)
     assert None not in rings
     assert len(set(rings)) > 1
-    ring = LightRing()
+    ring = LightRing(ShowConfig())
     ring.command(word, 0.0)
     after = ring.ring(duration)
     assert after is None or after in ANIMATIONS["pacman"].rings
@@ -61,7 +61,7 @@ def test_a_colour_stays_on_all_six(colour: str) -> None:
 
 
 def test_off_leaves_the_ring_to_the_robot_at_once() -> None:
-    ring = LightRing()
+    ring = LightRing(ShowConfig())
     assert ring.ring(0.0) is None
     assert shown("pacman", 5.0, ring)[-1] is not None
     assert set(shown("off", 5.0, ring)) == {None}
@@ -70,7 +70,7 @@ def test_off_leaves_the_ring_to_the_robot_at_once() -> None:
 @pytest.mark.parametrize("between", LASTING)
 @pytest.mark.parametrize("word", ["pellet", "power pellet", "clyde caught"])
 def test_after_a_short_show_the_ring_is_as_it_was_before(word: str, between: str) -> None:
-    ring = LightRing()
+    ring = LightRing(ShowConfig())
     before = set(shown(between, 5.0, ring))
     ring.command(word, 200.0)
     assert ring.ring(200.0) in ANIMATIONS[word].rings
@@ -79,7 +79,7 @@ def test_after_a_short_show_the_ring_is_as_it_was_before(word: str, between: str
 
 
 def test_after_the_start_show_pacman_stays_until_the_end_of_the_round() -> None:
-    ring = LightRing()
+    ring = LightRing(ShowConfig())
     assert shown("start", 20.0, ring)[-1] in ANIMATIONS["pacman"].rings
     ring.command("clyde killed", 200.0)
     assert ring.ring(201.0) is not None
@@ -87,7 +87,7 @@ def test_after_the_start_show_pacman_stays_until_the_end_of_the_round() -> None:
 
 
 def test_a_clock_set_back_ends_the_show_and_keeps_what_lasts() -> None:
-    ring = LightRing()
+    ring = LightRing(ShowConfig())
     ring.command("yellow", 1000.0)
     ring.command("win", 1000.0)
     assert ring.ring(3.0) is None
@@ -97,7 +97,7 @@ def test_a_clock_set_back_ends_the_show_and_keeps_what_lasts() -> None:
 
 @given(st.text())
 def test_an_unknown_word_is_refused_and_changes_nothing(word: str) -> None:
-    ring = LightRing()
+    ring = LightRing(ShowConfig())
     ring.command("red", 0.0)
     if word not in LIGHTS:
         with pytest.raises(ValueError, match="not one of"):
@@ -107,7 +107,7 @@ def test_an_unknown_word_is_refused_and_changes_nothing(word: str) -> None:
 
 @given(st.lists(st.tuples(st.sampled_from(sorted(LIGHTS)), st.floats(0, 10)), max_size=20))
 def test_some_time_after_any_words_only_what_lasts_is_shown(commands: list[tuple[str, float]]) -> None:
-    ring, now = LightRing(), 0.0
+    ring, now = LightRing(ShowConfig()), 0.0
     for word, pause in commands:
         ring.command(word, now)
         now += pause

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pacman_env.ros import topics
-from pacman_env.ros.lock_step.game import CLASSES, LockStepGame
+from pacman_env.ros.lock_step.game import LockStepGame, node_class
 from pacman_env.ros.lock_step.members import Member
 from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.node import BaseNode
@@ -105,7 +105,7 @@ class Session:
         """Start one of the game's nodes, or what ``make`` makes, with parameters; one step later it knows the time."""
         if name == REFEREE:
             parameters = {"state_file": str(self.folder / "game_controller.json"), **parameters}
-        member = self.game.add(make or CLASSES[name], self._arguments(**parameters))
+        member = self.game.add(make or node_class(name), self._arguments(**parameters))
         self.game.step()
         return member
 

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.game.dances import STAND_S
+from pacman_env.game.events import STAND_S
 from pacman_env.ros import topics
 from tests.ros import session
 

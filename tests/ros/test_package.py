@@ -105,7 +105,9 @@ def test_every_node_is_a_command_of_the_ros_package_and_a_module(monkeypatch: py
     game = f"{LOCK_STEP} = pacman_env.ros.lock_step.__main__:main"
     assert nodes == [*(f"{name} = {module_of(name)}:main" for name in NODES), game]
     for name in NODES:
-        assert "def main(" in (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), name
+        assert re.search(
+            r"^(def main\(|main = )", (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), re.M
+        ), name
     assert set(STOP_ORDER) <= {*NODES, PAGE}
 
 

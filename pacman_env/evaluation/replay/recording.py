@@ -18,8 +18,8 @@ from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
 from pacman_env.evaluation.compare.policies import load_policy
 from pacman_env.files import replaced
 from pacman_env.game.decisions import HOLD as NO_GOAL
+from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
-from pacman_env.game.last_decision import LastDecision, Moment
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
 from pacman_env.sim.core.batch import GameBatch

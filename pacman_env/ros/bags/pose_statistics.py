@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.game.decisions import HOLD
+from pacman_env.game.decisions import HOLD, LastDecision
 from pacman_env.game.execution import RUNNING
-from pacman_env.game.last_decision import LastDecision
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.poses import Pose, compose, relative

@@ -1,7 +1,7 @@
-"""The process of a lock-step game, which others may watch and ask: ``python -m pacman_env.ros.lock_step SETUP``.
+"""The process of a lock-step game: ``python -m pacman_env.ros.lock_step SETUP``, a ``GameSetup`` as JSON.
 
-``SETUP`` is a ``GameSetup`` as JSON. A page, a terminal or RViz takes part as with any other game: it is asked for
-what it has sent every few milliseconds, and nothing waits for it.
+A page, a terminal or RViz takes part as in any other game: what it has sent is received every few milliseconds, and
+nothing waits for it.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from rclpy.utilities import remove_ros_args
 from ..discovery import stay_on_this_machine
 from ..node import BAD_START, Stop
 from ..supervisor.game_nodes import LOCK_STEP, from_json
+from .deliveries import NodeFailed
 from .game import LockStepGame
-from .stepper import NodeFailed
 
-OUTSIDE_S = 0.01  # of real time, between two looks at what has come from outside
+OUTSIDE_S = 0.01  # of real time, after which messages from outside are received again
 FAILED = 1  # exit status
 
 
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             while not stop.asked:
                 game.step()
                 if time.monotonic() >= due_s:
-                    game.take_all()
+                    game.messages.take_all()
                     due_s = time.monotonic() + OUTSIDE_S
             game.stop()
         except NodeFailed as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 from rclpy.action import ActionClient, ActionServer
@@ -16,50 +17,38 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 
-from .members import Member
+from .members import Delivery, Member
 
 ACTION = "/_action/"  # in the names of an action's topics and services
-
-
-class Qos:
-    """What decides about a subscription's messages."""
-
-    def __init__(self, sub: Subscription) -> None:
-        profile = sub.qos_profile
-        self.depth = int(profile.depth)
-        self.reliable = profile.reliability != ReliabilityPolicy.BEST_EFFORT
-        self.latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self.message_only = sub._callback_type is Subscription.CallbackType.MessageOnly
+_Pairs = list[tuple[Member, Any]]
 
 
 class Index:
     """The entities of all members by the names of their topics and services."""
 
-    def __init__(self, members: list[Member] | None = None) -> None:
-        members = members or []
-        self.subscriptions = [(m, sub) for m in members for sub in m.node.subscriptions]
-        self.services = _by_name((m, one) for m in members for one in m.node.services)
-        self.clients = _by_name((m, one) for m in members for one in m.node.clients)
-        self.waitables = [
-            (m, one) for m in members for one in m.node.waitables if isinstance(one, ActionServer | ActionClient)
-        ]
+    def __init__(self, members: list[Member]) -> None:
+        self.subscriptions: _Pairs = [(m, one) for m in members for one in m.node.subscriptions]
+        services = [(m, one) for m in members for one in m.node.services]
+        clients = [(m, one) for m in members for one in m.node.clients]
+        ends = ActionServer | ActionClient
+        self.waitables = [(m, one) for m in members for one in m.node.waitables if isinstance(one, ends)]
         self.with_actions = {m for m, _ in self.waitables}
         self.timers = {m: list(m.node.timers) for m in members}
-        self.qos = {sub: Qos(sub) for _, sub in self.subscriptions}
         self._names: dict[Any, str] = {}
-        self._by_topic: defaultdict[str, list[tuple[Member, Subscription]]] = defaultdict(list)
-        for member, sub in self.subscriptions:
-            self._by_topic[self.name_of(sub)].append((member, sub))
-        self.clients_of_actions = [
-            (m, one) for name, pairs in self.clients.items() if ACTION in name for m, one in pairs
-        ]
-        self.topics_of_actions = [(m, sub) for m, sub in self.subscriptions if ACTION in self.name_of(sub)]
+        self.services, self.clients, self.by_topic = map(self._by_name, (services, clients, self.subscriptions))
+        self.clients_of_actions = [(m, one) for m, one in clients if ACTION in self.name_of(one)]
+        self.topics_of_actions = [(m, one) for m, one in self.subscriptions if ACTION in self.name_of(one)]
+        self.all = [*self.subscriptions, *services, *clients]
+        self._entities = {entity for _, entity in (*self.all, *self.waitables)}
 
-        groups = (*self.services.values(), *self.clients.values(), self.subscriptions, self.waitables)
-        self._entities = {entity for pairs in groups for _, entity in pairs}
+    def _by_name(self, pairs: _Pairs) -> defaultdict[str, _Pairs]:
+        found: defaultdict[str, _Pairs] = defaultdict(list)
+        for member, entity in pairs:
+            found[self.name_of(entity)].append((member, entity))
+        return found
 
     def destroyed(self, entity: Any) -> bool:
-        """Whether it is an entity that its node has destroyed since something came for it."""
+        """Whether its node has destroyed it since something came for it."""
         kinds = Subscription | Service | Client | ActionServer | ActionClient
         return isinstance(entity, kinds) and entity not in self._entities
 
@@ -70,20 +59,25 @@ class Index:
             self._names[entity] = entity.topic_name if by_topic else entity.service_name
         return self._names[entity]
 
-    def by_publisher(self, publisher: Publisher) -> list[tuple[Member, Subscription]]:
-        """The subscriptions of its topic."""
-        return self._by_topic.get(self.name_of(publisher), [])
-
-
-def _by_name(pairs: Iterator[tuple[Member, Any]]) -> dict[str, list[tuple[Member, Any]]]:
-    found: defaultdict[str, list[tuple[Member, Any]]] = defaultdict(list)
-    for member, entity in pairs:
-        found[entity.service_name].append((member, entity))
-    return dict(found)
+    def delivery(self, member: Member, entity: Any, taken: Any, sender: Member | None) -> Delivery:
+        """What was taken for an entity, with what the node does with it."""
+        if isinstance(entity, ActionServer | ActionClient):
+            return Delivery(member, entity, "action", taken, partial(_execute, member, entity, taken), sender)
+        name = self.name_of(entity)
+        if isinstance(entity, Service):
+            return Delivery(member, entity, name, taken[0], partial(_serve, member, entity, *taken), sender)
+        if isinstance(entity, Client):
+            return Delivery(member, entity, name, taken[1], partial(_answer, member, entity, *taken), sender)
+        message_only = entity._callback_type is Subscription.CallbackType.MessageOnly
+        handle = partial(call, member, entity.callback, *(taken[:1] if message_only else taken))
+        qos = entity.qos_profile
+        reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
+        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        return Delivery(member, entity, name, taken[0], handle, sender, qos.depth, reliable, latched)
 
 
 def message(sub: Subscription) -> Any:
-    """A message and its times; None: there is none."""
+    """A message and its times; None if there is none."""
     with sub.handle:
         return sub.handle.take_message(sub.msg_type, sub.raw)
 
@@ -95,24 +89,19 @@ def message_if_any(sub: Subscription) -> Any:
     return None if one is None else (deserialize_message(one[0], sub.msg_type), one[1])
 
 
-def messages(sub: Subscription) -> Iterator[Any]:
-    """All messages that have come, with their times."""
-    while (one := message(sub)) is not None:
-        yield one
-
-
-def taken(entity: Subscription | Service | Client) -> Iterator[Any]:
+def messages(entity: Subscription | Service | Client) -> Iterator[Any]:
     """All that has come for an entity: (message, its times), (request, header) or (header, response)."""
     if isinstance(entity, Subscription):
-        yield from messages(entity)
+        while (one := message(entity)) is not None:
+            yield one
         return
     with entity.handle:
         if isinstance(entity, Service):
-            while (one := entity.handle.service_take_request(entity.srv_type.Request))[0] is not None:
-                yield one
+            take = partial(entity.handle.service_take_request, entity.srv_type.Request)
         else:
-            while (one := entity.handle.take_response(entity.srv_type.Response))[0] is not None:
-                yield one
+            take = partial(entity.handle.take_response, entity.srv_type.Response)
+        while (one := take())[0] is not None:
+            yield one
 
 
 #: Flags of rclpy's ends of actions, which a wait set would set. A wait set takes a millisecond each time, an attempt to
@@ -127,7 +116,7 @@ _READY = {
 
 
 def data_of_action(waitable: ActionServer | ActionClient) -> dict[str, Any]:
-    """What has come for an action's end; empty: nothing."""
+    """What has come for an action's end; empty if nothing."""
     if isinstance(waitable, ActionServer):
         waitable._is_goal_expired = False
     for flag in _READY[type(waitable)]:
@@ -141,15 +130,12 @@ def sets_time(sub: Subscription) -> bool:
 
 
 def call(member: Member, callback: Callable[..., Any], *arguments: Any) -> None:
-    """Call a member's callback; a coroutine becomes a task of its executor."""
     result = callback(*arguments)
     if inspect.iscoroutine(result):
         member.executor.create_task(result)
 
 
-def serve(member: Member, service: Service, request: Any, header: Any) -> None:
-    """Have a service's callback answer a request."""
-
+def _serve(member: Member, service: Service, request: Any, header: Any) -> None:
     async def respond() -> None:
         response = service.callback(request, service.srv_type.Response())
         service.send_response(await response if inspect.isawaitable(response) else response, header)
@@ -157,18 +143,16 @@ def serve(member: Member, service: Service, request: Any, header: Any) -> None:
     member.executor.create_task(respond)
 
 
-def answer(member: Member, client: Client, header: Any, response: Any) -> None:
-    """Have a client's future done, if it is still waited for."""
+def _answer(member: Member, client: Client, header: Any, response: Any) -> None:
     try:
         future = client.get_pending_request(header.request_id.sequence_number)
-    except KeyError:
+    except KeyError:  # it is not waited for any more
         return
     future._set_executor(member.executor)
     future.set_result(response)
 
 
-def execute(member: Member, waitable: ActionServer | ActionClient, data: dict[str, Any]) -> None:
-    """Have an action's end do what its data ask for."""
+def _execute(member: Member, waitable: ActionServer | ActionClient, data: dict[str, Any]) -> None:
     for future in waitable._futures:
         future._set_executor(member.executor)
     member.executor.create_task(waitable.execute, data)

@@ -2,49 +2,37 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from ..node import BAD_START, BaseNode
-from ..nodes.audio_node import AudioNode
-from ..nodes.clyde_ghost_node import ClydeGhostNode
-from ..nodes.game_controller import GameController
-from ..nodes.game_event_mapper import GameEventMapper
-from ..nodes.game_light_node import GameLightNode
-from ..nodes.pellet_manager import PelletManager
-from ..nodes.wait_for_amcl_pose import FOUND, PoseWaiter
-from ..selector.goal_selector import GoalSelector
-from ..simulated_robot.sim_robot import SimRobot
+from ..nodes.wait_for_amcl_pose import FOUND
 from ..standstill import DEFAULT_LEASE_S, STOOD_STILL
-from ..supervisor.game_nodes import SELECTOR, SIMULATOR, STOP_ORDER, WAIT, GameSetup, full_namespace
+from ..supervisor import game_nodes
+from ..supervisor.game_nodes import SELECTOR, SIMULATOR, WAIT, GameSetup
 from ..topics import Service
+from .deliveries import NodeFailed
 from .members import Member
-from .stepper import LockStep, NodeFailed
+from .stepper import LockStep
 
-CLASSES: dict[str, Callable[[], BaseNode]] = {
-    SIMULATOR: SimRobot,
-    "pellet_manager": PelletManager,
-    "audio_node": AudioNode,
-    "game_light_node": GameLightNode,
-    "clyde_ghost_node": ClydeGhostNode,
-    "game_event_mapper": GameEventMapper,
-    "game_controller": GameController,
-    WAIT: PoseWaiter,
-    SELECTOR: GoalSelector,
-}
 RESTART_S = 3.0  # of simulated time: the pause before a node is started again, and its start
 LOCALIZED_S = 60.0  # of simulated time, for the robot's first pose
 SEEDED = (SIMULATOR, "clyde_ghost_node")
 
 
+def node_class(name: str) -> type[BaseNode]:
+    """The node that the module of that name defines."""
+    module = importlib.import_module(game_nodes.module_of(name))
+    kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
+    return next(kind for kind in kinds if kind.__module__ == module.__name__)
+
+
 class LockStepGame(LockStep):
     """The nodes of a game; after the making the robot has its pose and every node is there.
 
-    Args:
-        setup: of the game; ``sim`` must be true.
-        seed: of robot, ghosts and everything else that is drawn.
-        options: of :class:`LockStep`.
+    ``seed`` is that of everything that is drawn, ``options`` are those of :class:`LockStep`.
 
     Raises:
         ValueError: no simulated robot; a map, policy or number that cannot be played.
@@ -57,10 +45,9 @@ class LockStepGame(LockStep):
         extra = {name: {"seed": seed, **setup.extra.get(name, {})} for name in SEEDED}
         self.setup = replace(setup, speed=1.0, extra={**setup.extra, **extra})
         super().__init__(seed, **options)
-        self.ended = self._ended
         self.restarts: list[tuple[float, str, int | None]] = []  # when (s), which node, and with which status it ended
         self._due: dict[str, float] = {}  # nodes that are started again, and when, s
-        self.namespace = full_namespace(setup.namespace)
+        self.namespace = game_nodes.full_namespace(setup.namespace)
         try:
             for name in self.setup.first_nodes:
                 self.start(name)
@@ -72,28 +59,21 @@ class LockStepGame(LockStep):
             raise
 
     def start(self, name: str) -> Member:
-        """Make one of the game's nodes."""
-        return self.add(CLASSES[name], self.setup.command(name)[1:])
+        return self.add(node_class(name), self.setup.command(name)[1:])
 
     def join(self, make: Callable[[], BaseNode]) -> Any:
-        """Add a node that is none of the game's, in its namespace, which no loss concerns; the node."""
+        """Add a node of another kind to the game's namespace, which no loss concerns; the node."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}", "-p", "use_sim_time:=true"]
         return self.add(make, arguments, loses=False).node
 
     def call(self, node: BaseNode, service: Service, limit_s: float = 10.0) -> Any:
-        """The answer of a service, asked for by a node that has joined.
-
-        Raises:
-            NodeFailed: there is none within so much simulated time, s.
-        """
+        """The answer to a node that has joined; raises NodeFailed after so much simulated time, s."""
         client = service.client(node)
         answer = self.within(node, lambda: client.call_async(service.type.Request()))
         if not self.until(answer.done, limit_s):
             raise NodeFailed(f"{service.name}: no answer within {limit_s:g} s of simulated time")
         node.destroy_client(client)
         return answer.result()
-
-    # Faults
 
     def kill(self, name: str) -> None:
         """The node is gone, without last messages; it is started again as ``ros up`` does."""
@@ -102,7 +82,6 @@ class LockStepGame(LockStep):
             self._start_again(name, None)
 
     def freeze_node(self, name: str) -> None:
-        """The node stands still."""
         if (member := self.member(name)) is not None and member.frozen_s is None:
             self.freeze(member)
 
@@ -116,14 +95,13 @@ class LockStepGame(LockStep):
             member.inbox.clear()
         self.thaw(member)
         if member.node.status is not None:
-            self.remove(member)
-            self._ended(member)
+            self._end(member)
 
-    def _ended(self, member: Member) -> None:
+    def ended(self, member: Member) -> None:
         if member.name == WAIT:
             if member.node.status != FOUND:
                 raise NodeFailed("the robot is not localized")
-        elif member.name in CLASSES:
+        elif member.name in game_nodes.NODES:
             if member.node.status == BAD_START:
                 raise NodeFailed(f"{member.name} does not start")
             self._start_again(member.name, member.node.status)
@@ -133,7 +111,7 @@ class LockStepGame(LockStep):
         self._due[name] = self.wall.now_s + RESTART_S
 
     def step(self) -> None:
-        """As of any lock-step; nodes that are due are started again."""
+        """As of any lock-step; nodes that ended a while ago are started again."""
         super().step()
         for name in [name for name, due_s in self._due.items() if due_s <= self.wall.now_s]:
             del self._due[name]
@@ -142,7 +120,7 @@ class LockStepGame(LockStep):
     def stop(self) -> None:
         """Stop all nodes in the order of ``ros up``, with their last messages, then ROS."""
         self._due.clear()
-        order = [*STOP_ORDER, *(member.name for member in reversed(self.members))]
+        order = [*game_nodes.STOP_ORDER, *(member.name for member in reversed(self.members))]
         for name in dict.fromkeys(order):
             if (member := self.member(name)) is not None:
                 self.remove(member)

@@ -2,7 +2,7 @@
 
 As Fast DDS does it: what is best effort is lost; what is reliable is sent again after a heartbeat's period, and what
 comes after it for the same reader waits behind it. A participant that is unreachable for the lease is forgotten, and
-what waited for it is lost, but for what is latched.
+what waited for it is lost, except what is latched.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ HEARTBEAT_S = 3.0  # Fast DDS's heartbeatPeriod: after so long a lost message is
 
 @dataclass
 class _Loss:
-    name: str | None  # of the node that loses; None: all do
+    name: str | None  # of the node that loses; None for all
     share: float
     since_s: float
 
+    def concerns(self, delivery: Delivery) -> bool:
+        ends = [one for one in (delivery.member, delivery.sender) if one is not None]
+        return all(one.loses for one in ends) and (self.name is None or self.name in {one.name for one in ends})
+
 
 class Losses:
-    """All losses there are, and what they hold back.
-
-    Args:
-        seed: of which packets are lost.
-    """
+    """All losses, drawn from the seed, and what they hold back."""
 
     def __init__(self, seed: int) -> None:
         self._random = random.Random(f"losses {seed}")
@@ -38,7 +38,7 @@ class Losses:
         self._again_s: dict[object, float] = {}  # when the first of each is sent again
 
     def begin(self, name: str | None, percent: float, now_s: float) -> None:
-        """A node (None: each) loses so many per cent of what it sends and of what is sent to it."""
+        """A node (None for each) loses so many per cent of what it sends and of what is sent to it."""
         self._losses.append(_Loss(name, percent / 100, now_s))
 
     def end(self, name: str | None, now_s: float) -> None:
@@ -47,7 +47,7 @@ class Losses:
         self._losses.remove(over)
         if over.share >= 1.0 and now_s - over.since_s > DEFAULT_LEASE_S:
             for entity, held in self._held.items():
-                self._held[entity] = deque(one for one in held if one.latched or not _concerns(over, one))
+                self._held[entity] = deque(one for one in held if one.latched or not over.concerns(one))
 
     def holds(self, delivery: Delivery, now_s: float) -> bool:
         """Whether a delivery does not come now; one that is reliable comes later."""
@@ -67,7 +67,7 @@ class Losses:
     def _lost(self, delivery: Delivery) -> bool:
         if delivery.sender is delivery.member:  # within one process nothing is lost
             return False
-        return any(_concerns(loss, delivery) and self._random.random() < loss.share for loss in self._losses)
+        return any(loss.concerns(delivery) and self._random.random() < loss.share for loss in self._losses)
 
     def due(self, now_s: float) -> list[Delivery]:
         """What is delivered now, of what was held back."""
@@ -87,8 +87,3 @@ class Losses:
         for entity in [one for one, held in self._held.items() if any(each.member is member for each in held)]:
             del self._held[entity]
             self._again_s.pop(entity, None)
-
-
-def _concerns(loss: _Loss, delivery: Delivery) -> bool:
-    ends = [delivery.member, *([] if delivery.sender is None else [delivery.sender])]
-    return all(one.loses for one in ends) and (loss.name is None or loss.name in {one.name for one in ends})

@@ -14,12 +14,7 @@ from ..node import BaseNode
 
 
 class NodeExecutor(Executor):
-    """One node's executor: keeps its tasks, and notes that entities have come or gone. It waits for nothing.
-
-    Args:
-        context: of rclpy.
-        changed: called when the node has made or destroyed an entity.
-    """
+    """One node's executor, which never waits: it keeps tasks, and reports that entities were made or destroyed."""
 
     def __init__(self, context: Context, changed: Callable[[], None]) -> None:
         super().__init__(context=context)
@@ -33,15 +28,10 @@ class NodeExecutor(Executor):
         return task
 
     def wake(self) -> None:
-        """Entities have come or gone."""
         self._changed()
 
     def run_tasks(self) -> None:
-        """Run what can be run now, and what follows from it.
-
-        Raises:
-            Exception: what a task has raised.
-        """
+        """Run what can be run now, and what follows from it; raises what a task has raised."""
         moved = bool(self.tasks)
         while moved:
             waiting, self.tasks = self.tasks, []
@@ -59,58 +49,32 @@ class NodeExecutor(Executor):
 
 @dataclass
 class Delivery:
-    """A message, request or answer for one entity of a member.
-
-    Attributes:
-        member: whose entity it is.
-        entity: the subscription, service, client or action's end.
-        name: of topic or service.
-        content: what was taken.
-        handle: does what the node does with it.
-        sender: the member that sent it; None: it came from outside.
-        depth: so many wait for the entity at most, the newest.
-        reliable: a network that loses it delivers it later.
-        latched: it is delivered later even after a long loss.
-    """
+    """A message, request or answer for one entity of a member."""
 
     member: Member
-    entity: Any
-    name: str
+    entity: Any  # subscription, service, client or action's end
+    name: str  # of topic or service
     content: Any
-    handle: Callable[[], object]
-    sender: Member | None
-    depth: int = 1000
-    reliable: bool = True
-    latched: bool = False
+    handle: Callable[[], object]  # what the node does with it
+    sender: Member | None  # None if it came from outside
+    depth: int = 1000  # so many wait for the entity at most, the newest
+    reliable: bool = True  # a network that loses it delivers it later
+    latched: bool = False  # and even after a long loss
 
 
 @dataclass(eq=False)
 class Member:
-    """A node of the game.
-
-    Attributes:
-        name: of the node.
-        number: in the order of all starts.
-        make: makes the node, to start it again.
-        arguments: of the node.
-        loses: losses concern what it sends and gets, too.
-        ending: it says its last messages, or is gone.
-        present: False once it was killed or has ended.
-        frozen_s: since when it does not run, game's wall s; None: it runs.
-        inbox: what came while it was frozen.
-    """
+    """A node of the game."""
 
     name: str
-    number: int
-    make: Callable[[], BaseNode]
-    arguments: list[str]
+    number: int  # in the order of all starts
     node: BaseNode
     executor: NodeExecutor
-    loses: bool = True
-    ending: bool = False
-    present: bool = True
-    frozen_s: float | None = None
-    inbox: list[Delivery] = field(default_factory=list)
+    loses: bool = True  # losses concern what it sends and receives, too
+    ending: bool = False  # it sends its last messages, or is gone
+    present: bool = True  # False once it was killed or has ended
+    frozen_s: float | None = None  # since when it stands still, s of the game's wall clock; None if it runs
+    inbox: list[Delivery] = field(default_factory=list)  # what came while it was frozen
 
     def keep(self, delivery: Delivery) -> None:
         """Of a frozen member: keep the delivery, with as many for the same entity as that keeps."""

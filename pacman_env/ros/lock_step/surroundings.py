@@ -5,15 +5,17 @@ from __future__ import annotations
 import copy
 import hashlib
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock, ROSClock
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 
 from ..surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from .stepper import LockStep
 
 #: The wall's clock at the beginning of a game: an instant in 2017, so that it is no machine's now.
 EPOCH_NS = 1_500_000_000_000_000_000
@@ -21,11 +23,7 @@ _LATCHED = 1000  # messages of one topic, of all publishers: more than there can
 
 
 class SimulatedWall:
-    """The wall's clock of a game, which goes on only when it is advanced.
-
-    Args:
-        seed: of all ids and seeds that are drawn.
-    """
+    """The wall's clock of a game, which goes on only when it is advanced, and what is drawn from the game's seed."""
 
     def __init__(self, seed: int) -> None:
         self.now_ns = 0
@@ -40,7 +38,6 @@ class SimulatedWall:
         return self.now_ns * 1e-9
 
     def advance(self, nanoseconds: int) -> None:
-        """Let time pass."""
         self.now_ns += nanoseconds
         self.clock.set_ros_time_override(Time(nanoseconds=EPOCH_NS + self.now_ns, clock_type=ClockType.ROS_TIME))
 
@@ -51,41 +48,19 @@ class SimulatedWall:
 
 
 class LockStepSurroundings(Surroundings):
-    """Those of one node.
-
-    Args:
-        wall: the clock of the game.
-        number: of the node, in the order of their starts.
-        context: of rclpy.
-        arguments: of the node, as they would follow its program's name.
-        watch: called with each publisher, client and service of the node.
-        until: lets simulated time go on until a condition holds, for so long at most, s; whether it does.
-        alone: the node need not be told from those of other processes.
-    """
+    """Those of one node, whose number is in the order of starts; ``alone`` if no node of another process meets it."""
 
     lock_step = True
 
-    def __init__(
-        self,
-        wall: SimulatedWall,
-        number: int,
-        context: Context,
-        arguments: list[str],
-        watch: Callable[[Any], None],
-        until: Callable[[Callable[[], object], float], bool],
-        alone: bool = True,
-    ) -> None:
-        self._alone = alone
-        self._wall, self._number, self._watch, self._until = wall, number, watch, until
-        self._options = {"context": context, "cli_args": arguments, "use_global_arguments": False}
+    def __init__(self, game: LockStep, number: int, arguments: list[str], alone: bool) -> None:
+        self._game, self._wall, self._number, self._alone = game, game.wall, number, alone
+        self._options = {"context": game.context, "cli_args": arguments, "use_global_arguments": False}
 
     def options(self) -> dict[str, Any]:
-        """The node's arguments, in the context of the game."""
         return self._options
 
     def watch(self, entity: Any) -> None:
-        """The game watches what the entity sends."""
-        self._watch(entity)
+        self._game.messages.watch(entity)
 
     def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
         """Of latched topics, everything: which messages the middleware drops of several depends on its threads."""
@@ -96,33 +71,27 @@ class LockStepSurroundings(Surroundings):
         return everything
 
     def monotonic(self) -> float:
-        """Of the game's wall clock, s."""
         return self._wall.now_s
 
     def time_ns(self) -> int:
-        """Likewise, ns since 1970."""
         return EPOCH_NS + self._wall.now_ns
 
     def perf_counter(self) -> float:
-        """Likewise: no time passes while a node computes."""
+        """No time passes while a node computes."""
         return self._wall.now_s
 
     def clock(self) -> Clock:
-        """The game's wall clock."""
         return self._wall.clock
 
     def wait_for(self, condition: Callable[[], object], limit_s: float) -> bool:
-        """Let the game go on until the condition holds, likewise."""
-        return self._until(condition, limit_s)
+        return self._game.until(condition, limit_s)
 
     def process(self) -> list[Any]:
         """When the node was started, and its number in place of a process's."""
         return [self.time_ns() * 1e-9, "lock-step", self._number] if self._alone else super().process()
 
     def new_id(self) -> bytes:
-        """16 bytes, drawn from the game's seed."""
         return self._wall.draw()
 
     def new_seed(self) -> int:
-        """31 bits, drawn from the game's seed."""
         return int.from_bytes(self._wall.draw()[:4], "big") >> 1

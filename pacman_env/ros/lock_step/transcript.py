@@ -14,50 +14,45 @@ from .stepper import LockStep
 
 
 class Transcript:
-    """Takes part as a witness of :class:`LockStep`, from its making until its end.
-
-    Attributes:
-        messages: how many were handled.
-    """
+    """A witness of a game's messages, from its making until its end."""
 
     def __init__(self, game: LockStep) -> None:
         self._game = game
         self._hash = hashlib.sha256()
-        self.messages = 0
-        game.witnesses.append(self._add)
+        self.messages = 0  # how many were handled
+        game.messages.witnesses.append(self._add)
 
     def _add(self, delivery: Delivery) -> None:
         self.messages += 1
         self._hash.update(f"{self._game.wall.now_ns} {delivery.member.name} {delivery.name} ".encode())
-        for part in parts(delivery.content):
-            self._hash.update(part)
+        for field in _fields(delivery.content):
+            self._hash.update(field)
 
     def end(self) -> None:
-        """What comes now is not added any more."""
-        self._game.witnesses.remove(self._add)
+        self._game.messages.witnesses.remove(self._add)
 
     def hexdigest(self) -> str:
         """Of simulated times, receivers, topics and contents so far, 64 hexadecimal digits."""
         return self._hash.hexdigest()
 
 
-def parts(content: Any) -> Iterator[bytes]:
+def _fields(content: Any) -> Iterator[bytes]:
     """The fields of a message as bytes; of several messages, one after another.
 
     Not its serialized form: Fast CDR leaves the bytes between aligned fields as they were.
     """
     if hasattr(content, "get_fields_and_field_types"):
         for name in content.get_fields_and_field_types():
-            yield from parts(getattr(content, name))
+            yield from _fields(getattr(content, name))
     elif isinstance(content, array.array | np.ndarray):
         yield content.tobytes()
     elif isinstance(content, dict):  # what an action's end has received, by kind
         for name, one in content.items():
             yield name.encode()
-            yield from parts(one)
+            yield from _fields(one)
     elif isinstance(content, str | bytes | int | float):
         yield f"{content!r};".encode()
     elif isinstance(content, Iterable):
         for one in content:
-            yield from parts(one)
+            yield from _fields(one)
     # a header of rmw, with the writer's own random id, is no content

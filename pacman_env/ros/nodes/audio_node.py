@@ -1,12 +1,9 @@
-"""Node ``audio_node``: plays sound words with the Create 3's loudspeaker (Algorithm 8).
-
-The melodies, and which of them is played when, are decided in ``game/sounds.py``.
-"""
+"""Node ``audio_node``: plays sound words with the Create 3's loudspeaker (Algorithm 8)."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from irobot_create_msgs.msg import AudioNote, AudioNoteVector
@@ -21,15 +18,7 @@ from ..node import GameNode, run
 
 NAME = "audio_node"
 _TICK_S = 0.1
-
-
-def goal_of(word: str) -> Any:
-    """The action goal that plays a melody once, in place of what sounds."""
-    notes = [
-        AudioNote(frequency=frequency_hz(note), max_runtime=Duration(nanoseconds=round(seconds * 1e9)).to_msg())
-        for note, seconds in MELODIES[word]
-    ]
-    return topics.PLAY_NOTES.type.Goal(iterations=1, note_sequence=AudioNoteVector(notes=notes, append=False))
+_ACTION = topics.PLAY_NOTES
 
 
 class AudioNode(GameNode):
@@ -39,16 +28,16 @@ class AudioNode(GameNode):
         super().__init__(NAME)
         self._queue = SoundQueue()
         self._number = 0  # of the melody that sounds: answers about earlier ones come too late
-        self._player = topics.PLAY_NOTES.client(self)
-        self.listen(topics.GAME_SOUND, self._hear, "bad sound")
+        self._player = _ACTION.client(self)
+        self.listen(topics.GAME_SOUND, self._on_sound, "bad sound")
         self.create_timer(_TICK_S, self._tick)
 
-    def _hear(self, message: Any) -> None:
-        self._play(self._queue.ask(word_of(message, MELODIES), self.now_s()))
+    def _on_sound(self, message: Any) -> None:
+        self._play(self._queue.request(word_of(message, MELODIES), self.now_s()))
 
     def _tick(self) -> None:
         if self._queue.overdue(self.now_s()):
-            self.once.warning("no end", f"{topics.PLAY_NOTES.name}: the end of a melody was never reported")
+            self.once.warning("no end", f"{_ACTION.name}: the end of a melody was never reported")
             self._over(self._number)
 
     def _play(self, word: str | None) -> None:
@@ -56,31 +45,31 @@ class AudioNode(GameNode):
             return
         self._number += 1
         if not self._player.server_is_ready():
-            self.once.warning("no loudspeaker", f"{topics.PLAY_NOTES.name}: nobody there to play {word!r}")
+            self.once.warning("no loudspeaker", f"{_ACTION.name}: nobody there to play {word!r}")
             self._over(self._number)
             return
         self.once.over("no loudspeaker")
-        number = self._number
-        self._player.send_goal_async(
-            goal_of(word), goal_uuid=UUID(uuid=list(self.surroundings.new_id()))
-        ).add_done_callback(lambda sent: self._sent(sent, number))
+        notes = [
+            AudioNote(frequency=frequency_hz(note), max_runtime=Duration(nanoseconds=round(seconds * 1e9)).to_msg())
+            for note, seconds in MELODIES[word]
+        ]  # in place of what sounds
+        goal = _ACTION.type.Goal(iterations=1, note_sequence=AudioNoteVector(notes=notes, append=False))
+        sent = self._player.send_goal_async(goal, goal_uuid=UUID(uuid=list(self.surroundings.new_id())))
+        sent.add_done_callback(partial(self._on_answer, self._number))
 
-    def _sent(self, sent: Any, number: int) -> None:
-        if sent.exception() is not None or not sent.result().accepted:
-            self.once.warning("refused", f"{topics.PLAY_NOTES.name}: a melody was refused")
+    def _on_answer(self, number: int, answer: Any) -> None:
+        if answer.exception() is not None or not answer.result().accepted:
+            self.once.warning("refused", f"{_ACTION.name}: a melody was refused")
             self._over(number)
             return
-        sent.result().get_result_async().add_done_callback(lambda result: self._over(number))
+        answer.result().get_result_async().add_done_callback(lambda result: self._over(number))
 
     def _over(self, number: int) -> None:
         if number == self._number:
             self._play(self._queue.ended(self.now_s()))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(AudioNode, NAME, argv)
-
+main = partial(run, AudioNode, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,6 +1,6 @@
-"""Node ``clyde_ghost_node``: Clyde and the ghosts beside him on the map, as poses, markers and obstacles.
+"""Node ``clyde_ghost_node``: Clyde and the other ghosts on the map, as poses, markers and obstacles.
 
-Where they go and how they walk is the simulator's (``sim/core/map_ghosts.py``); here they get a clock and a voice.
+Where they go and how they walk is the simulator's (``sim/core/map_ghosts.py``); here they get a clock and topics.
 Those that a policy moves see what the robot's policy sees.
 """
 
@@ -9,145 +9,111 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.game.ghosts import GHOSTS
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.sim.core.map_ghosts import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 
-from .. import topics
-from ..messages import (
-    GHOST_OBSTACLE,
-    GHOSTS,
-    BadMessage,
-    Position,
-    cloud_message,
-    marker_message,
-    number_of,
-    pellets_of,
-    point_of,
-    pose_message,
-    pose_of,
-    word_of,
-)
+from .. import messages, topics
+from ..messages import GHOST_OBSTACLE, BadMessage, Pose, Position
 from ..node import GameNode, parameter, run
-from .ghost_trail import GhostTrail
+from .ghost_trail import CostmapClearing, GhostTrail
 
 NAME = "clyde_ghost_node"
 _DIAMETER_M = 0.35  # of the marker; original
-#: Of the markers, whose ids count from 1: orange is the original's Clyde.
-_COLOURS = ((1.0, 0.31, 0.0), (1.0, 0.0, 0.0), (1.0, 0.6, 0.8), (0.0, 1.0, 1.0))
-_OBSTACLE_Z_M = 0.25  # where the costmap looks for him; original
-_LISTEN_S = 2.0  # of wall time: so long a new node waits to hear where the robot is
-_ANSWER_S = 10.0  # an answer that is not there by then will not come
-_CATCH_UP_S = 1.0  # of what a late timer has left out, at most so much is made good
-_ALL = np.ones(1, np.bool_)
+_OBSTACLE_Z_M = 0.25  # where the costmap expects a ghost; original
+_LISTEN_S = 2.0  # of wall time: so long a new node waits for the robot's pose
+_CATCH_UP_S = 1.0  # of what a late timer has left out, at most so much is made up for
 
 
 class ClydeGhostNode(GameNode):
-    """The ghosts, who move only while the game is running.
-
-    Raises:
-        MapError: the map cannot be read or played on.
-        ConfigError: the ghosts find no room on it, or there is no such behaviour.
-        ValueError: a ghost's policy cannot be loaded.
-    """
+    """The ghosts, which move only while the game is running."""
 
     def __init__(self) -> None:
         super().__init__(NAME, with_map=True)
-        config = self.config
         seed = parameter(self, "seed", -1, "of all that is random; -1: another one at each start", -1, 2**31 - 1)
-        self._clear_s = parameter(
-            self,
-            "clear_costmap_s",
-            0.0,
-            "between two clearings of the whole global costmap at least, s; 0: never; the original's Nav2 file needs 5",
-            0.0,
-            3600.0,
+        text = (
+            "between two clearings of the whole global costmap at least, s; 0: never; the original's Nav2 file needs 5"
         )
+        clear_s = parameter(self, "clear_costmap_s", 0.0, text, 0.0, 3600.0)
         seed = self.surroundings.new_seed() if seed < 0 else seed
-        behaviours, self._policies = split_ghosts(config.clyde.ghosts)
-        config = config.with_fields(**{"clyde.ghosts": behaviours})
+        behaviours, self._policies = split_ghosts(self.config.clyde.ghosts)
+        config = self.config.with_fields(**{"clyde.ghosts": behaviours})
         assets = map_assets(self.map, config)
         self._view = RobotView(assets, config, seed)
         self._pellets: Pellets | None = None
-        self._tick_s, self._decided_s, self._began_round_s = config.execution.tick_s, -math.inf, 0.0
+        self._decided_s, self._began_round_s = -math.inf, 0.0
         self._stepped_s: float | None = None  # when the ghosts have moved last in this round
         self._owed_s = 0.0
-        self._distance_m = config.clyde.spawn_distance_m
-        radius_m = max(config.nav2.clyde_keepout_m - config.robot.inscribed_radius_m, 0.0)
-        self._around = radius_m * GHOST_OBSTACLE  # at 0.05 m, original
-
-        self.ghosts = MapGhosts(assets, config, seed)
-        self.ghosts.rehearse(self._choices())
         self._state = "menu"
         self._began_s = self.surroundings.monotonic()
         self._home: Position | None = None  # the first pose there is, then where a round starts
-        self._robot: Position | None = None
-        self._chosen: int | None = None  # Clyde's cell for the coming round, if someone clicked on one
-        self._cleared_at = self._places()
-        self._cleared_s = -math.inf
-        self._clearing: Any = None
+        self._robot: Pose | None = None
+        self._chosen: int | None = None  # Clyde's cell for the coming round, by a click
+        self.ghosts = MapGhosts(assets, config, seed)
+        self.ghosts.rehearse(self._choices())
 
         self._poses = [topic.publisher(self) for topic in topics.GHOST_POSES[: len(behaviours)]]
         self._marker = topics.CLYDE_MARKER.publisher(self)
         self._obstacle = topics.CLYDE_OBSTACLE.publisher(self)
         self._trail, self._trail_out = GhostTrail(), topics.CLYDE_TRAIL.publisher(self)
-        self._costmap = topics.CLEAR_GLOBAL_COSTMAP.client(self)
-        self.listen(topics.GAME_STATE, self._hear_state, "bad state")
-        self.listen(topics.CLYDE_SPEED, self._hear_speed, "bad speed")
-        self.listen(topics.AMCL_POSE, self._hear_robot, "bad robot pose")
-        self.listen(topics.CLICKED_POINT, self._hear_click, "bad click")
+        self._costmap = CostmapClearing(self, clear_s, self._places())
+        self.listen(topics.GAME_STATE, self._on_state, "bad state")
+        self.listen(topics.CLYDE_SPEED, self._on_speed, "bad speed")
+        self.listen(topics.AMCL_POSE, self._on_robot, "bad robot pose")
+        self.listen(topics.CLICKED_POINT, self._on_click, "bad click")
         if self._policies:
-            self.listen(topics.PELLET_MARKERS, self._hear_pellets, "bad pellets")
-        topics.RESET_CLYDE.server(self, self._reset)
+            self.listen(topics.PELLET_MARKERS, self._on_pellets, "bad pellets")
+        topics.RESET_CLYDE.server(self, self._on_reset)
         self.create_timer(config.clyde.update_period_s, self._update)
         self.get_logger().info(f"{', '.join(self.config.clyde.ghosts)} on {self.map.name}, seed {seed}")
 
-    def _hear_state(self, message: Any) -> None:
-        state = word_of(message, topics.STATE_WORDS)
+    def _on_state(self, message: Any) -> None:
+        state = messages.word_of(message, topics.STATE_WORDS)
         if state == "running" != self._state:
             self._chosen = self._stepped_s = None
             self._began_round_s, self._owed_s = self.now_s(), 0.0
             self._view.begin()
             for policy in self._policies.values():
-                policy.reset(_ALL, self.config)
+                policy.reset(np.ones(1, np.bool_), self.config)
         if state == "returning_home" != self._state:
-            self._clear_costmap()  # they are no danger on the way home and must not be in it
+            self._costmap.request(self._places())  # they are no danger on the return home and must not block it
         if state == "starting" != self._state and self._robot is not None:
-            self._home = self._robot  # the first pose was no home if this node came in the middle of a game
+            self._home = self._robot[:2]  # the first pose was no home if this node came in the middle of a game
             self._keep_away()
         self._state = state
 
-    def _hear_speed(self, message: Any) -> None:
-        self.ghosts.speed_mps = self._view.clyde_speed_mps = number_of(message, 0.0, MAX_SPEED_MPS)
+    def _on_speed(self, message: Any) -> None:
+        self.ghosts.speed_mps = self._view.clyde_speed_mps = messages.number_of(message, 0.0, MAX_SPEED_MPS)
 
-    def _hear_pellets(self, message: Any) -> None:
-        self._pellets = self._view.pellets(pellets_of(message))
+    def _on_pellets(self, message: Any) -> None:
+        self._pellets = self._view.pellets(messages.pellets_of(message))
 
-    def _hear_robot(self, message: Any) -> None:
-        pose = pose_of(message)
+    def _on_robot(self, message: Any) -> None:
+        pose, first = messages.pose_of(message), self._robot is None
         self.ghosts.see_robot(pose)
-        self._pose = pose
-        first, self._robot = self._robot is None, pose[:2]
+        self._robot = pose
         if first:
-            self._home = self._robot
+            self._home = pose[:2]
             self._keep_away()  # where the robot is was not known before
 
     def _keep_away(self) -> None:
-        """Not beside the robot, unless somebody wanted Clyde there."""
-        if self._robot is None:
-            return
-        beside = [k for k, at in enumerate(self._places()) if math.dist(self._robot, at) < self._distance_m]
-        self._respawn([k for k in beside if k > 0 or self._chosen is None])
+        """Move ghosts beside the robot elsewhere, but not a Clyde that was placed there by a click."""
+        if self._robot is not None:
+            least_m, robot = self.config.clyde.spawn_distance_m, self._robot[:2]
+            beside = [k for k, at in enumerate(self._places()) if math.dist(robot, at) < least_m]
+            self._respawn([k for k in beside if k > 0 or self._chosen is None])
 
-    def _hear_click(self, message: Any) -> None:
-        cell, distance = self.ghosts.cells.nearest(*point_of(message))
+    def _on_click(self, message: Any) -> None:
+        cell, distance = self.ghosts.cells.nearest(*messages.point_of(message))
         if self._state == "running":
             raise BadMessage("Clyde can be placed only before a round")
         if distance > self.config.clyde.click_distance_m:
@@ -156,8 +122,7 @@ class ClydeGhostNode(GameNode):
         self._chosen = cell
         self._respawn([0])
 
-    def _reset(self, request: Any, response: Any) -> Any:
-        del request
+    def _on_reset(self, request: Any, response: Any) -> Any:
         self._respawn(range(len(self.ghosts)))
         response.success, response.message = True, "Clyde at ({:.2f}, {:.2f})".format(*self.ghosts.poses[0])
         return response
@@ -166,7 +131,8 @@ class ClydeGhostNode(GameNode):
         if not numbers:
             return
         drawn = [k for k in numbers if k > 0 or self._chosen is None]
-        self.ghosts.respawn([p for p in (self._home, self._robot) if p is not None], drawn)
+        robot = None if self._robot is None else self._robot[:2]
+        self.ghosts.respawn([place for place in (self._home, robot) if place is not None], drawn)
         if self._chosen is not None and 0 in numbers:
             self.ghosts.place(0, self._chosen)
         self._show()
@@ -179,15 +145,12 @@ class ClydeGhostNode(GameNode):
             return  # after a start in the middle of a round they would perhaps appear beside the robot
         if self._state == "running":
             now = self.now_s()
-            if not 0 <= now - self._decided_s < self._tick_s - 1e-6:
+            if not 0 <= now - self._decided_s < self.config.execution.tick_s - 1e-6:
                 self._decided_s = now
                 self.ghosts.decide(self._choices())
             for _ in range(self._steps_due(now)):
                 self.ghosts.step()
-            apart = max(map(math.dist, self._cleared_at, self._places()))
-            moved = apart >= self.config.nav2.clear_distance_m
-            if self._clear_s and moved and not 0 <= now - self._cleared_s < self._clear_s:
-                self._clear_costmap()
+            self._costmap.moved(self._places())
         self._show()
 
     def _steps_due(self, now: float) -> int:
@@ -201,54 +164,46 @@ class ClydeGhostNode(GameNode):
         return 2
 
     def _choices(self) -> NDArray[np.int64]:
-        """The candidates that policies send their ghosts to, in their order; the last one: wander on."""
+        """The candidates that policies send their ghosts to, by ghost; the last candidate to wander on."""
         choices = np.full(len(self.config.clyde.ghosts), self._view.hold, dtype=np.int64)
         for number, policy in self._policies.items():
             if self._pellets is None or self._robot is None:
-                choices[number] = policy.select(self._view.rehearsal(number))[0]  # compiled or loaded now
-                continue
-            seen = Seen(self.now_s() - self._began_round_s, self._pose, self._pellets.known)
-            choices[number] = policy.select(self._view.situation(seen, number))[0]
+                situation = self._view.rehearsal(number)  # so that the policy is compiled or loaded now
+            else:
+                seen = Seen(self.now_s() - self._began_round_s, self._robot, self._pellets.known)
+                situation = self._view.situation(seen, number)
+            choices[number] = policy.select(situation)[0]
         return choices
 
     def _show(self) -> None:
         now = self.get_clock().now()
-        stamp, poses = now.to_msg(), self.ghosts.poses
+        stamp, poses, nav2 = now.to_msg(), self.ghosts.poses, self.config.nav2
         for number, (pose, publisher) in enumerate(zip(poses, self._poses, strict=True)):
             self._view.see_ghost(number, *pose[:2], now.nanoseconds)
-            publisher.publish(pose_message(*pose, stamp))
-            self._marker.publish(marker_message(GHOSTS, number + 1, pose[:2], _DIAMETER_M, _COLOURS[number], stamp))
-        around = np.concatenate([self._around + pose[:2] for pose in poses])
-        self._obstacle.publish(
-            cloud_message(around[: 0 if self._state == "returning_home" else None], stamp, _OBSTACLE_Z_M)
-        )
+            publisher.publish(messages.pose_message(*pose, stamp))
+            at, colour = pose[:2], GHOSTS[number].marker
+            marker = messages.marker_message(messages.GHOSTS, number + 1, at, _DIAMETER_M, colour, stamp)
+            self._marker.publish(marker)
+        radius_m = max(nav2.clyde_keepout_m - self.config.robot.inscribed_radius_m, 0.0)
+        around = [radius_m * GHOST_OBSTACLE + pose[:2] for pose in poses]  # at 0.05 m, original
+        self._show_obstacle(np.concatenate(around)[: 0 if self._state == "returning_home" else None], stamp)
         self._show_trail(self._places(), stamp)
+
+    def _show_obstacle(self, points: NDArray[np.float64], stamp: Any) -> None:
+        self._obstacle.publish(messages.cloud_message(points, stamp, _OBSTACLE_Z_M))
 
     def _show_trail(self, places: Sequence[Position], stamp: Any) -> None:
         points = self._trail.points(places, self.now_s())
-        self._trail_out.publish(cloud_message(points, stamp, _OBSTACLE_Z_M))
-
-    def _clear_costmap(self) -> None:
-        """Have the marks that ghosts left behind removed; one request at a time, for a clearing stalls Nav2."""
-        unanswered = self._clearing is not None and not self._clearing.done()
-        waiting = unanswered and 0 <= self.now_s() - self._cleared_s < _ANSWER_S
-        if self._clear_s and not waiting and self._costmap.service_is_ready():
-            self._clearing = self._costmap.call_async(topics.CLEAR_GLOBAL_COSTMAP.type.Request())
-            self._cleared_at = self._places()
-            self._cleared_s = self.now_s()
+        self._trail_out.publish(messages.cloud_message(points, stamp, _OBSTACLE_Z_M))
 
     def last_messages(self) -> Iterable[Any]:
-        """No obstacle is left behind where nobody is any more."""
         stamp = self.get_clock().now().to_msg()
-        self._obstacle.publish(cloud_message(GHOST_OBSTACLE[:0], stamp, _OBSTACLE_Z_M))
+        self._show_obstacle(GHOST_OBSTACLE[:0], stamp)
         self._show_trail((), stamp)
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(ClydeGhostNode, NAME, argv)
-
+main = partial(run, ClydeGhostNode, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,8 +1,6 @@
 """Node ``game_controller``: the referee of the game (Algorithm 5).
 
-All that it decides is decided by ``game/round.py``; here its inputs come in as messages and services, and its actions
-go out. What an event looks and sounds like is the event mapper's business.
-
+All decisions are made in ``game/round.py``; here its inputs come in as messages and services, and its actions go out.
 It alone knows how a game stands, so it saves it in a file: killed and started again, it goes on with it.
 """
 
@@ -11,7 +9,8 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,25 +47,25 @@ _CALLED = {"reset_pellets": topics.RESET_PELLETS, "reset_clyde": topics.RESET_CL
 
 
 class GameController(GameNode):
-    """The state machine of a game, with a clock and a voice."""
+    """The state machine of a game, with a clock and topics."""
 
     def __init__(self) -> None:
         super().__init__(NAME)
         show = self.config.show
         self.game = RoundController(self.config.clyde, show.start_s, show.death_s, show.home_retries, show.home_retry_s)
-        self._operator = OperatorStop(self)  # heard by a planner who is started again before he hears that a round runs
-        self._voices = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
+        self._operator = OperatorStop(self)  # a planner that restarts receives a stop before the state of a round
+        self._out = {kind: topic.publisher(self) for kind, topic in _PUBLISHED.items()}
         self._resets = {kind: service.client(self) for kind, service in _CALLED.items()}
         self._due: dict[str, float] = {}  # services that have not answered, and when to call them, in wall time
         self._met: set[str] = set()  # services that have been there
         self._file = self._state_file()
         self._saved = self._load()  # a game to go on with, at the first tick: then there is a clock
         self._early: dict[str, None] = {}  # pellets reported before that, in their order
-        self.listen(topics.GAME_STATUS, self._hear_status, "bad status")
-        self.listen(topics.PELLET_MARKERS, self._hear_pellets, "bad pellets")
-        self.listen(topics.BASE_CLYDE_SPEED, self._hear_speed, "bad speed")
-        topics.START_GAME.server(self, lambda request, response: self._answer(self._start(), response))
-        topics.RESET_GAME.server(self, lambda request, response: self._answer(self._reset(), response))
+        self.listen(topics.GAME_STATUS, self._on_status, "bad status")
+        self.listen(topics.PELLET_MARKERS, self._on_pellets, "bad pellets")
+        self.listen(topics.BASE_CLYDE_SPEED, self._on_speed, "bad speed")
+        topics.START_GAME.server(self, partial(self._serve, self._start))
+        topics.RESET_GAME.server(self, partial(self._serve, self._reset))
         self.create_timer(_TICK_S, self._tick)
         self.create_timer(_SAVE_S, self._save, clock=self.surroundings.clock())
         if self._saved is None:
@@ -85,7 +84,6 @@ class GameController(GameNode):
         return StateFile(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def _load(self) -> Any:
-        """The game to go on with, None: none."""
         try:
             saved = self._file.load()
             if saved is not None:
@@ -111,18 +109,18 @@ class GameController(GameNode):
     def _do(self, actions: Sequence[Action]) -> None:
         """Carry out actions in their order; calls that cannot be made yet are made by the timer."""
         if any(action.kind != "ignored" for action in actions):
-            self._save()  # first: what was said and not saved would be said again
+            self._save()  # first: what was published and not saved would be published again
         for action in actions:
             if action.kind == "ignored":
                 self.once.warning(f"ignored in state {self.game.state}", str(action.value))
             elif action.kind in _CALLED:
                 self._due[action.kind] = -math.inf
             else:
-                self._voices[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
+                self._out[action.kind].publish(_PUBLISHED[action.kind].type(data=action.value))
         self._call_services()
 
     def _call_services(self) -> None:
-        """Call what is there until it answers: one that is frozen hears of it when it is back, or never."""
+        """Call each service until it answers: one that is frozen receives the call when it is back, or never."""
         now = self.surroundings.monotonic()
         for kind, due in sorted(self._due.items()):
             client = self._resets[kind]
@@ -132,10 +130,10 @@ class GameController(GameNode):
             elif now >= due and client.service_is_ready():
                 self._met.add(kind)
                 answer = client.call_async(_CALLED[kind].type.Request())
-                answer.add_done_callback(lambda answer, kind=kind: self._hear_answer(answer, kind))
+                answer.add_done_callback(partial(self._on_answer, kind))
                 self._due[kind] = now + _ANSWER_S
 
-    def _hear_answer(self, answer: Any, kind: str) -> None:
+    def _on_answer(self, kind: str, answer: Any) -> None:
         self._due.pop(kind, None)
         problem = answer.exception() or (None if answer.result().success else answer.result().message)
         if problem is not None:
@@ -147,12 +145,12 @@ class GameController(GameNode):
         return self.game.start(self.now_s())
 
     def _reset(self) -> list[Action]:
-        self._saved = None  # nobody wants to go on with it
+        self._saved = None
         self._early.clear()
         return self.game.reset(self.now_s())
 
-    def _answer(self, actions: Sequence[Action], response: Any) -> Any:
-        """Carry out what a service caused, and say how it went."""
+    def _serve(self, act: Callable[[], list[Action]], request: Any, response: Any) -> Any:
+        actions = act()
         refused = [str(action.value) for action in actions if action.kind == "ignored"]
         self._do(actions)
         response.success = not refused
@@ -168,29 +166,29 @@ class GameController(GameNode):
             self.get_logger().info(f"goes on in state {self.game.state!r}, score {self.game.score}")
         self._do(self.game.tick(self.now_s()))
 
-    def _hear_status(self, message: Any) -> None:
+    def _on_status(self, message: Any) -> None:
         word = word_of(message)
         if self._saved is not None:  # all else is reported again until it is answered
             if word.startswith("pellet_collected:") and len(self._early) < _EARLY:
-                self._early[word] = None  # the end of the round may be reported right after it, and taken in
+                self._early[word] = None  # the end of the round may be reported right after it
             return
         if word == "game_complete" and "reset_pellets" in self._due:
             self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
             return
         self._do(self.game.status(word, self.now_s()))
 
-    def _hear_pellets(self, message: Any) -> None:
+    def _on_pellets(self, message: Any) -> None:
         if self._saved is not None:
             return  # of a game that is not gone on with yet; the next report comes within a second
         if "reset_pellets" in self._due and "reset_pellets" in self._met:
             return  # of the round before: the pellets of this one have not been put back yet
         self._do(self.game.pellets_left(pellets_of(message), self.now_s()))
 
-    def _hear_speed(self, message: Any) -> None:
+    def _on_speed(self, message: Any) -> None:
         self._do(self.game.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
 
     def last_messages(self) -> Iterable[Any]:
-        """Without a referee nobody drives, shakes or shines; one who is to be started again goes on with the game."""
+        """Without a referee the robot neither drives nor shines; one that is to be restarted goes on with the game."""
         if self.status == STOOD_STILL:
             self._save()
             return ()
@@ -199,10 +197,7 @@ class GameController(GameNode):
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(GameController, NAME, argv)
-
+main = partial(run, GameController, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

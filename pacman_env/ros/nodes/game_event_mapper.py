@@ -1,16 +1,13 @@
-"""Node ``game_event_mapper``: turns an event into a light, a sound and a motion of the robot (Algorithm 6).
-
-Which they are is decided in ``game/events.py``, how a motion goes in ``game/dances.py``.
-"""
+"""Node ``game_event_mapper``: turns an event into a light, a sound and a motion of the robot (Algorithm 6)."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
-from pacman_env.game.dances import Motion, angular_velocity
-from pacman_env.game.events import FEEDBACK
+from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
 
 from .. import topics
 from ..messages import twist_message, word_of
@@ -19,7 +16,7 @@ from ..operator_stop import OperatorStop
 
 NAME = "game_event_mapper"
 _PERIOD_S = 0.05  # the base stops by itself 0.5 s after the last command
-#: The command with which the planner takes over from a motion. No other ends it, for a command may be heard after an
+#: The command with which the planner takes over from a motion. No other ends it, for a command may arrive after an
 #: event that was sent later.
 _TAKES_OVER: dict[Motion, str] = {"spin": "enable", "shake": "return_home"}
 
@@ -37,11 +34,11 @@ class GameEventMapper(GameNode):
         self._command = ""  # the last
         self._timer = self.create_timer(_PERIOD_S, self._move)
         self._timer.cancel()
-        self._operator = OperatorStop(self, self._hear_stop)
-        self.listen(topics.GAME_EVENT, self._hear, "bad event")
-        topics.GAME_COMMAND.subscription(self, self._hear_command)
+        self._operator = OperatorStop(self, self._on_stop)
+        self.listen(topics.GAME_EVENT, self._on_event, "bad event")
+        topics.GAME_COMMAND.subscription(self, self._on_command)
 
-    def _hear(self, message: Any) -> None:
+    def _on_event(self, message: Any) -> None:
         answer = FEEDBACK[word_of(message, FEEDBACK)]
         if answer.light is not None:
             self._light.publish(topics.GAME_LIGHT.type(data=answer.light))
@@ -53,20 +50,18 @@ class GameEventMapper(GameNode):
             self._begin(answer.motion)
 
     def _begin(self, motion: Motion) -> None:
-        if self._command != _TAKES_OVER[motion] and not self._operator.stopped:  # else the planner drives, or nobody
+        if self._command != _TAKES_OVER[motion] and not self._operator.stopped:  # else the planner drives, or nothing
             self._motion, self._since_s = motion, self.now_s()
             self._timer.reset()
             self._move()
 
-    def _hear_stop(self, stopped: bool, who: str) -> None:
-        """A motion that was broken off is not gone on with."""
-        if stopped:
+    def _on_stop(self, stopped: bool, who: str) -> None:
+        if stopped:  # and the motion does not go on later
             self._stop()
 
-    def _hear_command(self, message: Any) -> None:
-        """From now on the planner drives: a show that is longer than the referee's must not go on."""
+    def _on_command(self, message: Any) -> None:
         self._command = message.data
-        if self._command == _TAKES_OVER.get(self._motion):
+        if self._command == _TAKES_OVER.get(self._motion):  # a show that is longer than the referee's
             self._stop()
 
     def _move(self) -> None:
@@ -85,15 +80,11 @@ class GameEventMapper(GameNode):
         self._velocity.publish(twist_message(0.0, w_radps, self.get_clock().now().to_msg()))
 
     def last_messages(self) -> Iterable[Any]:
-        """The robot stands."""
         self._stop()
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(GameEventMapper, NAME, argv)
-
+main = partial(run, GameEventMapper, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,13 +1,14 @@
 """Node ``game_light_node``: shows light words on the Create 3's ring (Algorithm 7).
 
-What a word looks like over time is decided in ``game/lights.py``. A ring that shows nothing belongs to the base again,
-whose own warnings it would otherwise hide; so does one that another process has left lit.
+A ring that shows nothing belongs to the base again, whose own warnings it would otherwise hide; so does one that
+another process has left lit.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 from irobot_create_msgs.msg import LedColor, LightringLeds
@@ -22,7 +23,7 @@ from ..node import GameNode, run
 NAME = "game_light_node"
 _PERIOD_S = 0.075  # half a frame
 _REPEAT_S = 1.0  # for a base that was not there
-_GREETINGS = 5  # so often, a second apart, what is there to show is shown to a base that may not listen yet
+_GREETINGS = 5  # so often, a second apart, the ring is published for a base that may not listen yet
 
 
 class GameLightNode(GameNode):
@@ -39,8 +40,8 @@ class GameLightNode(GameNode):
         self._fresh = True  # the game's state is not known yet
         self._greetings = _GREETINGS
         self._greeting = self.create_timer(1.0, self._greet, clock=self.surroundings.clock())
-        self.listen(topics.GAME_LIGHT, self._hear, "bad light")
-        self.listen(topics.GAME_STATE, self._hear_state, "bad state")
+        self.listen(topics.GAME_LIGHT, self._on_light, "bad light")
+        self.listen(topics.GAME_STATE, self._on_state, "bad state")
 
     def _greet(self) -> None:
         """End what a node that was killed has left on the ring."""
@@ -49,17 +50,17 @@ class GameLightNode(GameNode):
             self._greeting.cancel()
         self._show(anew=True)
 
-    def _hear_state(self, message: Any) -> None:
-        """Go on with what belongs to the state, after a start in the middle of a game; later events say it."""
+    def _on_state(self, message: Any) -> None:
+        """After a start in the middle of a game, go on with the light of its state."""
         state = word_of(message, topics.STATE_WORDS)
         if self._fresh and state in LASTING:
-            self._take(LASTING[state])
+            self._command(LASTING[state])
         self._fresh = False
 
-    def _hear(self, message: Any) -> None:
-        self._take(word_of(message, LIGHTS))
+    def _on_light(self, message: Any) -> None:
+        self._command(word_of(message, LIGHTS))
 
-    def _take(self, word: str) -> None:
+    def _command(self, word: str) -> None:
         self._greeting.cancel()
         self._lights.command(word, self.now_s())
         self._timer.reset()
@@ -80,15 +81,11 @@ class GameLightNode(GameNode):
         self._ring.publish(LightringLeds(header=header, leds=leds, override_system=ring is not None))
 
     def last_messages(self) -> Iterable[Any]:
-        """The ring is the base's own again."""
         self._publish(None)
         return ()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(GameLightNode, NAME, argv)
-
+main = partial(run, GameLightNode, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

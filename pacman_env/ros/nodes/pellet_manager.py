@@ -1,12 +1,9 @@
-"""Node ``pellet_manager``: shows the pellets that still lie on the map, takes them away and puts them back.
-
-Where pellets lie is Algorithm 1's rule in ``game/pellets.py``; who collects one is decided elsewhere.
-"""
+"""Node ``pellet_manager``: shows the pellets that are left on the map, removes and restores them."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from pacman_env.game.pellets import generate_pellets
@@ -20,12 +17,7 @@ _PERIOD_S = 1.0  # original
 
 
 class PelletManager(GameNode):
-    """The pellets of one map, as markers.
-
-    Raises:
-        MapError: the map cannot be read, or no pellet fits on it.
-        ConfigError: a setting is out of range.
-    """
+    """The pellets of one map, as markers."""
 
     def __init__(self) -> None:
         super().__init__(NAME, with_map=True)
@@ -51,17 +43,13 @@ class PelletManager(GameNode):
             self.once.warning("foreign pellet", f"pellet {message.data} is not one of this map's {len(self._all)}")
 
     def _reset(self, request: Any, response: Any) -> Any:
-        del request
         self._left = dict(self._all)
         self._show()
         response.success, response.message = True, f"{len(self._left)} pellets"
         return response
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; the exit status."""
-    return run(PelletManager, NAME, argv)
-
+main = partial(run, PelletManager, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,7 +1,4 @@
-"""One small JSON file that outlives a node: whole or absent, and worth nothing after a while.
-
-What a node saves, and what it means to go on from it, is the node's business.
-"""
+"""One small JSON file that outlives a node: whole or absent, and ignored after a while."""
 
 from __future__ import annotations
 
@@ -19,26 +16,20 @@ _LARGEST = 1_000_000  # bytes
 
 
 class StateFile:
-    """The file.
+    """The file, or none; what another owner, described by plain values, has left behind is ignored.
 
-    Args:
-        path: of the file; None: nothing is saved.
-        max_age_s: what was written longer ago, in wall time, is not loaded.
-        owner: plain values that say whose it is; what another one has left behind is ignored.
+    What was written longer than ``max_age_s`` of wall time ago is not loaded.
     """
 
     def __init__(self, path: Path | None, max_age_s: float, owner: Mapping[str, Any]) -> None:
         self.path = path
-        self._max_age_s = max_age_s
-        self._owner = dict(owner)
+        self._max_age_s, self._owner = max_age_s, dict(owner)
         self._time_ns = current().time_ns
 
     def load(self) -> Any:
-        """The state saved last; None: nothing, or nothing of this owner's, or too long ago.
+        """The state saved last; None if there is none of this owner's, or too long ago.
 
-        Raises:
-            ValueError: the file holds something else, which is not to be lost; says why.
-            OSError: it cannot be read.
+        Raises OSError, or ValueError with the reason why the file is of another kind and must not be overwritten.
         """
         if self.path is None or not self.path.exists():
             return None
@@ -61,11 +52,7 @@ class StateFile:
         return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self._max_age_s else None
 
     def save(self, state: Any) -> None:
-        """Write plain values in place of those saved before.
-
-        Raises:
-            OSError: that cannot be done; what was saved before may still be there.
-        """
+        """Write plain values in place of those saved before; if that raises OSError, these may still be there."""
         if self.path is None:
             return
         whole = {"format": _FORMAT, "written_s": self._time_ns() * 1e-9, "owner": self._owner, "state": state}

@@ -23,9 +23,9 @@ class PoseWaiter(BaseNode):
         self._timeout_s = parameter(self, "timeout_s", 0.0, "give up after this time, s; 0: never", 0.0, 86400.0)
         if self._timeout_s > 0.0:  # on the wall: a simulated clock may not run before the robot is there
             self.create_timer(self._timeout_s, self._give_up, clock=self.surroundings.clock())
-        self.listen(topics.AMCL_POSE, self._hear, "bad pose")
+        self.listen(topics.AMCL_POSE, self._on_pose, "bad pose")
 
-    def _hear(self, message: Any) -> None:
+    def _on_pose(self, message: Any) -> None:
         x, y, theta = pose_of(message)
         self.get_logger().info(f"robot at ({x:.2f}, {y:.2f}), heading {theta:.2f}")
         self.status = FOUND

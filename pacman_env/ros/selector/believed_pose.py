@@ -1,7 +1,6 @@
 """Where the robot believes that it is: from TF while that is fresh, else the latched ``amcl_pose``.
 
-TF is composed here, from the few frames that lie between the base and the map; whether a pose makes sense on a map
-is not looked at.
+TF is composed here, from the few frames between the base and the map.
 """
 
 from __future__ import annotations
@@ -33,16 +32,13 @@ class Belief:
 class _Link:
     parent: str
     pose: Pose  # in the parent
-    heard_s: float  # infinite where it never changes
+    received_s: float  # infinite if it never changes
 
 
 class BelievedPose:
-    """Takes in messages, answers with the best pose.
+    """The best pose by the messages received; a transform older than ``timeout_s`` is not used.
 
     Ages of transforms go by their arrival, for clocks of computers differ; that of a latched pose by its stamp.
-
-    Args:
-        timeout_s: a transform this old is no use.
     """
 
     def __init__(self, timeout_s: float) -> None:
@@ -53,7 +49,7 @@ class BelievedPose:
         self._velocity = (0.0, 0.0)
 
     def transforms(self, message: Any, now_s: float, static: bool = False) -> list[str]:
-        """Take in a TFMessage; returns what is wrong with its transforms of interest."""
+        """Use a TFMessage; returns what is wrong with its transforms of interest."""
         troubles = []
         for transform in message.transforms:
             if transform.child_frame_id.lstrip("/") not in _BETWEEN:
@@ -70,34 +66,29 @@ class BelievedPose:
         return troubles
 
     def latched(self, message: Any) -> None:
-        """Take in an ``amcl_pose``.
-
-        Raises:
-            BadMessage: as ``pose_of``.
-        """
+        """Use an ``amcl_pose``; raises BadMessage."""
         self._latched = pose_of(message), seconds_of(message.header.stamp)
 
     def at(self, now_s: float) -> Belief | None:
-        """The best pose there is; None: neither fresh transforms nor a latched pose."""
-        found = self._climb()
+        """The best pose; None if there are neither fresh transforms nor a latched pose."""
+        found = self._in_map()
         if found is not None and now_s - found[1] <= self._timeout_s:
-            pose, heard_s = found
-            return Belief(pose, self._velocity, max(0.0, now_s - heard_s) if heard_s < math.inf else 0.0, "tf")
+            return Belief(found[0], self._velocity, max(0.0, now_s - found[1]), "tf")
         if self._latched is None:
             return None
         pose, stamp_s = self._latched
         return Belief(pose, (0.0, 0.0), max(0.0, now_s - stamp_s), "amcl_pose")
 
-    def _climb(self) -> tuple[Pose, float] | None:
-        """The base in the map and when the oldest transform on the way was heard."""
-        frame, pose, heard_s = BASE, (0.0, 0.0, 0.0), math.inf
+    def _in_map(self) -> tuple[Pose, float] | None:
+        """The base in the map, and when the oldest transform used was received."""
+        frame, pose, received_s = BASE, (0.0, 0.0, 0.0), math.inf
         for _ in range(len(_BETWEEN)):
             link = self._links.get(frame)
             if link is None:
                 return None
-            pose, heard_s, frame = compose(link.pose, pose), min(heard_s, link.heard_s), link.parent
+            pose, received_s, frame = compose(link.pose, pose), min(received_s, link.received_s), link.parent
             if frame == MAP:
-                return pose, heard_s
+                return pose, received_s
         return None
 
     def _move(self, pose: Pose, stamp_s: float) -> None:

@@ -1,13 +1,12 @@
-"""What a goal selector shows of itself: the score of every candidate as markers, its condition as JSON."""
+"""What a goal selector publishes about itself: the score of every candidate as markers, its condition as JSON."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
@@ -25,11 +24,10 @@ DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
 NAMESPACE = "scores"
 _HEIGHT_M = 0.25  # of the letters
 _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
-_REMEMBERED = 1000  # decisions
 
 
 def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int, stamp: Any) -> Any:
-    """A MarkerArray: DELETEALL, then the score of every candidate that has one where it lies, the chosen one green.
+    """A MarkerArray: DELETEALL, then the score of every candidate that has one at its place, the chosen one green.
 
     The id is the candidate's number; hold is shown at the robot.
     """
@@ -39,9 +37,8 @@ def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int
         if not math.isfinite(score):
             continue
         x, y = situation.position[0, candidate].tolist()
-        marker = marker_message(
-            NAMESPACE, candidate, (x, y), _HEIGHT_M, _CHOSEN if candidate == chosen else _OTHER, stamp
-        )
+        colour = _CHOSEN if candidate == chosen else _OTHER
+        marker = marker_message(NAMESPACE, candidate, (x, y), _HEIGHT_M, colour, stamp)
         marker.type = Marker.TEXT_VIEW_FACING
         marker.text = f"hold {score:.1f}" if situation.kind[0, candidate] == HOLD else f"{score:.1f}"
         markers.append(marker)
@@ -61,42 +58,19 @@ def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float) ->
         if situation.mask[0, candidate] or candidate == chosen:
             values = {name: value for name, value in terms.items() if name != "kind"}
             rows.append({"candidate": candidate, "kind": terms["kind"], "terms": {policy.name: values}})
-    said = {"policies": [policy.name], "chosen": {policy.name: chosen}, "rows": rows}
-    return {"time_s": round(time_s, 2), "goal": chosen, **said}
+    chosen_by = {"policies": [policy.name], "chosen": {policy.name: chosen}}
+    return {"time_s": round(time_s, 2), "goal": chosen, **chosen_by, "rows": rows}
 
 
-class DecisionTimes:
-    """How long the last decisions took."""
-
-    def __init__(self) -> None:
-        self._times_ms: deque[float] = deque(maxlen=_REMEMBERED)
-
-    def add(self, seconds: float) -> None:
-        """One more decision."""
-        self._times_ms.append(1000 * seconds)
-
-    def summary(self) -> dict[str, float | int]:
-        """Number, the last, median, 99th percentile and longest in ms."""
-        if not self._times_ms:
-            return {"count": 0}
-        median, late = np.percentile(list(self._times_ms), (50, 99)).tolist()
-        return {
-            "count": len(self._times_ms),
-            "last_ms": round(self._times_ms[-1], 3),
-            "median_ms": round(median, 3),
-            "p99_ms": round(late, 3),
-            "longest_ms": round(max(self._times_ms), 3),
-        }
+def decision_times(times_ms: Sequence[float]) -> dict[str, float | int]:
+    """Number, the last, median, 99th percentile and longest in ms."""
+    if not times_ms:
+        return {"count": 0}
+    median, late = np.percentile(list(times_ms), (50, 99)).tolist()
+    times = {"last_ms": times_ms[-1], "median_ms": median, "p99_ms": late, "longest_ms": max(times_ms)}
+    return {"count": len(times_ms), **{name: round(value, 3) for name, value in times.items()}}
 
 
 def as_json(condition: dict[str, Any]) -> str:
-    """JSON in one line; what is not finite becomes null."""
-    return json.dumps(_finite(condition), allow_nan=False)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, Iterable) and not isinstance(value, str):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    """JSON in one line; numbers that are not finite become null."""
+    return msgspec.json.encode(condition, enc_hook=lambda value: value.tolist()).decode()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -16,21 +17,29 @@ from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, po
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.surroundings import current
 
-_TAKEN, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
-_ASK_AGAIN_S = 5.0  # of wall time
+_CANCELLING, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
+_REQUEST_AGAIN_S = 5.0  # of wall time
 _CLEAR_S = 1.0  # of wall time, for all goals to be cancelled
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
-class NavigationClient:
-    """Sends and cancels goals by number and tells what becomes of them.
+@dataclass
+class _Goal:
+    """A goal that has not ended, as far as is known."""
 
-    Args:
-        node: of rclpy.
-        accepted: called with the number of a goal that has been taken up.
-        rejected: called with the number of one that has not.
-        finished: called with the number, the status of action_msgs/GoalStatus, and where Nav2 saw the robot last.
+    name: UUID
+    accepted: bool = False
+    request: Future | None = None  # for the result
+    requested_s: float = 0.0
+    status: int | None = None  # if it has ended, but the result has not arrived
+    overdue: bool = False  # the same, at the last call of ``end_without_results``
+
+
+class NavigationClient:
+    """Sends and cancels goals by number; calls back with the number when Nav2 has accepted, rejected or finished one.
+
+    ``finished`` also gets the status of action_msgs/GoalStatus, and where Nav2 saw the robot last.
     """
 
     def __init__(
@@ -42,31 +51,27 @@ class NavigationClient:
     ) -> None:
         self._node, self._surroundings = node, current()
         action = topics.NAVIGATE_TO_POSE
-        # Not rclpy's ActionClient, whom every feedback wakes: Nav2 sends a hundred in a second.
-        self._asker, self._results = action.goal_client(node), action.result_client(node)
+        # Not rclpy's ActionClient, which every feedback wakes: Nav2 sends a hundred in a second.
+        self._sender, self._results = action.goal_client(node), action.result_client(node)
         self._canceller = action.cancel_client(node)
-        self._feedback = MessageQueue(node, action.feedback, self._take_feedback)
+        self._clients = (self._sender, self._results, self._canceller)
+        self._feedback = MessageQueue(node, action.feedback, self._on_feedback)
         self._statuses = action.statuses.subscription(node, self._on_statuses)
         self._clearing: tuple[Future, float] | None = None  # the answer, and until when it is waited for
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
-        self._taken: dict[int, UUID] = {}  # goals that Nav2 has accepted and not ended
-        self._unanswered: dict[int, UUID] = {}
-        self._asked: dict[int, tuple[Future, float]] = {}  # for the results of those taken, and when
-        self._ended: dict[int, int] = {}  # the last statuses of goals of which there is no result yet
-        self._overdue: set[int] = set()  # those at the last call of ``end_without_results``
+        self._goals: dict[int, _Goal] = {}
         self._newest: Any = None  # feedback, of whichever goal
-        self.forbidden = False  # goals of anybody's: each that turns up is cancelled
-        self._rest: Future | None = None
+        self.forbidden = False  # every goal is cancelled, whichever node sent it
+        self._rest: Future | None = None  # see ``rest``
         self._destroyed = False
         self.last_status, self.last_error = 0, 0  # of the last goal that ended
 
     @property
     def ready(self) -> bool:
-        """Whether the server is there."""
-        return all(client.service_is_ready() for client in (self._asker, self._results, self._canceller))
+        return all(client.service_is_ready() for client in self._clients)
 
     def clear(self) -> bool:
-        """Have every goal cancelled that anybody has sent before; whether that is done. To be called until it is.
+        """Have every earlier goal cancelled; whether that is done. To be called until it is.
 
         A node that was killed cannot do so itself, and Nav2 drives on. A goal sent too early would be cancelled too.
         """
@@ -79,97 +84,90 @@ class NavigationClient:
         return self._surroundings.monotonic() > end or (answer.done() and not answer.result().goals_canceling)
 
     def cancel_all(self) -> None:
-        """Have every goal cancelled, whoever sent it."""
+        """Have every goal cancelled, whichever node sent it."""
         if self._canceller.service_is_ready():
             self._canceller.call_async(self._canceller.srv_type.Request())
 
     def _on_statuses(self, message: Any) -> None:
-        """Goals that have ended; one of somebody else's that turns up just after all were cancelled was on its way, and
-        while goals are forbidden none may run.
-        """
         status_of = {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in message.status_list}
-        for number, name in self._taken.items():
-            if (status := status_of.get(bytes(name.uuid))) in _ENDED:
-                self._ended[number] = status
+        for own in self._goals.values():
+            status = status_of.get(bytes(own.name.uuid))
+            if own.accepted and status in _ENDED:
+                own.status = status
         if not self.forbidden and (self._clearing is None or self._surroundings.monotonic() > self._clearing[1]):
             return
-        own = {bytes(name.uuid) for goals in (self._taken, self._unanswered) for name in goals.values()}
+        # A goal of another node that appears just after all were cancelled was in transit then.
+        names = {bytes(own.name.uuid) for own in self._goals.values()}
         for goal in message.status_list:
-            if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in own:
+            if goal.status in _RUNNING and bytes(goal.goal_info.goal_id.uuid) not in names:
                 self._canceller.call_async(self._canceller.srv_type.Request(goal_info=goal.goal_info))
 
     def end_without_results(self) -> None:
         """End the goals whose result must be lost, for their end is known; to be called every few seconds.
 
-        The others' results are asked for again: a server that was started anew meanwhile, faster than anybody could
-        miss it, answers that it knows no such goal.
+        The others' results are requested again: a server that was restarted meanwhile answers that it knows no such
+        goal.
         """
-        for number, (answer, asked_s) in list(self._asked.items()):
-            if (
-                self._surroundings.monotonic() - asked_s > _ASK_AGAIN_S
-                and number in self._taken
-                and self._results.service_is_ready()
-            ):
-                self._results.remove_pending_request(answer)
-                self._ask_for_result(number)
-        self._ended = {number: status for number, status in self._ended.items() if number in self._taken}
-        for number in self._overdue & self._ended.keys():
-            self._end(number, self._ended.pop(number), 0)
-        self._overdue = set(self._ended)
+        for number, goal in list(self._goals.items()):
+            late = self._surroundings.monotonic() - goal.requested_s > _REQUEST_AGAIN_S
+            if late and goal.request is not None and self._results.service_is_ready():
+                self._results.remove_pending_request(goal.request)
+                self._request_result(number, goal)
+            if goal.status is not None and goal.overdue:
+                self._end(number, goal.status, 0)
+            goal.overdue = goal.status is not None
 
     def send(self, number: int, pose: Pose) -> None:
-        """Send a goal in the map frame."""
-        name = self._unanswered[number] = UUID(uuid=list(self._surroundings.new_id()))
-        request = self._asker.srv_type.Request(goal_id=name)
+        goal = self._goals[number] = _Goal(UUID(uuid=list(self._surroundings.new_id())))
+        request = self._sender.srv_type.Request(goal_id=goal.name)
         request.goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
-        self._asker.call_async(request).add_done_callback(partial(self._on_answer, number, name))
+        self._sender.call_async(request).add_done_callback(partial(self._on_answer, number, goal))
 
     def cancel(self, number: int) -> None:
-        """Ask for the end of a goal, be it known to have been accepted or not: the answer may have been lost."""
-        name = self._taken.get(number, self._unanswered.get(number))
-        if name is not None and self._canceller.service_is_ready():
+        """Request the end of a goal, whether or not its acceptance is known: the answer may have been lost."""
+        if number in self._goals and self._canceller.service_is_ready():
             request = self._canceller.srv_type.Request()
-            request.goal_info.goal_id = name
+            request.goal_info.goal_id = self._goals[number].name
             self._canceller.call_async(request).add_done_callback(partial(self._on_cancel, number))
 
     def rest(self) -> Future:
         """Done when every goal sent has been answered and has ended; unanswered ones are cancelled."""
-        for number in self._unanswered:
-            self.cancel(number)
+        for number, goal in self._goals.items():
+            if not goal.accepted:
+                self.cancel(number)
         self._rest = Future()
-        self._look_for_rest()
+        self._check_rest()
         return self._rest
 
     def destroy(self) -> None:
-        """No goals any more, and nothing is told of those sent, be their answers under way."""
+        """Destroy the entities; no more calls back, even for answers in transit."""
         self._destroyed = True
-        self._taken.clear()
-        self._unanswered.clear()
+        self._goals.clear()
         self._feedback.destroy()
         self._node.destroy_subscription(self._statuses)
-        for client in (self._asker, self._results, self._canceller):
+        for client in self._clients:
             self._node.destroy_client(client)
 
-    def _take_feedback(self, message: Any, waited_s: float) -> None:
+    def _on_feedback(self, message: Any, waited_s: float) -> None:
         self._newest = message
 
-    def _on_answer(self, number: int, name: UUID, answer: Any) -> None:
+    def _on_answer(self, number: int, goal: _Goal, answer: Any) -> None:
         if self._destroyed:
             return
-        self._unanswered.pop(number, None)
         if answer.result().accepted:
-            self._taken[number] = name
-            self._ask_for_result(number)
+            goal.accepted = True
+            self._goals[number] = goal  # again, if a cancel has ended it before
+            self._request_result(number, goal)
             self._accepted(number)
         else:
+            self._goals.pop(number, None)
             self._rejected(number)
-        self._look_for_rest()
+        self._check_rest()
 
-    def _ask_for_result(self, number: int) -> None:
-        request = self._results.srv_type.Request(goal_id=self._taken[number])
-        answer = self._results.call_async(request)
-        self._asked[number] = answer, self._surroundings.monotonic()
-        answer.add_done_callback(partial(self._on_result, number))
+    def _request_result(self, number: int, goal: _Goal) -> None:
+        request = self._results.srv_type.Request(goal_id=goal.name)
+        goal.request, goal.requested_s = self._results.call_async(request), self._surroundings.monotonic()
+        goal.request.add_done_callback(partial(self._on_result, number))
 
     def _on_result(self, number: int, answer: Any) -> None:
         result = answer.result()
@@ -177,31 +175,28 @@ class NavigationClient:
         self._end(number, status, getattr(result.result, "error_code", 0))
 
     def _on_cancel(self, number: int, answer: Any) -> None:
-        code = answer.result().return_code
-        known = number in self._taken
-        # No result will come: from a server that was started anew, or of a goal whose acceptance was lost.
-        if (code == _UNKNOWN_GOAL and known) or (code == _TAKEN and number in self._unanswered):
+        # No result will come: from a server that was restarted, or of a goal whose acceptance was lost.
+        goal, code = self._goals.get(number), answer.result().return_code
+        if goal is not None and code == (_UNKNOWN_GOAL if goal.accepted else _CANCELLING):
             self._end(number, CANCELED, 0)
 
     def _end(self, number: int, status: int, error: int) -> None:
-        name = self._taken.pop(number, None) or self._unanswered.pop(number, None)
-        self._asked.pop(number, None)
-        if name is None:
+        goal = self._goals.pop(number, None)
+        if goal is None:
             return
         self.last_status, self.last_error = status, error
-        self._finished(number, status, self._seen_at(name))
-        self._look_for_rest()
+        self._finished(number, status, self._seen_at(goal.name))
+        self._check_rest()
 
     def _seen_at(self, name: UUID) -> Position | None:
         self._feedback.catch_up()
         if self._newest is None or self._newest.goal_id != name:
             return None
         try:
-            x, y, _ = pose_of(self._newest.feedback.current_pose)
+            return pose_of(self._newest.feedback.current_pose)[:2]
         except BadMessage:
             return None
-        return x, y
 
-    def _look_for_rest(self) -> None:
-        if self._rest is not None and not self._rest.done() and not self._unanswered and not self._taken:
+    def _check_rest(self) -> None:
+        if self._rest is not None and not self._rest.done() and not self._goals:
             self._rest.set_result(True)

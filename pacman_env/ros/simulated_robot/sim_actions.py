@@ -1,6 +1,6 @@
 """The simulated robot's two actions: ``navigate_to_pose`` and ``audio_note_sequence``.
 
-What becomes of goals is decided in ``sim/core/navigate_to_pose.py``; here they are taken in, checked, and answered.
+What becomes of goals is decided in ``sim/core/navigate_to_pose.py``; here they are received, checked, and answered.
 """
 
 from __future__ import annotations
@@ -28,36 +28,35 @@ LONGEST_S = 600.0  # of a sequence
 
 
 class _Server(ABC):
-    """An action server whose goals end when they are told to."""
+    """An action server whose goals end by a call of :meth:`end`."""
 
     def __init__(self, node: GameNode, action: topics.RosAction) -> None:
         self.node, self.action = node, action
         self._group = ReentrantCallbackGroup()  # a goal that waits for its acceptance holds nothing else up
         self._handles: dict[bytes, Any] = {}  # goals that have not ended
-        self._results: dict[bytes, Future] = {}  # goals whose clients have not been told how they ended
+        self._results: dict[bytes, Future] = {}  # goals whose clients have no result yet
         self._server: Any = None
         self.open()
 
     def open(self) -> None:
-        """Be there."""
         if self._server is None:
             self._server = self.action.server(
                 self.node,
                 self._execute,
                 callback_group=self._group,
                 goal_callback=self._judge,
-                handle_accepted_callback=self._take,
+                handle_accepted_callback=self._begin,
                 cancel_callback=self._cancel,
             )
 
     def close(self) -> None:
-        """Be gone, as a process that died: no goal hears of it."""
+        """Disappear, as a process that died: goals get no result."""
         if self._server is not None:
             self._server.destroy()
             self._server = None
             self._handles.clear()
 
-    def _take(self, handle: Any) -> None:
+    def _begin(self, handle: Any) -> None:
         key = bytes(handle.goal_id.uuid)
         self._handles[key], self._results[key] = handle, Future()
         handle.execute()
@@ -69,16 +68,14 @@ class _Server(ABC):
         del self._results[key]
         return result
 
-    def end(self, key: bytes, status: int, result: Any) -> None:
-        """Tell a goal's client how it ended."""
+    def end(self, key: bytes, status: int, **result: Any) -> None:
         handle = self._handles.pop(key)
-        ways = {GoalStatus.STATUS_SUCCEEDED: handle.succeed, GoalStatus.STATUS_CANCELED: handle.canceled}
-        ways.get(status, handle.abort)()
-        self._results[key].set_result(result)
+        ends = {GoalStatus.STATUS_SUCCEEDED: handle.succeed, GoalStatus.STATUS_CANCELED: handle.canceled}
+        ends.get(status, handle.abort)()
+        self._results[key].set_result(self.action.type.Result(**result))
 
-    def tell(self, key: bytes, feedback: Any) -> None:
-        """Send feedback to a goal's client."""
-        self._handles[key].publish_feedback(feedback)
+    def publish_feedback(self, key: bytes, **feedback: Any) -> None:
+        self._handles[key].publish_feedback(self.action.type.Feedback(**feedback))
 
     async def _judge(self, request: Any) -> Any:
         try:
@@ -92,16 +89,13 @@ class _Server(ABC):
         return CancelResponse.ACCEPT if self.cancel(bytes(handle.goal_id.uuid)) else CancelResponse.REJECT
 
     @abstractmethod
-    async def check(self, request: Any) -> None:
-        """Raise BadMessage for what is no goal."""
+    async def check(self, request: Any) -> None: ...  # raises BadMessage to reject a goal
 
     @abstractmethod
-    def begin(self, key: bytes, request: Any) -> None:
-        """A goal was accepted."""
+    def begin(self, key: bytes, request: Any) -> None: ...  # of an accepted goal
 
     @abstractmethod
-    def cancel(self, key: bytes) -> bool:
-        """A goal is to be cancelled; False: it cannot be."""
+    def cancel(self, key: bytes) -> bool: ...  # whether that is possible
 
 
 class NavigateServer(_Server):
@@ -113,13 +107,11 @@ class NavigateServer(_Server):
         super().__init__(node, topics.NAVIGATE_TO_POSE)
 
     def close(self) -> None:
-        """Be gone; the robot stops."""
         self.navigation.forget()
         self._late.clear()
         super().close()
 
     async def check(self, request: Any) -> None:
-        """A pose in the map, and nothing that was asked for to go wrong."""
         pose_of(request.pose)
         if "reject" in self.faults:
             raise BadMessage("as asked for by a fault")
@@ -130,21 +122,17 @@ class NavigateServer(_Server):
             await waiting
 
     def begin(self, key: bytes, request: Any) -> None:
-        """Hand the goal to the navigation."""
         x, y, _ = pose_of(request.pose)
         self.navigation.send(key, x, y)
 
     def cancel(self, key: bytes) -> bool:
-        """Ask the navigation."""
         return self.navigation.cancel(key)
 
     def step(self) -> None:
-        """One step of the world; goals that end in it are told so."""
         for ended in self.navigation.step():
-            result = self.action.type.Result(error_code=ended.error_code, error_msg=ended.message)
             if ended.message:
                 self.node.get_logger().info(f"goal ended with code {ended.error_code}: {ended.message}")
-            self.end(ended.key, ended.status, result)
+            self.end(ended.key, ended.status, error_code=ended.error_code, error_msg=ended.message)
         now = self.navigation.robot.time_s
         for due, waiting in self._late:
             if due <= now:
@@ -152,23 +140,20 @@ class NavigateServer(_Server):
         self._late = [one for one in self._late if one[0] > now]
 
     def send_feedback(self, stamp: Any) -> None:
-        """Tell the current goal's client where the robot is."""
         feedback = self.navigation.feedback()
         if feedback is not None:
-            self.tell(
+            self.publish_feedback(
                 feedback.key,
-                self.action.type.Feedback(
-                    current_pose=pose_message(*feedback.pose, stamp),
-                    navigation_time=Duration(seconds=feedback.time_s).to_msg(),
-                    estimated_time_remaining=Duration(seconds=feedback.remaining_s).to_msg(),
-                    number_of_recoveries=feedback.recoveries,
-                    distance_remaining=feedback.distance_m,
-                ),
+                current_pose=pose_message(*feedback.pose, stamp),
+                navigation_time=Duration(seconds=feedback.time_s).to_msg(),
+                estimated_time_remaining=Duration(seconds=feedback.remaining_s).to_msg(),
+                number_of_recoveries=feedback.recoveries,
+                distance_remaining=feedback.distance_m,
             )
 
 
 @dataclass
-class _Sequence:
+class _Melody:
     """What sounds, since when (s) and how often its notes of ``length_s`` in all are to be played."""
 
     key: bytes
@@ -179,17 +164,18 @@ class _Sequence:
 
 
 class NotesServer(_Server):
-    """``audio_note_sequence``: one sequence at a time; a newer one ends the one before it."""
+    """``audio_note_sequence``: one melody at a time; a newer one ends the one before it.
+
+    ``show`` is called with what sounds when that changes.
+    """
 
     def __init__(self, node: GameNode, show: Callable[[dict[str, Any]], None]) -> None:
-        """``show`` is given what sounds when that changes."""
         self._show = show
-        self._playing: _Sequence | None = None
+        self._playing: _Melody | None = None
         self._now_s = 0.0
         super().__init__(node, topics.PLAY_NOTES)
 
     async def check(self, request: Any) -> None:
-        """Notes that end, and a number of iterations."""
         notes = request.note_sequence.notes
         if request.iterations < 1 and request.iterations != self.action.type.Goal.INFINITE:
             raise BadMessage(f"iterations = {request.iterations}: must be at least 1, or -1 for no end")
@@ -200,21 +186,18 @@ class NotesServer(_Server):
             raise BadMessage(f"notes of {sum(lengths):g} s in all: must be more than 0, at most {LONGEST_S:g} s")
 
     def begin(self, key: bytes, request: Any) -> None:
-        """Play."""
         self._stop(GoalStatus.STATUS_ABORTED)
         notes = [[int(note.frequency), seconds_of(note.max_runtime)] for note in request.note_sequence.notes]
-        self._playing = _Sequence(key, self._now_s, sum(seconds for _, seconds in notes), request.iterations)
+        self._playing = _Melody(key, self._now_s, sum(seconds for _, seconds in notes), request.iterations)
         self._show({"playing": True, "iterations": request.iterations, "notes": notes})
 
     def cancel(self, key: bytes) -> bool:
-        """Silence, at the next step."""
         if self._playing is None or self._playing.key != key:
             return False
         self._playing.canceled = True
         return True
 
     def step(self, now_s: float) -> None:
-        """Let time pass."""
         self._now_s = now_s
         playing = self._playing
         if playing is None:
@@ -225,12 +208,11 @@ class NotesServer(_Server):
             self._stop(GoalStatus.STATUS_SUCCEEDED)
 
     def send_feedback(self) -> None:
-        """Tell the client how far it is."""
         if self._playing is not None:
             played, runtime = self._progress(self._playing)
-            self.tell(self._playing.key, self.action.type.Feedback(iterations_played=played, current_runtime=runtime))
+            self.publish_feedback(self._playing.key, iterations_played=played, current_runtime=runtime)
 
-    def _progress(self, playing: _Sequence) -> tuple[int, Any]:
+    def _progress(self, playing: _Melody) -> tuple[int, Any]:
         """Whole iterations played, and for how long."""
         runtime_s = self._now_s - playing.began_s
         played = math.floor(runtime_s / playing.length_s + 1e-6)
@@ -239,11 +221,9 @@ class NotesServer(_Server):
         return played, Duration(seconds=runtime_s).to_msg()
 
     def _stop(self, status: int) -> None:
-        """End what sounds, if anything does."""
         playing, self._playing = self._playing, None
         if playing is not None:
             played, runtime = self._progress(playing)
             self._show({"playing": False})
             complete = status == GoalStatus.STATUS_SUCCEEDED
-            result = self.action.type.Result(complete=complete, iterations_played=played, runtime=runtime)
-            self.end(playing.key, status, result)
+            self.end(playing.key, status, complete=complete, iterations_played=played, runtime=runtime)

@@ -1,16 +1,13 @@
-"""What can be made to go wrong with the simulated robot, in words: ``abort 2.0``, ``end abort``, ``end``.
-
-Only which troubles there are now is kept here; ``sim_robot.py`` makes them.
-"""
+"""What can be made to go wrong with the simulated robot, in words: ``abort 2.0``, ``end abort``, ``end``."""
 
 from __future__ import annotations
 
 import math
 
-#: Each trouble, and the names of the numbers that follow it.
+#: Each fault, and the names of the numbers that follow it.
 FAULTS: dict[str, tuple[str, ...]] = {
     "reject": (),  # every goal is rejected
-    "abort": ("seconds",),  # every goal is aborted that long after it was taken up
+    "abort": ("seconds",),  # every goal is aborted that long after it was accepted
     "nav2_away": (),  # the navigator's servers are gone
     "late_acceptance": ("seconds",),  # goals are accepted that much later
     "pose_lost": (),  # no amcl_pose, no transform from map to odom
@@ -18,10 +15,12 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "clock_jump": ("seconds",),  # /clock and all stamps are that much ahead, or behind
 }
 _LIMITS = {"seconds": 3600.0, "x": 1000.0, "y": 1000.0, "heading": math.pi}
+_USAGES = [" ".join([name, *map(str.upper, numbers)]) for name, numbers in FAULTS.items()]
+_USAGE = f"must be {', '.join(_USAGES)}, end or end NAME"
 
 
 class Faults:
-    """The troubles that there are, by name, each with its numbers."""
+    """The present faults, by name, each with its numbers."""
 
     def __init__(self) -> None:
         self.now: dict[str, tuple[float, ...]] = {}
@@ -30,48 +29,36 @@ class Faults:
         return name in self.now
 
     def number(self, name: str) -> float | None:
-        """The first number of a trouble, None while there is none of that name."""
         return self.now[name][0] if name in self.now else None
 
     def apply(self, text: str) -> None:
-        """Begin a trouble, ``NAME NUMBERS``, or end one, ``end NAME``, or all, ``end``; case does not matter.
+        """Begin a fault, ``NAME NUMBERS``, or end one, ``end NAME``, or all, ``end``; case does not matter.
 
-        Raises:
-            ValueError: no such trouble, or other numbers than it needs; nothing has been changed then.
+        Nothing has changed when it raises ValueError: no such fault, or other numbers than it needs.
         """
         words = text.lower().split()
+        if not words:
+            raise ValueError(f"fault {text!r}: {_USAGE}")
         if words == ["end"]:
             self.now.clear()
-        elif len(words) == 2 and words[0] == "end":
-            self.now.pop(_known(words[1]), None)
-        elif words:
-            name = _known(words[0])
-            self.now[name] = _numbers(name, words[1:])
+            return
+        ends = len(words) == 2 and words[0] == "end"
+        name = words[ends]
+        if name not in FAULTS:
+            raise ValueError(f"fault {name!r}: unknown, {_USAGE}")
+        if ends:
+            self.now.pop(name, None)
         else:
-            raise ValueError(f"fault {text!r}: must be {_usage()}")
+            self.now[name] = _numbers(name, words[1:])
 
     def words(self) -> list[str]:
-        """What there is, as :meth:`apply` takes it."""
         return [" ".join([name, *(f"{value:g}" for value in values)]) for name, values in sorted(self.now.items())]
-
-
-def _known(name: str) -> str:
-    if name not in FAULTS:
-        raise ValueError(f"fault {name!r}: unknown, must be {_usage()}")
-    return name
-
-
-def _usage() -> str:
-    return (
-        ", ".join(" ".join([name, *(n.upper() for n in numbers)]) for name, numbers in FAULTS.items())
-        + ", end or end NAME"
-    )
 
 
 def _numbers(name: str, words: list[str]) -> tuple[float, ...]:
     wanted = FAULTS[name]
     if len(words) != len(wanted):
-        raise ValueError(f"fault {name}: needs {' '.join(n.upper() for n in wanted) or 'no number'}, got {words}")
+        raise ValueError(f"fault {name}: needs {' '.join(map(str.upper, wanted)) or 'no number'}, got {words}")
     values = []
     for what, word in zip(wanted, words, strict=True):
         try:

@@ -1,7 +1,6 @@
 """The node ``sim_robot``: the simulated robot behind the robot's interface, in place of base, lidar, AMCL and Nav2.
 
-It owns the pace of time, takes in velocities, poses, lights and faults, and steps the world; goals and notes are taken
-in ``sim_actions.py``, what the robot says of itself is in ``sim_sensors.py``, how it moves in ``sim/core/robot.py``.
+It owns the pace of time, receives velocities, poses, lights and faults, and steps the world (``sim/core/robot.py``).
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import dataclasses
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -37,17 +36,16 @@ FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JS
 
 FASTEST = 10.0
 CATCH_UP_S = 0.5  # of wall time; what is late by more than that is left out
-AT_ONCE = 10  # steps; then whoever has said something meanwhile is heard
-#: Who publishes these in the robot's namespace is a robot's base, and who publishes this is another simulation.
+AT_ONCE = 10  # steps; then messages that came meanwhile are received
+#: A publisher of these in the robot's namespace is a robot's base, a publisher of this is another simulation.
 BASE, CLOCK = (topics.ODOMETRY.name, topics.SCAN.name), (topics.CLOCK.name,)
-LOOK_S = 1.0  # of wall time, between two looks for others
+OTHERS_S = 1.0  # of wall time, between two searches for other robots
 ONE_CLOCK = "give one of them another domain"
-MARK_LASTS_S = 2.0  # what is no longer seen of Clyde, the lidar clears from the costmap
+MARK_LASTS_S = 2.0  # what is no longer published of a ghost, the lidar clears from the costmap
 START_NS = 1_000_000_000  # of simulated time: a stamp of zero means "no time"
 
 
 def _pose(text: str, name: str) -> Pose | None:
-    """``x,y,heading``; empty: None."""
     if not text.strip():
         return None
     try:
@@ -75,7 +73,7 @@ class SimRobot(GameNode):
         robot = SimulatedRobot(self.map, config, seed, home=_pose(home, "home"), localized=localized)
         self.robot = robot
         robot.rehearse()  # meanwhile others become known
-        self._first_look = True
+        self._starting = True
         if reason := self._other_robot():
             raise ValueError(reason)
         self.step_ns = round(config.physics_step_s * 1e9)
@@ -93,7 +91,7 @@ class SimRobot(GameNode):
         self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
         if self._simulated:
             self._owner = {"namespace": self.get_namespace(), "started": self.surroundings.process()}
-            self.listen(topics.CLOCK_OWNER, self._hear_clock_owner, "bad clock owner")
+            self.listen(topics.CLOCK_OWNER, self._on_clock_owner, "bad clock owner")
             self._owner_out = topics.CLOCK_OWNER.publisher(self)
             self._owner_out.publish(String(data=json.dumps(self._owner)))
         self._sensors = Sensors(self, robot, self._stamp())
@@ -101,31 +99,29 @@ class SimRobot(GameNode):
         self._lights = ""
         self._faults_out = FAULTS_NOW.publisher(self)
         self._listen(stamped)
-        for text in filter(str.strip, faults.split(";")):
-            self._apply_fault(text)
-        self._show_faults()
+        self._begin_faults(filter(str.strip, faults.split(";")))
         period_s = config.physics_step_s / self._speed
         if not self.surroundings.lock_step:
             self.create_timer(period_s, self.tick, clock=self.surroundings.clock())
-        self.create_timer(LOOK_S, self._look_for_others, clock=self.surroundings.clock())
+        self.create_timer(OTHERS_S, self._check_others, clock=self.surroundings.clock())
         x, y, heading = robot.pose
         self.get_logger().info(f"{robot.occupancy.name}: robot at ({x:.2f}, {y:.2f}, {heading:.2f}), seed {seed}")
 
     def _other_robot(self) -> str:
-        """Why a simulated robot must not be here; empty: it may."""
+        """Why a simulated robot must not be here; empty if it may."""
         where = self.get_namespace()
         if bases := publishers(self, BASE):
             return f"a robot's base answers in {where}: {', '.join(bases)}; a simulated one must not drive it"
-        if self._simulated and self._first_look and (clocks := publishers(self, CLOCK)):
+        if self._simulated and self._starting and (clocks := publishers(self, CLOCK)):
             return f"another clock runs in this ROS domain: {', '.join(clocks)}; {ONE_CLOCK}"
         return ""
 
-    def _look_for_others(self) -> None:
-        self._first_look = False
+    def _check_others(self) -> None:
+        self._starting = False
         if reason := self._other_robot():
             self.refuse(reason)
 
-    def _hear_clock_owner(self, message: Any) -> None:
+    def _on_clock_owner(self, message: Any) -> None:
         """The later of two simulated robots in one domain goes, wherever it is; in one namespace, by its name."""
         other = process_of(message)
         if other is not None and started(other) < started(self._owner):
@@ -134,32 +130,27 @@ class SimRobot(GameNode):
 
     def _listen(self, stamped: bool) -> None:
         velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
-        heard: tuple[tuple[topics.Topic, Callable[[Any], None]], ...] = (
-            (velocity, self._take_velocity),
-            (topics.INITIAL_POSE, self._take_initial_pose),
-            *((topic, partial(self._take_ghost, k)) for k, topic in enumerate(topics.GHOST_POSES)),
-            (topics.CLYDE_OBSTACLE, self._take_obstacle),
-            (topics.LIGHT_RING, self._take_lights),
-            (FAULT, self._take_fault),
+        handlers: tuple[tuple[topics.Topic, Callable[[Any], None]], ...] = (
+            (velocity, self._on_velocity),
+            (topics.INITIAL_POSE, self._on_initial_pose),
+            *((topic, partial(self._on_ghost, k)) for k, topic in enumerate(topics.GHOST_POSES)),
+            (topics.CLYDE_OBSTACLE, self._on_obstacle),
+            (topics.LIGHT_RING, self._on_lights),
+            (FAULT, lambda message: self._begin_faults([message.data])),
         )
-        for topic, take in heard:
-            topic.subscription(self, self._checked(topic.name, take))
+        for topic, handle in handlers:
+            topic.subscription(self, partial(self._handle, topic.name, handle))
 
-    def _checked(self, name: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Bad messages are said once, and change nothing."""
-
-        def checked(message: Any) -> None:
-            try:
-                take(message)
-            except ValueError as error:
-                self.once.warning(f"{name} ignored", f"{name} ignored: {error}")
-
-        return checked
+    def _handle(self, name: str, handle: Callable[[Any], None], message: Any) -> None:
+        """Bad messages are logged once, and change nothing."""
+        try:
+            handle(message)
+        except ValueError as error:
+            self.once.warning(f"{name} ignored", f"{name} ignored: {error}")
 
     # Time
 
     def _now_ns(self) -> int:
-        """The time of the step done last."""
         ahead_s = self._faults.number("clock_jump") or 0.0
         return max(self._start_ns + self.robot.steps * self.step_ns + round(ahead_s * 1e9), 1)
 
@@ -168,7 +159,7 @@ class SimRobot(GameNode):
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def tick(self) -> None:
-        """Step the world on to what the wall's clock says, but not deaf for long."""
+        """Step the world on to the wall's clock, at most ``AT_ONCE`` steps."""
         step_s = self.step_ns * 1e-9 / self._speed
         behind = math.floor((self.surroundings.monotonic() - self._began) / step_s) - self.robot.steps
         most = max(round(CATCH_UP_S / step_s), 1)
@@ -182,7 +173,6 @@ class SimRobot(GameNode):
             self.step()
 
     def step(self) -> None:
-        """One step of the world, and all that is published after it."""
         robot = self.robot
         if self._marked_step is not None and (robot.steps - self._marked_step) * self.step_ns > MARK_LASTS_S * 1e9:
             self._unmark()
@@ -197,23 +187,23 @@ class SimRobot(GameNode):
             self._navigate.send_feedback(stamp)
             self._notes.send_feedback()
 
-    # What comes in
+    # Messages
 
-    def _take_velocity(self, message: Any) -> None:
+    def _on_velocity(self, message: Any) -> None:
         twist = getattr(message, "twist", message)
         self.robot.set_velocity(twist.linear.x, twist.angular.z)
 
-    def _take_initial_pose(self, message: Any) -> None:
+    def _on_initial_pose(self, message: Any) -> None:
         pose = pose_of(message)
         if "pose_lost" in self._faults:
             raise BadMessage("the pose is lost, by a fault")
         self.robot.set_initial_pose(pose)
 
-    def _take_ghost(self, number: int, message: Any) -> None:
+    def _on_ghost(self, number: int, message: Any) -> None:
         self._marks[number] = pose_of(message)[:2]
         self._mark()
 
-    def _take_obstacle(self, message: Any) -> None:
+    def _on_obstacle(self, message: Any) -> None:
         points = points_of(message)
         if len(points) == 0:
             self._unmark()
@@ -232,7 +222,7 @@ class SimRobot(GameNode):
         self.robot.set_obstacles([])
         self._marked_step = None
 
-    def _take_lights(self, message: Any) -> None:
+    def _on_lights(self, message: Any) -> None:
         leds = [[led.red, led.green, led.blue] for led in message.leds]
         text = json.dumps({"override_system": message.override_system, "leds": leds})
         if text != self._lights:
@@ -245,12 +235,7 @@ class SimRobot(GameNode):
 
     # Faults
 
-    def _take_fault(self, message: Any) -> None:
-        self._apply_fault(message.data)
-        self._show_faults()
-
     def _apply_fault(self, text: str) -> None:
-        """Change what is asked to go wrong, and make it so."""
         before = dict(self._faults.now)
         self._faults.apply(text)
         now = self._faults.now
@@ -260,21 +245,20 @@ class SimRobot(GameNode):
         self.navigation.abort_after_s = self._faults.number("abort")
         changed = {name for name in before.keys() | now.keys() if before.get(name) != now.get(name)}
         if "nav2_away" in changed:
-            self._let_nav2_go() if "nav2_away" in now else self._let_nav2_come()
+            if "nav2_away" in now:
+                self._navigate.close()
+                self.destroy_service(self._clear_costmap)
+            else:
+                self._navigate.open()
+                self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
         if changed & {"pose_lost", "pose_jump"}:
             self.robot.localizing = "pose_lost" not in now
             x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
             self.robot.shift_belief((x, y, heading))
 
-    def _let_nav2_go(self) -> None:
-        self._navigate.close()
-        self.destroy_service(self._clear_costmap)
-
-    def _let_nav2_come(self) -> None:
-        self._navigate.open()
-        self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
-
-    def _show_faults(self) -> None:
+    def _begin_faults(self, texts: Iterable[str]) -> None:
+        for text in texts:
+            self._apply_fault(text)
         words = self._faults.words()
         self._faults_out.publish(String(data=json.dumps(words)))
         self.get_logger().info(f"faults: {', '.join(words) or 'none'}")

@@ -21,6 +21,7 @@ from ...game.execution import (
     RUNNING,
     SEND,
     TIMEOUT,
+    Board,
     closing_speed,
     goal_of,
     transition,
@@ -142,8 +143,8 @@ def follow(g, i, event, value, x, y, step, goal_xy, obstacles, alive, waits, abo
     """Take a game's record over an event of Algorithm 4, and do with the goal what follows; returns what that is."""
     before = g.collected
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
-    ground = (goal_xy, obstacles, alive[i], waits[i], aborts[i])
-    action = transition(g, event, value, x, y, step, navigating, ground, p)
+    board = Board(goal_xy, obstacles, alive[i], waits[i], aborts[i])
+    action = transition(g, event, value, (x, y), step, navigating, board, p)
     g.score += g.collected - before
     g.tick_pellets += g.collected - before
     if action == CANCEL:

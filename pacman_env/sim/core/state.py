@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.native import zeros
-from ...game.last_decision import Moment
+from ...game.decisions import Moment
 from . import kernels
 from .ghosts import Ghosts
 from .ticks import TickArrays
@@ -67,6 +67,6 @@ class GameState:
         return np.stack([self.games[name] for name in ("body_x", "body_y", "body_vx", "body_vy")], axis=1)
 
     def moment(self, game: int) -> Moment:
-        """What :class:`~pacman_env.game.last_decision.LastDecision` has to know of one game now."""
+        """What :class:`~pacman_env.game.decisions.LastDecision` has to know of one game now."""
         g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
         return Moment(time_s, int(g["pursued"]), (int(g["round"]), int(g["collected"])), float(g["distance"]))

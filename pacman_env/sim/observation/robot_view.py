@@ -18,7 +18,7 @@ from ...config import Config
 from ...engine.native import Table
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
-from ...game.goals import Goals
+from ...game.goals import Goals, Place
 from ...game.pellets import generate_pellets
 from ...world.navigation.grid import cell_of
 from ..core import kernels, records
@@ -31,16 +31,6 @@ from .situation_kernel import REQUEST, LookArrays, direct, look
 _AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
 _JUMP_M = 0.5  # Clyde was put elsewhere if he moved so much farther than his speed allows
 _BESIDE = 1.2  # cells: as far behind a cell the nearest is its neighbour, straight or diagonal
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A candidate as a place to drive to; of a pellet with its id."""
-
-    candidate: int
-    x: float  # m
-    y: float
-    pellet: int | None = None
 
 
 @dataclass(frozen=True)
@@ -186,13 +176,13 @@ class RobotView:
         near = self.assets.cell_xy[grid.snap[row, column]]
         return math.hypot(near[0] - x, near[1] - y) > _AWAY_M
 
-    def goal(self, candidate: int) -> Goal | None:
+    def goal(self, candidate: int) -> Place | None:
         """A candidate as a place; None: hold."""
         if candidate == self.hold:
             return None
         x, y = self.assets.goal_xy[candidate].tolist()
         is_pellet = candidate < self.assets.pellets
-        return Goal(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
+        return Place(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
 
     def situation(self, seen: Seen, player: int = -1) -> Situation:
         """What the robot's policy, or that of ghost ``player``, sees at a decision, which is counted (N = 1).

@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from pacman_env.cli.main import main
 from pacman_env.config import make_config
-from pacman_env.game.last_decision import LastDecision
+from pacman_env.game.decisions import LastDecision
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies import registry
 from pacman_env.policies.registry import make_policy

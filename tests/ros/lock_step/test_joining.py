@@ -105,7 +105,7 @@ def test_a_node_that_was_killed_leaves_its_name_in_the_log_to_its_successor(doma
     with session.game(tmp_path) as game:
         killed = game.member(SELECTOR)
         game.kill(SELECTOR)
-        game.game.add(killed.make, killed.arguments)
+        game.game.start(SELECTOR)  # type: ignore[attr-defined]
         del killed
         gc.collect()
         game.node(SELECTOR).get_logger().error("an error")

@@ -15,10 +15,11 @@ pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
 from pacman_env.ros import topics
-from pacman_env.ros.lock_step import stepper
+from pacman_env.ros.lock_step import deliveries
+from pacman_env.ros.lock_step.deliveries import NodeFailed
 from pacman_env.ros.lock_step.losses import HEARTBEAT_S
 from pacman_env.ros.lock_step.members import Member
-from pacman_env.ros.lock_step.stepper import LockStep, NodeFailed
+from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.lock_step.watchdog import SILENT
 from pacman_env.ros.node import BaseNode
 from tests.ros import session
@@ -183,7 +184,7 @@ def test_an_exception_in_a_callback_names_its_node(nodes: Session) -> None:
 
 
 def test_nodes_that_answer_one_another_without_end_are_named(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stepper, "MOST_DELIVERIES", 100)
+    monkeypatch.setattr(deliveries, "MOST_DELIVERIES", 100)
 
     class Loop(BaseNode):
         def __init__(self) -> None:

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.game.sounds import MELODIES, SoundQueue, duration_s, frequency_hz
+from pacman_env.game.sounds import MELODIES, PATIENCE_S, duration_s, frequency_hz
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 from tests.ros import loudspeaker
@@ -51,7 +51,7 @@ def test_the_win_melody_plays_after_the_pellet_fault_2(nodes: Session, speaker: 
 def test_a_melody_that_never_ends_blocks_only_for_a_while_fault_12(nodes: Session, speaker: Loudspeaker) -> None:
     nodes.publish(topics.GAME_SOUND, "pellet")
     nodes.publish(topics.GAME_SOUND, "death")
-    nodes.advance(duration_s("pellet") + SoundQueue().patience_s - 0.05)
+    nodes.advance(duration_s("pellet") + PATIENCE_S - 0.05)
     assert speaker.played == ["pellet"]
     nodes.advance(0.2)
     assert speaker.played == ["pellet", "death"]

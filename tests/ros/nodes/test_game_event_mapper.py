@@ -10,8 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from pacman_env.game.dances import STAND_S
-from pacman_env.game.events import FEEDBACK
+from pacman_env.game.events import FEEDBACK, STAND_S
 from pacman_env.ros import topics
 from pacman_env.ros.messages import seconds_of
 

@@ -14,7 +14,7 @@ from rclpy.time import Time
 from std_msgs.msg import Header, String
 
 from pacman_env.config import make_config
-from pacman_env.game.goal_executor import ExecutorAction
+from pacman_env.game.goals import ExecutorAction
 from pacman_env.policies import registry
 from pacman_env.policies.base import BasePolicy
 from pacman_env.ros import topics
@@ -81,7 +81,7 @@ def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
             done += actions
             for action in actions:
                 if action.kind == "send":
-                    selection.executor.accepted(int(action.value), now)
+                    selection.executor.sent.accepted(int(action.value), now)
         return policy, done
 
     return play

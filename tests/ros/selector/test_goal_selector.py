@@ -185,7 +185,7 @@ def test_a_decision_is_a_few_hundred_calls(policy: str) -> None:
                 selection.on_command(String(data=word), now)
         for action in sent[-3:]:
             if action.kind == "send":
-                executor.accepted(int(action.value), now)
+                executor.sent.accepted(int(action.value), now)
     assert sum(action.kind == "send" for action in sent) > 10
     assert sorted(calls)[989] < 400, "99 of 100 decisions; the first imports and compiles"
     assert not troubles

@@ -9,11 +9,12 @@ import pytest
 
 from pacman_env.config import Config, make_config
 from pacman_env.game.execution import RUNNING
+from pacman_env.game.goals import Place
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.robot_view import Goal, RobotView, Seen
+from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import LAYOUT, Situation
 from tests.drawn import drawn
 
@@ -217,7 +218,7 @@ def test_what_may_not_be_chosen_now_is_masked_for_one_decision() -> None:
 def test_candidates_are_places() -> None:
     game = house()
     x, y = game.assets.goal_xy[1].tolist()
-    assert game.goal(1) == Goal(1, x, y, int(game.assets.pellet_ids[1]))
+    assert game.goal(1) == Place(1, x, y, int(game.assets.pellet_ids[1]))
     home = game.goal(game.assets.pellets)
     assert home is not None
     assert home.pellet is None

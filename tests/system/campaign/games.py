@@ -13,7 +13,7 @@ from typing import Any
 from pacman_env.config import make_config
 from pacman_env.files import write_json
 from pacman_env.game.pellets import generate_pellets
-from pacman_env.ros.lock_step.stepper import NodeFailed
+from pacman_env.ros.lock_step.deliveries import NodeFailed
 from pacman_env.ros.lock_step.transcript import Transcript
 from pacman_env.ros.supervisor.game_nodes import SIMULATOR
 from tests.system.campaign.outages import Outages

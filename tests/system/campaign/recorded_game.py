@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pacman_env.ros.lock_step.deliveries import NodeFailed
 from pacman_env.ros.lock_step.game import LockStepGame
-from pacman_env.ros.lock_step.stepper import NodeFailed
 from pacman_env.ros.standstill import STOOD_STILL
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, SIMULATOR, GameSetup
 from tests.system.campaign.recorder import GOAL_SERVICE, LateListener, Recorder

@@ -29,7 +29,7 @@ from pacman_env.episodes.statistics import difference, wilson
 from pacman_env.files import prepare, write_json
 from pacman_env.game.execution import COMPLETE
 from pacman_env.ros import topics
-from pacman_env.ros.lock_step.stepper import NodeFailed
+from pacman_env.ros.lock_step.deliveries import NodeFailed
 from pacman_env.sim.maps.assets import map_assets
 from tests.system.campaign.recorded_game import RecordedGame
 from tests.system.campaign.workers import errors, logged, pool, require_ros

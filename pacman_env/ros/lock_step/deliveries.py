@@ -1,0 +1,253 @@
+"""The messages between the nodes of a lock-step game: each is taken as it is sent, and waits in one queue."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+from rclpy.action import ActionServer
+from rclpy.client import Client
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+
+from ..topics import CLOCK
+from . import entities
+from .entities import ACTION, Index
+from .losses import Losses
+from .members import Delivery, Member
+from .surroundings import SimulatedWall
+from .watchdog import Watchdog
+
+MOST_DELIVERIES = 100_000  # in one step
+_JOIN_S = 30.0  # of real time, for what is latched to reach a node that has just been made
+_Span = tuple[int, int]  # begin and end of a publication, ns of the machine's clock
+_ANY: _Span = (0, 2**63)
+_Ended = Callable[[Member], None]
+
+
+class NodeFailed(RuntimeError):
+    """A callback of a node has raised an exception, or nodes answer one another without end."""
+
+
+class Deliveries:
+    """The queue of what members have sent to one another.
+
+    ``ended`` is called with a member whose node has a status after its callback, which may take ``silence_s`` of real
+    time.
+    """
+
+    def __init__(
+        self, members: list[Member], wall: SimulatedWall, losses: Losses, silence_s: float, ended: _Ended
+    ) -> None:
+        self._members, self._wall, self._losses, self._ended = members, wall, losses, ended
+        self.witnesses: list[Callable[[Delivery], None]] = []  # called with each delivery before it is handled
+        self.observed: defaultdict[str, list[tuple[Member, Callable[[Any], None]]]] = defaultdict(list)
+        self._changed = True  # entities were made or destroyed since the index was made
+        self.watchdog = Watchdog(silence_s)
+        self.queue: deque[Delivery] = deque()
+        self._turn: Member | None = None  # whose code runs
+        self._latched: dict[Any, deque[_Span]] = {}  # by publisher: what the middleware keeps for later subscriptions
+        self._with_statuses: set[ActionServer] = set()  # rclpy publishes these in C
+        self._index = Index([])
+
+    @property
+    def index(self) -> Index:
+        if self._changed:
+            self._changed = False
+            self._index = Index(self._members)
+            self._with_statuses &= {waitable for _, waitable in self._index.waitables}
+        return self._index
+
+    def entities_changed(self) -> None:
+        self._changed = True
+
+    @contextlib.contextmanager
+    def making(self, name: str) -> Iterator[None]:
+        before, self._turn = self._turn, None
+        try:
+            with self.watchdog.during(name):
+                yield
+        finally:
+            self._turn = before
+
+    # What members send
+
+    def watch(self, entity: Any) -> None:
+        """Have what the entity sends taken at once by those that are to receive it."""
+        if isinstance(entity, Publisher):
+            entity.publish = partial(self._publish, entity, entity.publish)
+        elif isinstance(entity, Client):
+            entity.call_async = partial(self._request, entity, entity.call_async)
+        elif isinstance(entity, Service) and "send_response" not in vars(entity):
+            entity.send_response = partial(self._respond, entity, entity.send_response)
+
+    def _publish(self, publisher: Publisher, publish: Callable[[Any], None], message: Any) -> None:
+        begin_ns = time.time_ns()
+        publish(message)
+        if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+            if publisher not in self._latched:
+                self._latched[publisher] = deque(maxlen=publisher.qos_profile.depth)
+            self._latched[publisher].append((begin_ns, time.time_ns()))
+        if self._turn is not None:
+            for member, sub in self.index.by_topic[self.index.name_of(publisher)]:
+                if (taken := entities.message(sub)) is not None:
+                    self._put_taken(member, sub, taken)
+
+    def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
+        name = self.index.name_of(client)
+        for member, callback in self.observed.get(name, ()):
+            self.queue.append(Delivery(member, callback, name, request, partial(callback, request), self._turn))
+        answer = call(request)
+        for member, service in self.index.services[name]:
+            self._take(member, service)
+        if ACTION in name:
+            self._take_actions()
+        return answer
+
+    def _respond(self, service: Service, send: Callable[[Any, Any], None], response: Any, header: Any) -> None:
+        send(response, header)
+        for member, client in self.index.clients[self.index.name_of(service)]:
+            self._take(member, client)
+
+    def _take(self, member: Member, entity: Subscription | Service | Client) -> None:
+        for taken in entities.messages(entity):
+            self._put_taken(member, entity, taken)
+
+    def _take_actions(self) -> None:
+        """What actions' clients and servers have sent, which rclpy does not report in Python."""
+        index = self.index
+        for member, client in index.clients_of_actions:
+            self._take(member, client)
+        for member, sub in index.topics_of_actions:
+            while (taken := entities.message_if_any(sub)) is not None:
+                self._put_taken(member, sub, taken)
+        for member, waitable in index.waitables:
+            if isinstance(waitable, ActionServer) and waitable._goal_handles:
+                self._with_statuses.add(waitable)
+            while data := entities.data_of_action(waitable):
+                self._put_taken(member, waitable, data)
+
+    def take_all(self) -> None:
+        """What others than the members have sent, too."""
+        self._turn = None
+        for member, entity in self.index.all:
+            self._take(member, entity)
+        self._take_actions()
+
+    def expire_goals(self) -> None:
+        """Have servers of actions forget the goals that ended 15 minutes ago."""
+        for member, server in self.index.waitables:
+            if not isinstance(server, ActionServer) or not server._goal_handles:  # without goals rcl raises
+                continue
+            if expired := server._handle.expire_goals(len(server._goal_handles)):
+                self._put_taken(member, server, {"expired": expired})
+
+    def _put_taken(self, member: Member, entity: Any, taken: Any) -> None:
+        delivery = self.index.delivery(member, entity, taken, self._turn)
+        if not self._losses.holds(delivery, self._wall.now_s):
+            self.put(delivery)
+
+    def put(self, delivery: Delivery) -> None:
+        if delivery.member.frozen_s is not None:
+            delivery.member.keep(delivery)
+        else:
+            self.queue.append(delivery)
+
+    # New subscriptions
+
+    def join(self, member: Member, known: set[Subscription]) -> None:
+        """Take what was published while a member was made, and what is latched for its subscriptions but the ``known``.
+
+        All in the order of the times of publication.
+        """
+        taken: list[tuple[int, Member, Subscription, Any]] = []
+        came: defaultdict[Subscription, list[int]] = defaultdict(list)  # times of publication, ns
+        owed = {sub: self._latched_for(member, sub) for sub in member.node.subscriptions if sub not in known}
+        end = time.monotonic() + _JOIN_S
+        while True:
+            for other, sub in self.index.subscriptions:
+                for message in entities.messages(sub):
+                    at_ns = message[1]["source_timestamp"]
+                    taken.append((at_ns, other, sub, message))
+                    came[sub].append(at_ns)
+            missing = [sub for sub, latched in owed.items() if not _complete(latched, came[sub])]
+            if not missing:
+                break
+            if time.monotonic() > end:
+                names = ", ".join(sub.topic_name for sub in missing)
+                raise NodeFailed(f"{member.name}: what is latched on {names} has not arrived within {_JOIN_S:g} s")
+            time.sleep(0.001)
+        newest = {sub: sorted(came[sub])[-sub.qos_profile.depth :] for sub in owed}
+        for at_ns, other, sub, message in sorted(taken, key=lambda one: one[0]):
+            if sub not in owed or at_ns in newest[sub]:
+                self._put_taken(other, sub, message)
+        self.drain()
+
+    def _latched_for(self, member: Member, sub: Subscription) -> list[deque[_Span]]:
+        """What other members have published that the middleware keeps for a subscription that was made now."""
+        if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
+            return []
+        name = sub.topic_name
+        publishers = (p for other in self._members if other is not member for p in other.node.publishers)
+        statuses = [deque([_ANY]) for server in self._with_statuses if server.statuses_name == name]
+        return statuses + [self._latched[one] for one in publishers if one in self._latched and one.topic_name == name]
+
+    def forget(self, member: Member) -> None:
+        self.queue = deque(one for one in self.queue if one.member is not member)
+        self._losses.forget(member)
+        for publisher in member.node.publishers:
+            self._latched.pop(publisher, None)
+
+    # Handling
+
+    def drain(self) -> None:
+        """Have everything handled that waits, and what follows from it; raises NodeFailed."""
+        for _ in range(MOST_DELIVERIES):
+            if not self.queue:
+                return
+            delivery = self.queue.popleft()
+            member = delivery.member
+            if not member.present:
+                continue
+            if member.frozen_s is not None:
+                member.keep(delivery)
+                continue
+            if self.index.destroyed(delivery.entity):
+                continue
+            for witness in self.witnesses:
+                witness(delivery)
+            if delivery.name == CLOCK.name and entities.sets_time(delivery.entity):  # and sends nothing
+                delivery.handle()
+            else:
+                self.run(member, delivery.handle)
+        names = sorted({f"{one.member.name} ({one.name})" for one in self.queue})
+        raise NodeFailed(f"no end to messages in one step, {MOST_DELIVERIES} so far; waiting: {', '.join(names)}")
+
+    def run(self, member: Member, handle: Callable[[], Any]) -> Any:
+        """Call a member's callback and run its tasks; what the callback returns, NodeFailed for what they raise."""
+        before, self._turn = self._turn, member
+        try:
+            with self.watchdog.during(member.name):
+                result = handle()
+                member.executor.run_tasks()
+            if member in self.index.with_actions:
+                self._take_actions()
+        except Exception as error:
+            raise NodeFailed(f"{member.name}: {type(error).__name__}: {error}") from error
+        finally:
+            self._turn = before
+        if member.node.status is not None and not member.ending:
+            self._ended(member)
+        return result
+
+
+def _complete(latched: list[deque[_Span]], came_ns: list[int]) -> bool:
+    """Whether all that is latched for a subscription has come, by the times of publication of what has."""
+    spans = (span for one in latched for span in one)
+    return all(any(begin_ns <= at_ns <= end_ns for at_ns in came_ns) for begin_ns, end_ns in spans)
