@@ -39,7 +39,7 @@ def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) 
         ValueError: the game has ended, or does not come to drive.
     """
     from pacman_env.ros.discovery import join
-    from pacman_env.ros.supervisor.status_line import StatusLine
+    from pacman_env.ros.supervisor.operator import StatusLine
     from pacman_env.ros.topics import ODOMETRY
 
     join(domain, this_machine=True)

@@ -70,13 +70,13 @@ class RosDriving:
             self._wheels.stop()
         finally:  # each way for itself, whatever becomes of the others
             try:
-                self._stop.say(True, person)
+                self._stop.request(True, person)
             finally:
                 self._cancel_goals()
 
     def release(self, person: str) -> None:
         """The game goes on where it stands."""
-        self._stop.say(False, person)
+        self._stop.request(False, person)
 
     def keep_stopped(self) -> None:
         """While stopped, end goals again and again."""

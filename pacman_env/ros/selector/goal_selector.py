@@ -24,7 +24,7 @@ from pacman_env.game.goal_executor import ExecutorAction
 from pacman_env.game.goals import Home, Place
 from pacman_env.policies.base import Policy
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import unheard_by
+from pacman_env.ros.discovery import costmaps_without
 from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.operator_stop import OperatorStop
@@ -307,7 +307,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
     def _tell_condition(self) -> None:
         assert self._selection is not None
-        heard = not unheard_by(self, topics.CLYDE_OBSTACLE.name)
+        heard = not costmaps_without(self, topics.CLYDE_OBSTACLE.name)
         if self._selection.executor.playing and not heard:
             text = "no costmap listens to clyde_obstacle: Nav2 plans through ghosts (pacman-env ros doctor)"
             self.once.warning("ghosts unheard", text)
