@@ -27,15 +27,16 @@ LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_ma
 
 def measure(map_source: str, policy: str, seconds: float, domain: int) -> dict[str, Any]:
     """All figures of ``seconds`` of running rounds; RuntimeError for a game that does not come to run."""
+    from pacman_env.ros.discovery import join
     from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR, STOP_ORDER, GameSetup
+    from pacman_env.ros.supervisor.operator import StatusLine
     from pacman_env.ros.supervisor.processes import ProcessGroup
-    from pacman_env.ros.supervisor.status_line import StatusLine
-    from pacman_env.ros.supervisor.up import check, environment
+    from pacman_env.ros.supervisor.up import check
     from pacman_env.ros.topics import START_GAME
 
     setup = GameSetup(map_source, policy, sim=True, settings=("show.start_s=0",), extra={REFEREE: {"state_file": ""}})
     check(setup)
-    os.environ.update(environment(setup, domain))
+    join(domain, setup.sim)
     status_line = StatusLine(setup.namespace, setup.sim, setup.policy)
     names = (SIMULATOR, *GAME, SELECTOR)
     with tempfile.TemporaryDirectory() as logs:

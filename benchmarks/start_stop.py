@@ -26,7 +26,7 @@ COLUMNS = ("first line", "menu", "drives", "stop")
 def measure(root: Path, cache: Path, map_source: str, policy: str, domain: int) -> dict[str, float]:
     """Seconds from the command to each of the moments, and from Ctrl-C to the end; ValueError if it does not drive."""
     from pacman_env.ros.discovery import join
-    from pacman_env.ros.supervisor.status_line import StatusLine
+    from pacman_env.ros.supervisor.operator import StatusLine
     from pacman_env.ros.topics import ODOMETRY
 
     join(domain, this_machine=True)

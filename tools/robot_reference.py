@@ -27,7 +27,7 @@ from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.supervisor.checks import CHECKS
 from pacman_env.ros.supervisor.game_nodes import NODES, module_of
-from pacman_env.ros.topics import HEARD_LATCHED, LATCHED, RosAction
+from pacman_env.ros.topics import LATCHED, RECEIVED_LATCHED, RosAction
 from tools.common import ROOT, add_check, table, update
 
 PAGE = ROOT / "docs" / "robot_reference.md"
@@ -114,7 +114,7 @@ def _parameter(node: Any, name: str) -> list[str]:
 def _qos(profile: Any) -> str:
     reliable = profile.reliability != ReliabilityPolicy.BEST_EFFORT
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    depth = LATCHED.depth if latched and profile.depth == HEARD_LATCHED.depth else profile.depth  # as its sender has it
+    depth = LATCHED.depth if latched and profile.depth == RECEIVED_LATCHED.depth else profile.depth  # as of its sender
     return f"{'reliable' if reliable else 'best effort'}{', latched' if latched else ''}, depth {depth}"
 
 

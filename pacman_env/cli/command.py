@@ -1,4 +1,4 @@
-"""The frame of every command: one line for whatever is wrong, and argument types that check a range."""
+"""What every command has: one line for whatever is wrong, and argument types that check a range."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
+T = TypeVar("T", int, float)
 ERROR_STATUS = 2
 STOPPED_STATUS = 128 + signal.SIGINT
 
@@ -33,20 +34,6 @@ def run_command(
     work: Callable[[argparse.Namespace], int | None],
     extra: str = "eval",
 ) -> int:
-    """Parse the arguments and do the work with them.
-
-    Args:
-        parser: of the command.
-        argv: its arguments; None: those of the process.
-        work: returns an exit status; None is 0.
-        extra: of the package, whose libraries the work needs.
-
-    Returns:
-        The exit status: the work's, or 2 after one line on stderr.
-
-    Raises:
-        SystemExit: after ``--help`` and bad arguments, as argparse does.
-    """
     arguments = parser.parse_args(argv)
     return guarded(parser.prog, lambda: work(arguments), extra)
 
@@ -93,37 +80,25 @@ def uninterrupted() -> Iterator[None]:
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
-    """An argument type: a whole number of at least ``least``, and at most ``most``."""
-
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
-        _check_range(text, value, least, most)
-        return value
-
-    return parse
+    """An argument type; so is the next one."""
+    return _ranged(int, "is no whole number", least, most)
 
 
 def finite_number(least: float | None = None, most: float | None = None) -> Callable[[str], float]:
-    """An argument type: a finite number of at least ``least``, and at most ``most``."""
+    return _ranged(float, "is not a finite number", least, most)
 
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
-        _check_range(text, value, least, most)
+
+def _ranged(kind: Callable[[str], T], refusal: str, least: float | None, most: float | None) -> Callable[[str], T]:
+    def parse(text: str) -> T:
+        value: Any = math.nan
+        with contextlib.suppress(ValueError):
+            value = kind(text)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise argparse.ArgumentTypeError(f"{text!r} {refusal}")
+        if least is not None and value < least:
+            raise argparse.ArgumentTypeError(f"{text}: must be at least {least}")
+        if most is not None and value > most:
+            raise argparse.ArgumentTypeError(f"{text}: must be at most {most}")
         return value
 
     return parse
-
-
-def _check_range(text: str, value: float, least: float | None, most: float | None) -> None:
-    if least is not None and value < least:
-        raise argparse.ArgumentTypeError(f"{text}: must be at least {least}")
-    if most is not None and value > most:
-        raise argparse.ArgumentTypeError(f"{text}: must be at most {most}")

@@ -1,9 +1,6 @@
-"""The ``pacman-env`` command: arguments, output and exit status; all work is done by the packages below.
+"""The ``pacman-env`` command: arguments, output and exit status; heavy modules are imported by the command that runs.
 
-A group of subcommands is a function that adds its parsers to the command and sets ``run`` on each of them;
-:data:`GROUPS` lists the groups. The commands of the evaluation and of training have modules of their own, which
-:data:`MODULES` lists. Heavy modules are imported by the subcommand that needs them.
-"""
+A new command is a function in :data:`GROUPS`, or an entry of :data:`MODULES` where it has a module of its own."""
 
 from __future__ import annotations
 
@@ -17,9 +14,8 @@ from typing import Any
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, guarded, run_command, whole_number
-from pacman_env.cli.ros_group import add_ros_group
+from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
 from pacman_env.cli.warm_up import add_warm_up
-from pacman_env.cli.web import add_web
 
 #: By command: its module in this package, and what it does.
 MODULES = {
@@ -39,11 +35,6 @@ MODULES = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status: 0, or 2 after one line on stderr.
-
-    Raises:
-        SystemExit: after ``--help``, ``--version`` and bad arguments, as argparse does.
-    """
     return guarded("pacman-env", lambda: _main(sys.argv[1:] if argv is None else argv))
 
 
@@ -63,16 +54,14 @@ def _main(argv: Sequence[str]) -> int:
 
 
 def _add_map_group(commands: Any) -> None:
-    group = commands.add_parser("map", help="check, list and generate occupancy maps").add_subparsers(
-        metavar="SUBCOMMAND", required=True
-    )
+    parser = commands.add_parser("map", help="check, list and generate occupancy maps")
+    group = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
     check = group.add_parser("check", help="areas, pellets and warnings of one map")
-    check.add_argument("map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name")
-    check.add_argument("--json", action="store_true", help="print the report as JSON")
-    check.add_argument(
-        "--home", nargs=2, type=finite_number(), default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)"
-    )
-    check.add_argument("--spacing", type=finite_number(), default=2.0, help="pellet spacing, m (%(default)s)")
+    add, number = check.add_argument, finite_number()
+    add("map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name")
+    add("--json", action="store_true", help="print the report as JSON")
+    add("--home", nargs=2, type=number, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)")
+    add("--spacing", type=number, default=2.0, help="pellet spacing, m (%(default)s)")
     check.set_defaults(run=_map_check)
     group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)
     generate = group.add_parser("generate", help="write the houses of levels as map files")
@@ -85,6 +74,7 @@ def _add_map_group(commands: Any) -> None:
 def _map_check(arguments: argparse.Namespace) -> int:
     from pacman_env.config import make_config
     from pacman_env.game.pellets import generate_pellets
+    from pacman_env.sim.maps.assets import map_assets
     from pacman_env.world.maps.map_check import check_map
     from pacman_env.world.maps.occupancy import load_map
 
@@ -92,23 +82,16 @@ def _map_check(arguments: argparse.Namespace) -> int:
     occupancy = load_map(arguments.map)
     pellets = generate_pellets(occupancy, config.pellets)
     report = check_map(occupancy, pellets.position, pellets.ids, config, home=tuple(arguments.home))
-    refusal = _refusal(occupancy, config)
+    refusal = None
+    try:
+        map_assets(occupancy, config)
+    except ValueError as error:
+        refusal = str(error)
     if arguments.json:
         print(json.dumps({**report.as_dict(), "refusal": refusal}, indent=2))
     else:
         print(report.render(), *([f"cannot be played: {refusal}"] if refusal else []), sep="\n")
     return 1 if refusal else 0
-
-
-def _refusal(occupancy: Any, config: Any) -> str | None:
-    """Why an environment would refuse the map, None if it would not."""
-    from pacman_env.sim.maps.assets import map_assets
-
-    try:
-        map_assets(occupancy, config)
-    except ValueError as error:
-        return str(error)
-    return None
 
 
 def _map_list(arguments: argparse.Namespace) -> int:
@@ -137,21 +120,19 @@ def _map_generate(arguments: argparse.Namespace) -> int:
 
 def _add_play(commands: Any) -> None:
     play = commands.add_parser("play", help="play rounds in a window, with mouse and keys (F1: which)")
-    play.add_argument(
-        "--map", default="house", metavar="FILE_OR_NAME", help="as for 'map check', or 'generated' (%(default)s)"
-    )
-    play.add_argument("--preset", default="robot", help="robot or ideal (%(default)s)")
-    play.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
-    play.add_argument("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
-    play.add_argument("--clyde-speed", type=finite_number(), metavar="M_PER_S", help="Clyde's speed")
-    play.add_argument("--time-limit", type=finite_number(), metavar="S", help="length of a round at most")
-    play.add_argument("--drive", action="store_true", help="drive with the arrow keys instead of naming goals")
-    play.add_argument("--endless", action="store_true", help="round after round, Clyde faster each time")
-    play.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
-    )
-    play.add_argument("--fps", type=finite_number(), default=20.0, help="pictures per second, about (%(default)s)")
-    play.add_argument("--speed", type=finite_number(), default=1.0, help="times real time (%(default)s)")
+    add, number = play.add_argument, finite_number()
+    map_help = "as for 'map check', or 'generated' (%(default)s)"
+    add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
+    add("--preset", default="robot", help="robot or ideal (%(default)s)")
+    add("--execution", default="robust", help="robust or as_built (%(default)s)")
+    add("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
+    add("--clyde-speed", type=number, metavar="M_PER_S", help="Clyde's speed")
+    add("--time-limit", type=number, metavar="S", help="length of a round at most")
+    add("--drive", action="store_true", help="drive with the arrow keys instead of naming goals")
+    add("--endless", action="store_true", help="round after round, Clyde faster each time")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    add("--fps", type=number, default=20.0, help="pictures per second, about (%(default)s)")
+    add("--speed", type=number, default=1.0, help="times real time (%(default)s)")
     play.set_defaults(run=_play)
 
 
@@ -182,7 +163,81 @@ def _play(arguments: argparse.Namespace) -> int:
     return 0
 
 
-GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, add_web, add_warm_up, add_ros_group)
+def _add_web(commands: Any) -> None:
+    web = commands.add_parser("web", help="the page in a browser: see a game, play it, run it")
+    add = web.add_argument
+    host = "address to listen on; others than this machine need a token (%(default)s)"
+    add("--host", default="127.0.0.1", help=host)
+    add("--port", type=whole_number(0, 65535), default=8000, help="0: any that is free (%(default)s)")
+    name = "by which the page is asked for too; repeatable"
+    add("--name", action="append", default=[], metavar="HOST", help=name)
+    add("--viewers", type=whole_number(1, 1000), default=100, help="at once, at most (%(default)s)")
+    add("--open", action="store_true", help="open the page in a browser of this machine")
+    add = web.add_argument_group("simulated game").add_argument
+    map_help = "as for 'map check', or 'generated' (%(default)s)"
+    add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
+    add("--preset", default="robot", help="robot or ideal (%(default)s)")
+    add("--policy", default="ppo", help="the policy: a name or an .onnx file (%(default)s)")
+    add("--second", default="clyde_aware", help="the policy that is asked beside it (%(default)s)")
+    add("--ghosts", nargs="+", default=["wander"], metavar="BEHAVIOUR", help="of each ghost (wander)")
+    add("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
+    add("--speed", type=finite_number(1, 50), default=1.0, help="times real time, 1 to 50 (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    add = web.add_argument_group("game of ROS nodes").add_argument
+    add("--ros", action="store_true", help="the page of a game that is up, instead of a simulated one")
+    add("--namespace", default="robot_15", help="of the robot (%(default)s)")
+    add("--domain-id", type=whole_number(0), help="ROS_DOMAIN_ID (that of the environment)")
+    add("--sim", action="store_true", help="of a simulated robot, on this machine only")
+    web.set_defaults(run=_web)
+
+
+def _web(arguments: argparse.Namespace) -> int:
+    try:
+        from pacman_env.web.server import Limits, serve
+    except ModuleNotFoundError as error:
+        raise OSError(f"needs {error.name}: pip install 'pacman_env[web]'") from error
+    game = _robots_game(arguments) if arguments.ros else _simulated_game(arguments)
+    opened = None
+    if arguments.open:
+        import webbrowser
+
+        opened = webbrowser.open
+    try:
+        limits = Limits(viewers=arguments.viewers)
+        serve(game, arguments.host, arguments.port, names=arguments.name, limits=limits, opened=opened)
+    finally:
+        game.close()
+    return 0
+
+
+def _robots_game(arguments: argparse.Namespace) -> Any:
+    with what_ros_needs():  # of ROS, the call imports more than its module
+        from pacman_env.ros.operator_page.ros_game import open_game
+
+        return open_game(arguments.namespace, arguments.domain_id, arguments.sim)
+
+
+def _simulated_game(arguments: argparse.Namespace) -> Any:
+    from pacman_env.config import parse_settings
+    from pacman_env.web.rules import GENERATED, Rules
+    from pacman_env.web.simulated import SimulatedGame
+    from pacman_env.world.maps.occupancy import load_map, shipped_maps
+
+    own = arguments.map not in (*shipped_maps(), GENERATED)
+    rules = Rules(
+        map=load_map(arguments.map).name if own else arguments.map,
+        preset=arguments.preset,
+        policy=arguments.policy,
+        second=arguments.second,
+        ghosts=tuple(arguments.ghosts),
+        settings=parse_settings(arguments.set),
+    )
+    files = [name for name in (arguments.policy, arguments.second) if name.endswith(".onnx") or ":" in name]
+    maps = [arguments.map] if own else []
+    return SimulatedGame(rules, maps=maps, policies=files, seed=arguments.seed, speed=arguments.speed)
+
+
+GROUPS: tuple[Callable[[Any], None], ...] = (_add_map_group, _add_play, _add_web, add_warm_up, add_ros_group)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -26,11 +26,7 @@ _SCALARS: dict[Any, dict[str, Any]] = {
 
 
 def parse_options(parser: argparse.ArgumentParser, argv: Sequence[str] | None, default: T) -> T:
-    """A dataclass like ``default`` with what is given on the command line; dataclasses in it are options of their own.
-
-    Raises:
-        SystemExit: after ``--help``, bad arguments, and values that the dataclass refuses.
-    """
+    """A dataclass like ``default`` with the values of the command line; it may contain other dataclasses."""
     _add_options(parser, default)
     arguments = vars(parser.parse_args(argv))
     try:

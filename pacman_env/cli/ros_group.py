@@ -4,69 +4,73 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pacman_env.cli.command import finite_number, uninterrupted, whole_number
 
 WAIT_S = 10.0
+#: The commands of an operator, by name.
+ASKING = {
+    "start": "begin a round of the game that is up",
+    "reset": "break off whatever goes on: back to the menu",
+    "stop": "the robot stands at once, and stays so whatever the game wants",
+    "release": "after a stop: let the robot go on",
+    "status": "how the game stands",
+}
 
 
 def add_ros_group(commands: Any) -> None:
-    """Add the group to the command's subparsers."""
     group = commands.add_parser("ros", help="the game on a robot").add_subparsers(metavar="SUBCOMMAND", required=True)
-    for add in (_add_up, _add_asking, _add_doctor, _add_record, _add_replay):
-        add(group)
+    _add_up(group)
+    for name, text in ASKING.items():
+        parser = group.add_parser(name, help=text)
+        _add_waiting(parser, 0.1, "for an answer")
+        if name == "status":
+            parser.add_argument("--json", action="store_true", help="print everything that is known as JSON")
+        _add_where(parser, partial(_ask, name))
+    _add_doctor(group)
+    _add_record(group)
+    _add_replay(group)
 
 
-def _add_where(parser: Any) -> None:
+def _add_where(parser: Any, run: Any) -> None:
     parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
     parser.add_argument("--domain-id", type=whole_number(0), help="ROS_DOMAIN_ID (that of the environment)")
+    parser.set_defaults(run=run)
+
+
+def _add_waiting(parser: Any, least_s: float, what: str) -> None:
+    parser.add_argument("--sim", action="store_true", help="of a simulated game, on this machine only")
+    wait_s = finite_number(least_s, 3600)
+    parser.add_argument("--wait", type=wait_s, default=WAIT_S, metavar="S", help=f"{what} (%(default)g)")
 
 
 def _add_up(group: Any) -> None:
     up = group.add_parser("up", help="start all nodes, show how the game stands, stop them in order")
-    up.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
-    up.add_argument("--policy", default="ppo", help="what picks the goals: a name or an .onnx file (%(default)s)")
-    up.add_argument(
-        "--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only"
-    )
-    up.add_argument(
-        "--speed", type=finite_number(), default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)"
-    )
-    up.add_argument(
-        "--lock-step",
-        action="store_true",
-        help="with --sim: all nodes in one process, and simulated time waits until each message has been handled",
-    )
-    up.add_argument("--seed", type=whole_number(0), default=0, metavar="S", help="of a lock-step game (%(default)s)")
-    up.add_argument("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
-    up.add_argument("--execution", default="robust", help="robust or as_built (%(default)s)")
-    up.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable"
-    )
-    up.add_argument(
-        "--home",
-        nargs=3,
-        type=finite_number(),
-        metavar=("X", "Y", "HEADING"),
-        help="home, m and rad (where the robot is in the menu)",
-    )
-    up.add_argument("--start", action="store_true", help="begin the first round as soon as everything is there")
-    up.add_argument("--play-on", action="store_true", help="begin every round by itself; only with --sim")
-    up.add_argument(
-        "--web",
-        nargs="?",
-        const=8000,
-        type=whole_number(1, 65535),
-        metavar="PORT",
-        help="the operator's page too, for browsers on this machine (port 8000)",
-    )
-    up.add_argument("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
-    _add_where(up)
-    up.set_defaults(run=_up)
+    add, number, port = up.add_argument, finite_number(), whole_number(1, 65535)
+    add("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
+    add("--policy", default="ppo", help="what picks the goals: a name or an .onnx file (%(default)s)")
+    add("--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only")
+    add("--speed", type=number, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
+    in_step = "with --sim: all nodes in one process, and simulated time waits until each message has been handled"
+    add("--lock-step", action="store_true", help=in_step)
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="of a lock-step game (%(default)s)")
+    add("--preset", default="robot", help="what every node plays by: robot or ideal (%(default)s)")
+    add("--execution", default="robust", help="robust or as_built (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    home, pose = "home, m and rad (where the robot is in the menu)", ("X", "Y", "HEADING")
+    add("--home", nargs=3, type=number, metavar=pose, help=home)
+    add("--start", action="store_true", help="begin the first round as soon as everything is there")
+    add("--play-on", action="store_true", help="begin every round by itself; only with --sim")
+    page = "the operator's page too, for browsers on this machine (port 8000)"
+    add("--web", nargs="?", const=8000, type=port, metavar="PORT", help=page)
+    add("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
+    _add_where(up, _up)
 
 
 def _up(arguments: argparse.Namespace) -> int:
@@ -84,54 +88,21 @@ def _up(arguments: argparse.Namespace) -> int:
     return up(setup, arguments.domain_id, arguments.logs, arguments.start, arguments.play_on)
 
 
-def _add_asking(group: Any) -> None:
-    words = {
-        "start": "begin a round of the game that is up",
-        "reset": "break off whatever goes on: back to the menu",
-        "stop": "the robot stands at once, and stays so whatever the game wants",
-        "release": "after a stop: let the robot go on",
-        "status": "how the game stands",
-    }
-    for name, text in words.items():
-        parser = group.add_parser(name, help=text)
-        parser.add_argument("--sim", action="store_true", help="of a simulated game, on this machine only")
-        parser.add_argument(
-            "--wait", type=finite_number(0.1, 3600), default=WAIT_S, metavar="S", help="for an answer (%(default)g)"
-        )
-        if name == "status":
-            parser.add_argument("--json", action="store_true", help="print everything that is known as JSON")
-        _add_where(parser)
-        parser.set_defaults(run=_asking(name))
-
-
-def _asking(name: str) -> Callable[[argparse.Namespace], int]:
-    def ask(arguments: argparse.Namespace) -> int:
-        with what_ros_needs():
-            from pacman_env.ros.supervisor import operator
-        where = arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait
-        if name == "status":
-            return operator.status(*where, as_json=arguments.json)
-        if name in ("stop", "release"):
-            return (operator.stop if name == "stop" else operator.release)(*where)
-        return operator.ask(name, *where)
-
-    return ask
+def _ask(name: str, arguments: argparse.Namespace) -> int:
+    with what_ros_needs():
+        from pacman_env.ros.supervisor import operator
+    where = arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait
+    if name == "status":
+        return operator.status(*where, as_json=arguments.json)
+    return operator.COMMANDS[name](*where)
 
 
 def _add_doctor(group: Any) -> None:
     doctor = group.add_parser("doctor", help="whether robot, Nav2 and game are ready, and what to do where not")
     doctor.add_argument("--map", metavar="FILE_OR_NAME", help="the map of the game, to compare with the robot's")
-    doctor.add_argument("--sim", action="store_true", help="of a simulated game, on this machine only")
-    doctor.add_argument(
-        "--wait",
-        type=finite_number(0.5, 3600),
-        default=WAIT_S,
-        metavar="S",
-        help="for messages and answers (%(default)g)",
-    )
+    _add_waiting(doctor, 0.5, "for messages and answers")
     doctor.add_argument("--json", action="store_true", help="print the findings as JSON")
-    _add_where(doctor)
-    doctor.set_defaults(run=_doctor)
+    _add_where(doctor, _doctor)
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
@@ -146,8 +117,7 @@ def _add_record(group: Any) -> None:
     record.add_argument("--out", type=Path, metavar="FOLDER", help="the new bag")
     record.add_argument("--recover", type=Path, metavar="BAG", help="make a whole bag of one whose recorder was killed")
     record.add_argument("--sim", action="store_true", help="stamp with the simulated robot's clock, on this machine")
-    _add_where(record)
-    record.set_defaults(run=_record)
+    _add_where(record, _record)
 
 
 def _record(arguments: argparse.Namespace) -> int:
@@ -177,13 +147,13 @@ def _replay(arguments: argparse.Namespace) -> int:
     with what_ros_needs():
         from pacman_env.ros.bags.bag_replay import replay_bag
     report = replay_bag(arguments.bag, arguments.map, arguments.policy, arguments.namespace)
-    print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.render())
+    print(json.dumps(dataclasses.asdict(report), indent=2) if arguments.json else report.render())
     return 0
 
 
 @contextlib.contextmanager
 def what_ros_needs() -> Iterator[None]:
-    """A package that is missing becomes one line that says where it comes from; Ctrl-C waits for the import's end."""
+    """A package that is missing becomes one line that names its source; Ctrl-C waits for the import's end."""
     try:
         with uninterrupted():
             yield

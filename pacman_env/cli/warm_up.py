@@ -1,8 +1,6 @@
-"""The command ``pacman-env warm-up``: compiles beforehand what ordinary use needs, for an image or a new machine.
+"""The command ``pacman-env warm-up`` compiles beforehand what ordinary use needs, for an image or a new machine.
 
-Small games are played in every way that makes other kernels necessary; what that has compiled stays in the cache. What
-is done already is marked there, by compiler and processor: machine code for another one is not used.
-"""
+Small games make the kernels necessary; the cache keeps them and a mark for each part, by compiler and processor."""
 
 from __future__ import annotations
 
@@ -10,6 +8,7 @@ import hashlib
 import sys
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 _STEPS = 12
@@ -124,23 +123,21 @@ def _two_players() -> None:
 
 
 def _robot() -> None:
-    from pacman_env.config import make_config
     from pacman_env.policies.registry import policy_names
     from pacman_env.ros.supervisor.game_nodes import GameSetup
     from pacman_env.ros.supervisor.warm_up import parts, rehearse
 
     for policy in policy_names():
-        for part in parts(GameSetup("house", policy, sim=True)):
-            rehearse(part, "house", make_config("robot", "robust"))
-            if part.mark is not None:
-                part.mark.touch()
+        setup = GameSetup("house", policy, sim=True)
+        for part in parts(setup):
+            rehearse(part, setup)
 
 
 #: What is done, by the name that is printed.
 PARTS: dict[str, Callable[[], None]] = {
     "PacManBotFlat-v0": _learners_env,
     "all arguments": _every_argument,
-    "generated houses": _generated_houses,
+    "generated houses": partial(_play, map="generated", num_levels=1),
     "two players": _two_players,
     "policies": _policies,
 }

@@ -1,5 +1,3 @@
-"""The game as ROS 2 nodes, each started as ``python -m pacman_env.ros.NAME``.
+"""The game as ROS 2 nodes, each started as ``python -m pacman_env.ros.NAME``; only this folder imports ROS.
 
-The nodes are thin: rules live in ``pacman_env.game``, choices in ``pacman_env.policies``; here they meet messages.
-Only this folder imports ROS, and importing the folder itself imports nothing.
-"""
+Rules are in ``pacman_env.game``, choices in ``pacman_env.policies``. Importing the folder itself imports nothing."""

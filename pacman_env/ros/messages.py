@@ -1,8 +1,6 @@
-"""Messages to plain values and back. What comes in is checked here, so that rules only ever see good numbers.
+"""Messages to plain values and back; what reads a message raises BadMessage. Stamps are ``builtin_interfaces/Time``.
 
-Poses are (x, y, theta) in m, m, rad, positions (x, y) in m, in the map frame unless another is named; stamps are
-``builtin_interfaces/Time``. Names of topics and words are in ``topics.py``.
-"""
+Poses are (x, y, theta) in m, m, rad, positions (x, y) in m, in the map frame unless another is named."""
 
 from __future__ import annotations
 
@@ -30,14 +28,13 @@ Position = tuple[float, float]
 Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
 
 
-#: (9, 2) what Nav2's costmap sees of a ghost: he and eight points around him, as multiples of their distance.
-GHOST_OBSTACLE = np.array(
-    [(0.0, 0.0), *((math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8))], dtype=np.float64
-)
+_AROUND = [(math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8)]
+#: (9, 2) a ghost in Nav2's costmap: its place and eight points around it, as multiples of their distance.
+GHOST_OBSTACLE = np.array([(0.0, 0.0), *_AROUND], dtype=np.float64)
 
 
 class BadMessage(ValueError):
-    """A message that no rule may see; says what is wrong with it."""
+    """A message that no rule may receive, and what is wrong with it."""
 
 
 def _position(point: Any) -> Position:
@@ -64,32 +61,17 @@ def _check_frame(header: Any, frame: str) -> None:
 
 
 def pose_of(message: Any, frame: str = "map") -> Pose:
-    """The pose in a PoseStamped or a PoseWithCovarianceStamped.
-
-    Raises:
-        BadMessage: another frame, a number that is not finite, farther than 1 km, a quaternion not of length 1.
-    """
     _check_frame(message.header, frame)
     pose = getattr(message.pose, "pose", message.pose)  # PoseWithCovariance holds a Pose
     return *_position(pose.position), _yaw(pose.orientation)
 
 
 def point_of(message: Any, frame: str = "map") -> Position:
-    """The position in a PointStamped.
-
-    Raises:
-        BadMessage: as ``pose_of``.
-    """
     _check_frame(message.header, frame)
     return _position(message.point)
 
 
 def word_of(message: Any, words: Collection[str] | None = None) -> str:
-    """The word in a String, trimmed and in lower case.
-
-    Raises:
-        BadMessage: longer than 200 characters, or none of ``words``.
-    """
     text: str = message.data
     if len(text) > LONGEST_WORD:
         raise BadMessage(f"a word of {len(text)} characters, at most {LONGEST_WORD}")
@@ -100,11 +82,6 @@ def word_of(message: Any, words: Collection[str] | None = None) -> str:
 
 
 def number_of(message: Any, low: float, high: float) -> float:
-    """The number in an Int32 or a Float32.
-
-    Raises:
-        BadMessage: not finite, or not within ``low`` to ``high``.
-    """
     value = message.data
     if not low <= value <= high:  # nor NaN
         raise BadMessage(f"number {value!r}: must be within {low:g} and {high:g}")
@@ -112,13 +89,7 @@ def number_of(message: Any, low: float, high: float) -> float:
 
 
 def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[int, Position]:
-    """Positions by id of the pellets that a MarkerArray leaves on an empty screen, in the array's order.
-
-    Markers of other namespaces are not looked at.
-
-    Raises:
-        BadMessage: as ``pose_of``, a negative id, more than ``limit`` markers.
-    """
+    """Positions by id of the pellets that a MarkerArray leaves on an empty screen, in the array's order."""
     if len(message.markers) > limit:
         raise BadMessage(f"{len(message.markers)} markers: at most {limit}")
     pellets: dict[int, Position] = {}
@@ -140,11 +111,7 @@ def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[in
 
 
 def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray[np.float64]:
-    """(N, 2) x, y in m of the finite points of a PointCloud2.
-
-    Raises:
-        BadMessage: another frame, more than ``limit`` points, no float32 x and y, sizes that do not fit the data.
-    """
+    """(N, 2) x, y in m of the finite points of a PointCloud2."""
     _check_frame(message.header, frame)
     count = message.width * message.height
     if count > limit:
@@ -155,36 +122,25 @@ def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray
     if max(offset["x"], offset["y"]) + 4 > message.point_step or count * message.point_step != len(message.data):
         raise BadMessage(f"{len(message.data)} bytes are not {count} points of {message.point_step} bytes")
     order = ">" if message.is_bigendian else "<"
-    layout = np.dtype(
-        {
-            "names": ["x", "y"],
-            "formats": [f"{order}f4"] * 2,
-            "offsets": [offset["x"], offset["y"]],
-            "itemsize": message.point_step,
-        }
-    )
+    formats, offsets = [f"{order}f4"] * 2, [offset["x"], offset["y"]]
+    size = message.point_step
+    layout = np.dtype({"names": ["x", "y"], "formats": formats, "offsets": offsets, "itemsize": size})
     cloud = np.frombuffer(bytes(message.data), layout)
     points = np.column_stack((cloud["x"], cloud["y"])).astype(np.float64)
     return points[np.isfinite(points).all(axis=1)]
 
 
 def transform_of(message: Any) -> tuple[str, str, Pose]:
-    """Parent frame, child frame and pose of the child in the parent, of a TransformStamped.
-
-    Raises:
-        BadMessage: as ``pose_of``.
-    """
+    """Parent frame, child frame and pose of the child in the parent."""
     pose = *_position(message.transform.translation), _yaw(message.transform.rotation)
     return message.header.frame_id, message.child_frame_id, pose
 
 
 def nanoseconds_of(stamp: Any) -> int:
-    """A builtin_interfaces Time as whole nanoseconds."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def seconds_of(time: Any) -> float:
-    """A Time or a Duration in s."""
     return time.sec + time.nanosec * 1e-9
 
 
@@ -194,21 +150,19 @@ def _set_pose(pose: Any, x: float, y: float, theta: float) -> None:
 
 
 def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str = "map") -> Any:
-    """A PoseStamped."""
     message = PoseStamped(header=Header(stamp=stamp, frame_id=frame))
     _set_pose(message.pose, x, y, theta)
     return message
 
 
 def twist_message(v_mps: float, w_radps: float, stamp: Any, frame: str = "base_link") -> Any:
-    """A TwistStamped: forwards and to the left are positive."""
+    """Forwards and to the left are positive."""
     message = TwistStamped(header=Header(stamp=stamp, frame_id=frame))
     message.twist.linear.x, message.twist.angular.z = float(v_mps), float(w_radps)
     return message
 
 
 def transform_message(parent: str, child: str, pose: Pose, stamp: Any) -> Any:
-    """A TransformStamped."""
     x, y, theta = pose
     message = TransformStamped(header=Header(stamp=stamp, frame_id=parent), child_frame_id=child)
     message.transform.translation.x, message.transform.translation.y = float(x), float(y)
@@ -219,7 +173,6 @@ def transform_message(parent: str, child: str, pose: Pose, stamp: Any) -> Any:
 def marker_message(
     namespace: str, number: int, at: Position, diameter_m: float, colour: Colour, stamp: Any, frame: str = "map"
 ) -> Any:
-    """A Marker that adds a sphere, standing on the floor."""
     marker = Marker(header=Header(stamp=stamp, frame_id=frame), ns=namespace, id=number)
     marker.type, marker.action = Marker.SPHERE, Marker.ADD
     _set_pose(marker.pose, *at, 0.0)
@@ -231,7 +184,6 @@ def marker_message(
 
 
 def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map") -> Any:
-    """A MarkerArray of all pellets there are: DELETEALL, then a sphere each."""
     clear = Marker(header=Header(stamp=stamp, frame_id=frame), ns=PELLETS, action=Marker.DELETEALL)
     yellow = (1.0, 1.0, 0.0)
     spheres = [
@@ -241,7 +193,7 @@ def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map") 
 
 
 def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0, frame: str = "map") -> Any:
-    """A PointCloud2 of (N, 2) x, y in m, all at height ``z``; float32."""
+    """Of (N, 2) x, y in m, all at height ``z``; float32."""
     data = np.full((len(points), 3), z, dtype="<f4")
     data[:, :2] = points
     fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, name in enumerate("xyz")]
@@ -259,11 +211,6 @@ def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0, frame
 
 
 def object_of(message: Any, longest: int) -> dict[str, Any]:
-    """The JSON object in a String of at most ``longest`` characters.
-
-    Raises:
-        BadMessage: it holds none.
-    """
     if len(message.data) > longest:
         raise BadMessage(f"{len(message.data)} characters: at most {longest}")
     try:

@@ -1,10 +1,9 @@
-"""How a node of the game lives: start, parameters, configuration, troubles, and a stop whose last messages arrive.
-
-What a node does is not here. ``run`` is the whole ``main`` of every node.
-"""
+"""The life of every node: start, parameters, configuration, troubles, and a stop whose last messages arrive."""
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import json
 import math
 import signal
@@ -12,7 +11,8 @@ import sys
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import rclpy
@@ -28,56 +28,58 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from pacman_env.config import EXECUTIONS, PRESETS, differences, make_config, parse_settings
+from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config, parse_settings
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .discovery import simulated, stay_on_this_machine
 from .messages import BadMessage
-from .process_memory import settle
 from .standstill import STOOD_STILL, Standstill, lease_s
+from .supervisor.game_nodes import QUIET
 from .surroundings import current
 from .topics import CONFIGURATION
 
 LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
 TEARDOWN_S = 5  # many participants that leave at once can hang inside FastDDS
-POLL_S = 0.2  # a signal is seen this late at most
+POLL_S = 0.2  # a signal is noticed this late at most
 BAD_START = 2  # exit status
-_LONGEST = 100_000  # characters of a configuration that is listened to
+_LONGEST = 100_000  # characters of a configuration that is read
 _LISTED = 5  # differing fields that are named
+_MADV_DONTNEED = 4  # Linux
 
 Value = TypeVar("Value", bool, int, float, str)
 
 
 class BaseNode(Node):
-    """A node with last messages, whose troubles are said once."""
+    """A node with last messages, whose troubles are logged once."""
 
     def __init__(self, name: str, **options: Any) -> None:
         self.surroundings = current()
         super().__init__(name, **{**self.surroundings.options(), **options})
         self.once = Once(self.get_logger())
-        self.status: int | None = None  # with which the node ends by itself; None: it goes on
+        self.status: int | None = None  # with which the node ends by itself, None while it runs
         self.silent = False  # the node ends without its last messages
         self._latest_s = 0.0
         self._set_back_s = 0.0  # by how much the clock was, in all
 
-    def create_publisher(self, *arguments: Any, **options: Any) -> Any:
-        """As rclpy's; the node's surroundings may watch what is published."""
-        return self._made(super().create_publisher(*arguments, **options))
-
     def create_subscription(self, kind: Any, topic: str, callback: Any, qos_profile: Any, **options: Any) -> Any:
-        """As rclpy's; the node's surroundings may have the middleware keep more messages than the profile says."""
+        """As rclpy's; the node's surroundings may have the middleware keep more messages than the profile asks for."""
         sub = super().create_subscription(kind, topic, callback, self.surroundings.kept(qos_profile), **options)
         if isinstance(qos_profile, QoSProfile):
             sub.qos_profile = qos_profile
         return sub
 
+    def create_publisher(self, *arguments: Any, **options: Any) -> Any:
+        return self._made(super().create_publisher(*arguments, **options))
+
     def create_client(self, *arguments: Any, **options: Any) -> Any:
-        """As rclpy's; the node's surroundings may watch what is sent."""
         return self._made(super().create_client(*arguments, **options))
 
     def create_service(self, *arguments: Any, **options: Any) -> Any:
-        """As rclpy's, likewise."""
         return self._made(super().create_service(*arguments, **options))
+
+    def _made(self, entity: Any) -> Any:
+        self.surroundings.watch(entity)
+        return entity
 
     def destroy_node(self) -> None:
         """As rclpy's, which forgets the ends of actions: while anything refers to them, the node is not gone."""
@@ -85,66 +87,39 @@ class BaseNode(Node):
             waitable.destroy()
         super().destroy_node()
 
-    def _made(self, entity: Any) -> Any:
-        self.surroundings.watch(entity)
-        return entity
-
     def now_s(self) -> float:
-        """The node's time, s, to measure how long something takes: it goes on where the clock is set back."""
+        """The node's time, s, to measure how long something takes: it continues where the clock is set back."""
         now_s = float(self.get_clock().now().nanoseconds) * 1e-9
         self._set_back_s += max(0.0, self._latest_s - now_s)
         self._latest_s = now_s
         return now_s + self._set_back_s
 
-    def listen(self, topic: Any, take: Callable[[Any], object], trouble: str) -> Any:
-        """A subscription whose bad messages reach the log once, as that kind of trouble, and nothing else.
+    def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
+        """A subscription; what ``handle`` raises as BadMessage is logged once, as that kind of trouble."""
 
-        Args:
-            topic: one of ``topics.py``.
-            take: called with each message; what it raises as BadMessage is said.
-            trouble: the key of :class:`Once`.
-        """
-
-        def hear(message: Any) -> None:
+        def receive(message: Any) -> None:
             try:
-                take(message)
+                handle(message)
             except BadMessage as error:
                 self.once.warning(trouble, f"{topic.name}: {error}")
 
-        return topic.subscription(self, hear)
+        return topic.subscription(self, receive)
 
     def refuse(self, reason: str) -> None:
-        """End as a node that cannot be started does, without a word to the others: their game goes on."""
+        """End as a node that cannot be started does, without last messages: the others continue their game."""
         print(f"{self.get_name()}: {reason}", file=sys.stderr, flush=True)
         self.status, self.silent = BAD_START, True
 
     def last_messages(self) -> Iterable[Any]:
-        """Publish what must be said last: stop, lights off. Called once, before the context is shut down.
-
-        Returns:
-            Futures whose answers are worth waiting for, such as the cancelling of a goal.
-        """
+        """Publish stop, lights off and the like before the context is shut down; the end waits for the futures."""
         return ()
 
 
 class GameNode(BaseNode):
-    """A node that plays by a configuration, which it publishes and compares with that of every other.
+    """A node that plays by a configuration, which it publishes and compares with that of every other."""
 
-    Args:
-        name: of the node.
-        with_map: it plays on the map of the parameter ``map_yaml``.
-        options: of rclpy's Node.
-
-    Attributes:
-        config: the configuration of the parameters ``preset``, ``execution`` and ``settings``.
-        map: the occupancy map, of a node with one.
-
-    Raises:
-        ConfigError: there is no such configuration.
-        MapError: the map cannot be read.
-    """
-
-    map: OccupancyMap
+    config: Config  # of the parameters preset, execution and settings
+    map: OccupancyMap  # of the parameter map_yaml
 
     def __init__(self, name: str, *, with_map: bool = False, **options: Any) -> None:
         super().__init__(name, **options)
@@ -169,11 +144,11 @@ class GameNode(BaseNode):
         self._configuration.publish(CONFIGURATION.type(data=json.dumps(self._plays)))
 
     def acts(self) -> bool:
-        """Whether the node takes a part that only one may take: then the later of two is refused."""
+        """Whether only one such node may run: the later of two is refused."""
         return True
 
     def _compare(self, message: Any) -> None:
-        """Say by which fields another node differs, once for each other node; again only after they agreed."""
+        """Log by which fields another node differs, once for each node; again only after they agreed."""
         own = self._plays
         try:
             other = json.loads(message.data[:_LONGEST])
@@ -200,7 +175,7 @@ class GameNode(BaseNode):
 
 
 def process_of(message: Any) -> dict[str, Any] | None:
-    """What a String says, as JSON, of the process that sent it; None: nothing of that kind."""
+    """The JSON in a String that describes the process of its sender; None if it does not."""
     try:
         found = json.loads(message.data[:_LONGEST])
         started(found)
@@ -210,7 +185,6 @@ def process_of(message: Any) -> dict[str, Any] | None:
 
 
 def process_words(plays: Mapping[str, Any]) -> str:
-    """Which process it is that published this configuration."""
     started_s, host, number = started(plays)
     return f"process {number} on {host}, since {time.strftime('%H:%M:%S', time.localtime(started_s))}"
 
@@ -222,26 +196,24 @@ def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
 
 
 class Once:
-    """Says each kind of trouble once and counts the rest, so that a bad peer cannot fill the log."""
+    """Logs each kind of trouble once and counts the rest, so that a bad peer cannot fill the log."""
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
         self.counts: Counter[str] = Counter()
 
     def warning(self, key: str, text: str) -> None:
-        """Log ``text`` if it is the first trouble of the kind ``key``; count it in any case."""
         self.counts[key] += 1
         if self.counts[key] == 1:
             self._logger.warning(text)
 
     def over(self, key: str) -> None:
-        """The trouble has ended: say so if there was any; the next one is said again."""
+        """The trouble has ended, which is logged if there was any; the next one is logged again."""
         count = self.counts.pop(key, 0)
         if count:
             self._logger.info(f"{key}: over, after {count} time{'s' if count > 1 else ''}")
 
     def summary(self) -> None:
-        """Log how often what was said once has happened."""
         for key, count in self.counts.items():
             if count > 1:
                 self._logger.warning(f"{key}: {count} times")
@@ -250,20 +222,7 @@ class Once:
 def parameter(
     node: Any, name: str, default: Value, description: str, low: float | None = None, high: float | None = None
 ) -> Value:
-    """Declare a parameter that is read once, at the start, and return its value.
-
-    Args:
-        node: Of rclpy.
-        name: As in ``-p name:=value``.
-        default: Its type is the parameter's type.
-        description: With the unit.
-        low: Least value, of numbers only; needs ``high``.
-        high: Greatest value.
-
-    Raises:
-        rclpy.exceptions.ParameterException: a value of another type, or out of range.
-        ValueError: a value that is not finite.
-    """
+    """Declare a parameter that is read once, at the start, and return its value; its type is that of the default."""
     descriptor = ParameterDescriptor(description=description, read_only=True)
     if low is not None and high is not None:
         if isinstance(default, float):
@@ -277,11 +236,7 @@ def parameter(
 
 
 class Stop:
-    """SIGINT and SIGTERM ask for the end, for as long as the block lasts; more than one change nothing.
-
-    Args:
-        breaks_off: they also raise KeyboardInterrupt, until that is set to False.
-    """
+    """SIGINT and SIGTERM ask for the end within the block; with ``breaks_off`` they also raise KeyboardInterrupt."""
 
     def __init__(self, breaks_off: bool = False) -> None:
         self.asked = False
@@ -302,28 +257,13 @@ class Stop:
 
 
 def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = None, stopped: int = 0) -> int:
-    """Make the node and spin it in one thread until a signal or its own end; then its last messages and shutdown.
+    """Make the node and spin it in the main thread until a signal or its own end; then its last messages and shutdown.
 
-    One that stood still for too long ends by itself, with status 75, to be started again (``standstill.py``).
-
-    To be called in the main thread. ROS's own signal handlers stay out: they end the context first, and nothing can
-    be published any more.
-
-    Args:
-        make: Makes the node, after rclpy's start.
-        name: For what is said before the node can speak for itself.
-        argv: Arguments without the program's name, ``sys.argv`` by default; only ``--ros-args ...`` are known.
-        stopped: The exit status after a signal.
-
-    Returns:
-        The exit status: ``stopped``, or the node's own, or 2 if it could not be made, after one line on stderr.
-
-    Raises:
-        Exception: what a callback raised, after the last messages.
+    The exit status is ``stopped`` after a signal, the node's own (75 after a standstill), or 2 if it cannot be made.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     node = None
-    # Who asked and is gone before the answer is no reason to end, even where warnings are errors.
+    # A client that is gone before the response is no reason to end, even where warnings are errors.
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     with Stop(breaks_off=True) as stop:
         try:
@@ -335,13 +275,14 @@ def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = No
             if simulated(arguments):
                 stay_on_this_machine()
             longest_s = lease_s()
+            # ROS's own signal handlers would end the context before the last messages.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             node = make()
             stop.breaks_off = False
             settle()
             _spin(node, stop, longest_s)
         except KeyboardInterrupt:
-            pass  # there is no node yet that could say anything
+            pass  # there is no node yet that has last messages
         except (ValueError, OSError, ParameterException, rclpy_implementation.RCLError) as error:
             if node is not None:
                 raise
@@ -378,3 +319,61 @@ def _spin(node: BaseNode, stop: Stop, longest_s: float) -> None:
         for publisher in node.publishers:
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
         executor.shutdown()
+
+
+def settle() -> int:
+    """Release the memory that only the start needed; the number of mappings released."""
+    gc.collect()
+    gc.freeze()  # else a pass takes 10 ms, with a compiler's tables
+    if sys.platform != "linux":
+        return 0
+    madvise = ctypes.CDLL(None).madvise
+    madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    # Pages of libraries' code, above all LLVM's; those that are needed again come from the page cache.
+    return sum(madvise(start, size, _MADV_DONTNEED) == 0 for start, size in list(_code()))
+
+
+def _code() -> Iterator[tuple[int, int]]:
+    """Address and size (bytes) of mappings of files' code, without code compiled at run time."""
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        addresses, permissions, _, _, inode, *_ = line.split(maxsplit=5)
+        if permissions == "r-xp" and inode != "0":
+            start, end = (int(address, 16) for address in addresses.split("-"))
+            yield start, end - start
+
+
+def own_context(domain: int | None = None) -> rclpy.Context:
+    context = rclpy.Context()
+    no_signals = SignalHandlerOptions.NO
+    rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
+    return context
+
+
+class Observer(Node):
+    """A node beside a game: it works while it is spun, in a context of its own, which ``close`` shuts down."""
+
+    def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
+        super().__init__(name, namespace=namespace, context=own_context(domain), **options)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self)
+
+    def __enter__(self) -> Any:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def spin(self, timeout_s: float) -> None:
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    def spin_until(self, condition: Callable[[], object], timeout_s: float) -> bool:
+        """Whether the condition holds before the time is over."""
+        end = time.monotonic() + timeout_s
+        while not (holds := bool(condition())) and time.monotonic() < end:
+            self.spin(0.05)
+        return holds

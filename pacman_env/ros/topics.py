@@ -1,8 +1,6 @@
 """Names, types and QoS of everything that the nodes exchange, and the words on the topics.
 
-Names are relative, so that a node's namespace applies. A type is imported when its topic is first used: a node
-needs only the message packages it speaks. What a message must hold is checked in ``messages.py``.
-"""
+Names are relative to a node's namespace. A type is imported when its topic is first used, so others may be missing."""
 
 from __future__ import annotations
 
@@ -29,14 +27,13 @@ def _qos(depth: int, *, latched: bool = False, best_effort: bool = False) -> QoS
 
 
 LATCHED = _qos(1, latched=True)
-#: Commands come in bursts, and a depth of 1 keeps only the last of one; depth is no part of compatibility, so
-#: nodes with the original's depth can still listen.
+#: Commands come in bursts, of which a depth of 1 keeps only the last; nodes with the original's depth are compatible.
 COMMANDS = _qos(32, latched=True)
-#: A listener keeps as much of a latched topic: with a depth of 1, a foreign word that follows closely pushes out the
-#: true one before it is read.
-HEARD_LATCHED = _qos(10, latched=True)
+#: Of subscriptions to latched topics: with a depth of 1, another message that follows closely replaces the true one
+#: before it is read.
+RECEIVED_LATCHED = _qos(10, latched=True)
 EVENTS = _qos(10)
-#: What is said while a listener is away comes to him whole: all the pellets of a round, and its end.
+#: A subscriber that was absent receives all of a round: its pellets and its end.
 REPORTS = _qos(200)
 SENSOR_DATA = _qos(5, best_effort=True)
 TRANSFORMS = _qos(100)
@@ -54,83 +51,68 @@ class _Interface:
 
     @property
     def type(self) -> Any:
-        """The class of messages, or of a service's or an action's parts."""
         package, _, name = self.type_name.partition("/")
         return attrgetter(name)(importlib.import_module(f"{package}.{self.kind}"))
 
 
 @dataclass(frozen=True)
 class Topic(_Interface):
-    """One topic."""
-
     qos: QoSProfile
     kind = "msg"
 
     def publisher(self, node: Any) -> Any:
-        """A publisher of ``node`` on this topic."""
         return node.create_publisher(self.type, self.name, self.qos)
 
     def subscription(self, node: Any, callback: Callable[[Any], None], **options: Any) -> Any:
-        """A subscription of ``node``; ``options`` go to ``create_subscription``."""
-        qos = HEARD_LATCHED if self.qos == LATCHED else self.qos
+        qos = RECEIVED_LATCHED if self.qos == LATCHED else self.qos
         return node.create_subscription(self.type, self.name, callback, qos, **options)
 
 
 @dataclass(frozen=True)
 class Service(_Interface):
-    """One service; its type has Request and Response."""
-
     kind = "srv"
 
     def client(self, node: Any, **options: Any) -> Any:
-        """A client of ``node``."""
         return node.create_client(self.type, self.name, **options)
 
     def server(self, node: Any, callback: Callable[[Any, Any], Any], **options: Any) -> Any:
-        """A server of ``node``; ``callback(request, response)`` returns the response."""
         return node.create_service(self.type, self.name, callback, **options)
 
 
 class FeedbackTopic(Topic):
-    """The topic on which an action's server tells how its goals get on; of interest is the newest alone."""
+    """Of an action's feedback, of which only the newest is of interest."""
 
     kind = "action"
 
 
 @dataclass(frozen=True)
 class RosAction(_Interface):
-    """One action; its type has Goal, Feedback and Result."""
-
     kind = "action"
 
     def client(self, node: Any, **options: Any) -> Any:
-        """An ``ActionClient`` of ``node``."""
         return ActionClient(node, self.type, self.name, **options)
 
     @property
     def statuses(self) -> Topic:
-        """The topic with the statuses of all its goals that the server still lists."""
+        """With the statuses of all goals that the server still lists."""
         return Topic(f"{self.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     @property
     def feedback(self) -> FeedbackTopic:
-        """The topic of its feedback."""
         return FeedbackTopic(f"{self.name}/_action/feedback", f"{self.type_name}.Impl.FeedbackMessage", _qos(1))
 
     def goal_client(self, node: Any, **options: Any) -> Any:
-        """A client of ``node`` for the service that takes goals."""
         return node.create_client(self.type.Impl.SendGoalService, f"{self.name}/_action/send_goal", **options)
 
     def result_client(self, node: Any, **options: Any) -> Any:
-        """A client of ``node`` for the service that answers when a goal has ended."""
+        """For the service that responds when a goal has ended."""
         return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
 
     def cancel_client(self, node: Any, **options: Any) -> Any:
-        """A client of ``node`` for action_msgs/CancelGoal, by a goal's id, be it accepted or not."""
+        """It cancels a goal by its id, accepted or not."""
         return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
-        """An ``ActionServer`` of ``node``; ``options`` are its callbacks."""
         server = ActionServer(node, self.type, self.name, execute, **options)
         server.statuses_name = node.resolve_topic_name(self.statuses.name)  # rclpy does not keep it
         return server
@@ -148,7 +130,7 @@ ROUND = Topic("game/round", "std_msgs/Int32", LATCHED)
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
-#: JSON: whether the robot is to stand whatever else is said, who said so and when (``operator_stop.py``).
+#: JSON: whether the robot is to stand whatever else is asked, by whose request and since when (``operator_stop.py``).
 OPERATOR_STOP = Topic("operator/stop", "std_msgs/String", LATCHED)
 
 PELLET_MARKERS = Topic("pellet_markers", "visualization_msgs/MarkerArray", EVENTS)
@@ -157,7 +139,7 @@ GHOST_POSES = tuple(Topic(f"{name}_pose", "geometry_msgs/PoseStamped", EVENTS) f
 CLYDE_POSE = GHOST_POSES[0]
 CLYDE_MARKER = Topic("clyde_marker", "visualization_msgs/Marker", EVENTS)
 CLYDE_OBSTACLE = Topic("clyde_obstacle", "sensor_msgs/PointCloud2", EVENTS)
-CLYDE_TRAIL = Topic("clyde_trail", "sensor_msgs/PointCloud2", EVENTS)  # what costmaps clear of him: ghost_trail.py
+CLYDE_TRAIL = Topic("clyde_trail", "sensor_msgs/PointCloud2", EVENTS)  # what costmaps clear again: ghost_trail.py
 CLICKED_POINT = Topic("clicked_point", "geometry_msgs/PointStamped", EVENTS)  # places Clyde before a round
 GAME_EVENT = Topic("game_event", "std_msgs/String", EVENTS)
 GAME_STATUS = Topic("game_status", "std_msgs/String", REPORTS)
@@ -197,11 +179,9 @@ MOTIONS = (
 
 
 def motion_canceller(node: Any, name: str) -> Any:
-    """A client of ``node`` that ends an action's goals, whatever its type, which need not be installed."""
+    """It cancels goals of an action whose type need not be installed."""
     return node.create_client(CancelGoal, f"{name}/_action/cancel_goal")
 
 
 STATE_WORDS = frozenset(get_args(State))
 COMMAND_WORDS = frozenset(get_args(Command))
-#: ``pellet_collected`` is followed by a colon and the pellet's id.
-STATUS_WORDS = frozenset({"pellet_collected", "death_detected", "game_complete", "home_reached", "home_failed"})

@@ -71,7 +71,7 @@ def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_a_map_and_a_policy_of_ones_own_can_be_chosen(tmp_path: Path) -> None:
-    from pacman_env.cli.web import _simulated_game
+    from pacman_env.cli.main import _simulated_game
     from pacman_env.world.maps.occupancy import load_map
 
     load_map("loop").save(tmp_path / "mine.yaml")

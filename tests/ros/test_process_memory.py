@@ -13,7 +13,7 @@ PROGRAM = """
 import gc, re
 from pathlib import Path
 import numba
-from pacman_env.ros.process_memory import settle
+from pacman_env.ros.node import settle
 
 def resident_mb():
     return int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024

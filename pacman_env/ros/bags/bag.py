@@ -1,34 +1,36 @@
-"""Recorded games: the messages of one robot's game in a ROS 2 bag, in the order of their recording.
+"""Recorded games: one robot's messages in a ROS 2 bag, in their order. No message code of the bag's own is run.
 
-Bags may come from anywhere: what is read is checked, and decoded by code that only reads (no message code of the
-bag's own is run). What the messages mean is not known here.
-"""
+A recorder writes into ``NAME.unfinished`` and holds that folder's lock; the whole bag gets its own name."""
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
+import shlex
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from pacman_env.ros.bags.unfinished import what_mends
+from pacman_env import __version__
 from pacman_env.ros.topics import GAME_STATE, Topic
 
+SUFFIX = ".unfinished"
+COMMAND = "pacman-env ros record --recover"
+MAGIC = b"\x89MCAP0\r\n"
 _LISTED = 8  # topics of a foreign bag that an error names
 
 
 class BagError(ValueError):
-    """A bag that cannot be read, or that holds no game; names it and says why."""
+    """A bag that cannot be read, or that holds no game; names it and the reason."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """One message as it was recorded."""
-
     at_s: float  # since the bag's first message
     topic: str  # relative, as in ``topics.py``
     message: Any
@@ -38,22 +40,16 @@ class Bag:
     """One robot's game in an open bag; made by :func:`open_bag`."""
 
     def __init__(self, reader: Reader, path: Path, namespace: str | None) -> None:
-        self._reader = reader
-        self._path = path
+        self._reader, self._path = reader, path
         self.namespace = self._namespace(namespace)  # "" or "/robot_15"
         self.duration_s = reader.duration / 1e9
 
     def has(self, topic: Topic) -> bool:
-        """Whether a message on this topic was recorded."""
         name = f"{self.namespace}/{topic.name}"
         return any(connection.topic == name and connection.msgcount for connection in self._reader.connections)
 
     def messages(self, topics: Collection[Topic]) -> Iterator[Recorded]:
-        """The messages on these topics.
-
-        Raises:
-            BagError: a topic of another type, or a message that cannot be decoded.
-        """
+        """The messages on these topics; BagError if one has another type, or cannot be decoded."""
         store = get_typestore(Stores.ROS2_JAZZY)
         wanted = {f"{self.namespace}/{topic.name}": topic for topic in topics}
         chosen = [connection for connection in self._reader.connections if connection.topic in wanted]
@@ -74,7 +70,7 @@ class Bag:
     def _namespace(self, given: str | None) -> str:
         names = {connection.topic for connection in self._reader.connections}
         ending = f"/{GAME_STATE.name}"
-        found = sorted(name[: -len(ending)] for name in names if name.endswith(ending))
+        found = sorted(name.removesuffix(ending) for name in names if name.endswith(ending))
         if given is not None:
             found = [name for name in found if name.strip("/") == given.strip("/")]
         if len(found) > 1:
@@ -85,30 +81,96 @@ class Bag:
         return found[0]
 
 
-@contextmanager
+@contextlib.contextmanager
 def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
-    """A bag's game, for as long as the block lasts.
-
-    Args:
-        path: A bag's folder, or its .mcap or .db3 file.
-        namespace: Which robot's; None: the only one there is.
-
-    Raises:
-        BagError: no bag, a broken one, or none of a game.
-    """
+    """The game of one robot, or of the only one, in a bag's folder or in its .mcap or .db3 file."""
     try:
         reader = Reader(path)
         reader.open()
     except Exception as error:  # rosbags, its storages and its YAML parser have many
-        mending = what_mends(path)
-        why = mending if mending and not path.exists() else f"no bag that can be read: {one_line(error)}"
-        raise BagError(f"{path}: {why}" + (f"; {mending}" if mending and path.exists() else "")) from None
+        remedy = remedy_for(path)
+        why = remedy if remedy and not path.exists() else f"no bag that can be read: {one_line(error)}"
+        raise BagError(f"{path}: {why}" + (f"; {remedy}" if remedy and path.exists() else "")) from None
     try:
         yield Bag(reader, path, namespace)
     finally:
         reader.close()
 
 
+def new_bag(folder: Path, **more: str) -> Writer:
+    """A compressed MCAP bag with its writer's version; ``folder`` must not exist."""
+    writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    for name, value in {"pacman_env": __version__, **more}.items():
+        writer.set_custom_data(name, value)
+    return writer
+
+
+def unfinished_folder(bag: Path) -> Path:
+    return bag.with_name(bag.name + SUFFIX)
+
+
+def unfinished_around(path: Path) -> Path | None:
+    """The unfinished bag that a path is, or lies in."""
+    return next((folder for folder in (path, *path.parents) if folder.name.endswith(SUFFIX)), None)
+
+
+@contextlib.contextmanager
+def recording(out: Path) -> Iterator[Path]:
+    """Make the folder for a bag that is to become ``out`` and hold its lock; its content stays."""
+    folder = unfinished_folder(out)
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        if is_being_recorded(folder):
+            raise FileExistsError(f"{out}: is being recorded already, into {folder}") from None
+        raise FileExistsError(f"{folder}: left by a recorder that was killed: {_recovery(out)}, or delete it") from None
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield folder
+    finally:
+        os.close(lock)
+
+
+def is_being_recorded(folder: Path) -> bool:
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # a file system without locks: it cannot be known
+        return False
+    finally:
+        os.close(lock)
+    return False
+
+
+def remedy_for(bag: Path) -> str | None:
+    """What can be done about a bag that cannot be read, if that is known."""
+    folder = unfinished_around(bag) if bag.exists() else unfinished_folder(bag)
+    left = folder is not None and folder.is_dir()
+    if folder is not None and left and is_being_recorded(folder):
+        return "still being recorded; Ctrl-C ends its recorder"
+    if not bag.exists():
+        return f"not finished, its recorder was killed: {_recovery(bag)}" if left else None
+    with contextlib.suppress(ValueError, OSError):
+        (file,) = mcap_files(bag)
+        with file.open("rb") as stream:
+            if stream.read(len(MAGIC)) == MAGIC:
+                return f"if its recorder was killed: {_recovery(bag)}"
+    return None
+
+
+def mcap_files(bag: Path) -> list[Path]:
+    """The file itself, or those in a bag's folder; in that of an unfinished bag it lies one folder deeper."""
+    return [bag] if bag.is_file() else sorted(bag.glob("*.mcap")) or sorted(bag.glob("*/*.mcap"))
+
+
+def _recovery(bag: Path) -> str:
+    return f"{COMMAND} {shlex.quote(str(bag))} makes a whole bag of what there is"
+
+
 def one_line(error: Exception) -> str:
-    """What an error says, in one line."""
     return " ".join(str(error).split()) or repr(error)

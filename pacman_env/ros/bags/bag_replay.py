@@ -1,16 +1,13 @@
-"""``pacman-env ros replay``: a recorded game seen again by any policy, offline.
+"""``pacman-env ros replay``: a policy is asked at every decision of a recorded game, with what the robot knew then.
 
-At every decision of the recorded game the policy is asked with what the robot knew then. The game goes on as it was
-recorded, whatever the policy says: this tells where it would have chosen otherwise, not what would have come of it.
-"""
+The game continues as it was recorded, whatever the policy chooses."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,29 +29,20 @@ from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import load_map
 
 _READ = (
-    topics.GAME_STATE,
-    topics.GAME_STATUS,
-    topics.PELLET_MARKERS,
-    topics.REMOVE_PELLET,
-    *topics.GHOST_POSES,
-    topics.CLYDE_SPEED,
-    topics.AMCL_POSE,
-    topics.ODOMETRY,
-    topics.TF,
-    topics.TF_STATIC,
-    SCORES,
+    *(topics.GAME_STATE, topics.GAME_STATUS, topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES),
+    *(topics.CLYDE_SPEED, topics.AMCL_POSE, topics.ODOMETRY, topics.TF, topics.TF_STATIC, SCORES),
 )
 PLAN_LASTS_S = 2.5  # Nav2 plans anew every second while it has a goal
-PLAN_LATE_S = 1.2  # a choice shows in the first plan after it, this late at most
+PLAN_LATE_S = 1.2  # a choice is visible in the first plan after it, this late at most
 TICK_LATE = 0.1  # of a tick: what the goal selector chose in it is known by then
 TF_S = 1.0  # a transform that is older is no use, by default of the goal selector
 END_OF_PLAN_M = 0.75  # Nav2 may end a plan beside its goal, half a metre in x and in y
 _LISTED = 20
 
 
-@dataclass(frozen=True)
+@dataclass
 class Otherwise:
-    """A stretch of decisions in which the policy would have gone elsewhere."""
+    """Decisions in a row in which the policy would have chosen another goal."""
 
     at_s: float  # since the bag began
     decisions: int
@@ -76,18 +64,13 @@ class ReplayReport:
     bad_messages: dict[str, int] = field(default_factory=dict)
     decisions: int = 0
     same: int = 0
-    unknown: int = 0  # decisions of which nothing recorded tells where the robot was sent
+    unknown: int = 0  # decisions without a record of where the robot was sent
     otherwise: list[Otherwise] = field(default_factory=list)
     decision_ms: list[float] | None = None  # 50 %, 99 %, most
     robot: dict[str, list[float] | None] = field(default_factory=dict)  # 10 %, 50 %, 90 %
     simulator: dict[str, list[float] | None] = field(default_factory=dict)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, as JSON has it."""
-        return asdict(self)
-
     def render(self) -> str:
-        """As text."""
         other = self.decisions - self.same - self.unknown
         same = f"{self.same} as recorded, {other} otherwise, {self.unknown} unknown"
         statuses = ", ".join(f"{count} {word}" for word, count in self.statuses.items()) or "no status"
@@ -114,17 +97,6 @@ def _range(quantiles: list[float] | None) -> str:
 
 
 def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) -> ReplayReport:
-    """Ask ``policy`` at every decision of a recorded game, under the configuration that its goal selector played by.
-
-    Args:
-        path: A bag's folder, or its .mcap or .db3 file.
-        map: Its map, as a YAML file or a shipped map's name.
-        policy: By name, or an .onnx file.
-        namespace: Which robot's game; None: the only one there is.
-
-    Raises:
-        ValueError: no bag of a game, one of another map, a map or policy that cannot be used.
-    """
     occupancy, chooser = load_map(map), make_policy(policy)
     with open_bag(path, namespace) as bag:
         config = recorded_config(bag)
@@ -132,7 +104,7 @@ def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) 
         report = ReplayReport(str(path), bag.namespace, map, policy, bag.duration_s)
         walk = _Walk(bag, assets, config, chooser, report)
         for recorded in bag.messages(_READ):
-            walk.take(recorded)
+            walk.receive(recorded)
         walk.finish()
     report.simulator = simulated_statistics(assets, config, make_policy(policy)).quantiles()
     return report
@@ -144,7 +116,6 @@ class _Walk:
     def __init__(self, bag: Bag, assets: MapAssets, config: Config, policy: Policy, report: ReplayReport) -> None:
         self._view, self._config = RobotView(assets, config), config
         self._assets, self._policy, self._report = assets, policy, report
-        self._path = report.bag
         self._tick_s = config.execution.tick_s
         self._by_event = config.decisions.when == "event"
         self._ghosts = {topics.GHOST_POSES[k].name: k for k in range(len(config.clyde.ghosts))}
@@ -159,15 +130,13 @@ class _Walk:
         self._gone: set[int] = set()  # of this round
         self._velocity = (0.0, 0.0)
         self._elapsed_ms: list[float] = []
-        self._statuses: Counter[str] = Counter()
-        self._bad: Counter[str] = Counter()
         self._differs: tuple[str, str] | None = None
 
-    def take(self, recorded: Recorded) -> None:
-        """One message. Decisions are those of the recorded goal selector, or due every half second before it."""
+    def receive(self, recorded: Recorded) -> None:
+        """Decisions are those of the recorded goal selector, or due every half second before the message."""
         if self._has_scores:
             while self._by_event and self._running and self._due_s + TICK_LATE * self._tick_s < recorded.at_s:
-                self._situation(self._due_s, self._chosen_before)  # a tick in which it only looked
+                self._situation(self._due_s, self._chosen_before)  # a tick in which it only observed
                 self._due_s += self._tick_s
             if self._running and recorded.topic == SCORES.name:
                 chosen = chosen_of(recorded.message)
@@ -179,34 +148,27 @@ class _Walk:
                 self._decide(self._due_s, self._planned(self._due_s), chosen_soon)
                 self._due_s += self._tick_s
         try:
-            self._take(recorded)
+            self._update(recorded)
         except BadMessage as error:
-            self._bad[f"{recorded.topic}: {error}"] += 1
+            _count(self._report.bad_messages, f"{recorded.topic}: {error}")
 
     def finish(self) -> None:
-        """Sum up.
-
-        Raises:
-            BagError: there was nothing to decide on this map.
-        """
         report = self._report
-        report.statuses, report.bad_messages = dict(self._statuses), dict(self._bad)
         report.robot = self._motion.quantiles()
         if self._elapsed_ms:
             report.decision_ms = [float(q) for q in np.quantile(self._elapsed_ms, (0.5, 0.99, 1.0))]
         if report.rounds == 0:
-            raise BagError(f"{self._path}: no round was played in it")
+            raise BagError(f"{report.bag}: no round was played in it")
         if report.decisions == 0:
-            raise BagError(
-                f"{self._path}: no decision can be made: it lacks poses, a ghost or pellets of map {report.map}"
-            )
+            lacking = f"it lacks poses, a ghost or pellets of map {report.map}"
+            raise BagError(f"{report.bag}: no decision can be made: {lacking}")
 
-    def _take(self, recorded: Recorded) -> None:
+    def _update(self, recorded: Recorded) -> None:
         message, topic, at_s = recorded.message, recorded.topic, recorded.at_s
         if topic == topics.GAME_STATE.name:
             self._enter(message.data, at_s)
         elif topic == topics.GAME_STATUS.name:
-            self._statuses[message.data.partition(":")[0]] += 1
+            _count(self._report.statuses, message.data.partition(":")[0])
         elif topic == topics.PELLET_MARKERS.name:
             self._left = set(self._view.pellets(pellets_of(message)).known)
         elif topic == topics.REMOVE_PELLET.name:
@@ -214,10 +176,10 @@ class _Walk:
         elif topic == topics.CLYDE_SPEED.name:
             self._view.clyde_speed_mps = message.data
         elif topic in self._ghosts:
-            x, y, _ = pose_of(message)
-            self._view.see_ghost(self._ghosts[topic], x, y, nanoseconds_of(message.header.stamp))
+            (x, y, _), stamp_ns = pose_of(message), nanoseconds_of(message.header.stamp)
+            self._view.see_ghost(self._ghosts[topic], x, y, stamp_ns)
             if topic == topics.CLYDE_POSE.name:
-                self._motion.see_clyde(nanoseconds_of(message.header.stamp) / 1e9, x, y)
+                self._motion.see_clyde(stamp_ns / 1e9, x, y)
         elif topic in (topics.TF.name, topics.TF_STATIC.name):
             self._believed.transforms(message, at_s, static=topic == topics.TF_STATIC.name)
         elif topic == topics.AMCL_POSE.name:
@@ -243,7 +205,7 @@ class _Walk:
         self._running = running
 
     def _situation(self, at_s: float, pursued: int) -> Situation | None:
-        """What a policy sees at a tick; None: too little is known."""
+        """What a policy sees at a tick; None if too little is known."""
         belief, left = self._believed.at(at_s), self._left - self._gone
         pose = self._motion.believed if belief is None else belief.pose  # of a bag without transforms
         velocity = self._velocity if belief is None else belief.velocity
@@ -252,19 +214,12 @@ class _Walk:
             pursued = -1  # it was collected since
         if pose is None or self._view.unseen or not left or self._view.off_the_map(*pose[:2]):
             return None
-        return self._view.situation(
-            Seen(
-                time_s=at_s - self._began_s,
-                pose=pose,
-                left=left,
-                velocity=velocity,
-                pose_age_s=0.0 if belief is None else belief.age_s,
-                pursued=pursued,
-            )
-        )
+        age_s = 0.0 if belief is None else belief.age_s
+        seen = Seen(at_s - self._began_s, pose, left, velocity, pose_age_s=age_s, pursued=pursued)
+        return self._view.situation(seen)
 
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
-        """``pursued``: where the robot was going, ``recorded``: what was chosen; -1: nothing, None: not known."""
+        """``pursued``: where the robot was going, ``recorded``: what was chosen (-1 for nothing, None if not known)."""
         situation = self._situation(at_s, pursued)
         if situation is None:
             return
@@ -282,14 +237,13 @@ class _Walk:
             return
         differs = self._name(recorded), self._name(chosen)
         if differs == self._differs:
-            last = self._report.otherwise[-1]
-            self._report.otherwise[-1] = Otherwise(last.at_s, last.decisions + 1, *differs)
+            self._report.otherwise[-1].decisions += 1
         else:
             self._report.otherwise.append(Otherwise(at_s, 1, *differs))
         self._differs = differs
 
     def _planned(self, at_s: float) -> int:
-        """The candidate that Nav2 planned to, -1: none."""
+        """The candidate that Nav2 planned to, -1 for none."""
         before = [candidate for when, candidate in self._plans if at_s - PLAN_LASTS_S < when <= at_s]
         return before[-1] if before else -1
 
@@ -301,18 +255,18 @@ class _Walk:
         return f"{kind} at ({goal.x:.2f}, {goal.y:.2f})"
 
 
-def recorded_config(bag: Bag) -> Config:
-    """The configuration that the goal selector of a recorded game published; the default one where it has not.
+def _count(counts: dict[str, int], key: str) -> None:
+    counts[key] = counts.get(key, 0) + 1
 
-    Raises:
-        BagError: it is none of this version's.
-    """
+
+def recorded_config(bag: Bag) -> Config:
+    """The configuration that the goal selector published, else the default one."""
     found = make_config()
     for recorded in bag.messages((topics.CONFIGURATION,)):
         try:
-            said = json.loads(recorded.message.data)
-            if said["node"] == SELECTOR:
-                fields = differences(make_config().as_dict(), said["configuration"])
+            plays = json.loads(recorded.message.data)
+            if plays["node"] == SELECTOR:
+                fields = differences(make_config().as_dict(), plays["configuration"])
                 known = {name: value for name, (_, value) in fields.items() if value is not None}  # else of 0.10
                 found = make_config(**known)
                 ghosts = ("policy" if name.endswith(".onnx") else name for name in found.clyde.ghosts)  # only seen here
@@ -323,7 +277,7 @@ def recorded_config(bag: Bag) -> Config:
 
 
 def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
-    """When Nav2 planned, and to which candidate; -1: to none, such as home."""
+    """When Nav2 planned, and to which candidate, or to none (-1), such as home."""
     for recorded in bag.messages((topics.PLAN,)):
         if recorded.message.poses:
             end = recorded.message.poses[-1].pose.position
@@ -333,7 +287,7 @@ def _plans(bag: Bag, assets: MapAssets) -> Iterator[tuple[float, int]]:
 
 
 def chosen_of(markers: Any) -> int:
-    """The candidate that a MarkerArray of scores shows in green; -1: none."""
+    """The candidate that a MarkerArray of scores shows in green, -1 for none."""
     for marker in markers.markers:
         if marker.color.g > 0.5 > max(marker.color.r, marker.color.b):
             return int(marker.id)

@@ -1,12 +1,10 @@
-"""Statistics of how a robot moves and how its pose comes: of a recorded game and of the simulator, alike.
-
-The simulator's game here is only watched, at the rate at which poses can come; nothing is played for its result.
-"""
+"""Statistics of a robot's motion and of the poses that it receives, alike for a recorded game and for the simulator."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +20,7 @@ from pacman_env.sim.maps.assets import MapAssets
 DRIVING_MPS = 0.05  # slower is standing
 STANDING_S = 5.0  # a longer pause between two poses is no cadence: AMCL is silent while the robot stands
 MOST_S = 300.0  # of a simulated game
-_LOOK_S = 0.1  # the lidar's period: no pose comes more often
+_PERIOD_S = 0.1  # of the lidar: no pose is received more often
 #: The quantities that are compared, with their units.
 QUANTITIES = {
     "speed": "driving speed, m/s",
@@ -39,28 +37,26 @@ class PoseStatistics:
     """Samples of one or several games; times in s, in order."""
 
     samples: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in QUANTITIES})
-    pose: Pose | None = None  # the last that came
+    pose: Pose | None = None  # the last received
     odometry: Pose | None = None  # now, in a frame of its own
-    counts: bool = True  # False: what comes is followed, but no sample
+    counts: bool = True  # False: what is received makes no sample
     _pose_s: float = 0.0
-    _pose_odometry: Pose | None = None  # when it came
+    _pose_odometry: Pose | None = None  # when the last pose was received
     _clyde: tuple[float, float, float] | None = None  # x, y, when
 
     @property
     def believed(self) -> Pose | None:
-        """The last pose carried on by odometry, as TF has it; None before the first."""
+        """The last pose continued by odometry, as TF has it; None before the first."""
         if self.pose is None or self.odometry is None or self._pose_odometry is None:
             return self.pose
         return compose(self.pose, relative(self._pose_odometry, self.odometry))
 
     def drive(self, odometry: Pose, speed_mps: float) -> None:
-        """Odometry has come."""
         self.odometry = odometry
         if speed_mps > DRIVING_MPS:
             self._sample("speed", speed_mps)
 
     def localize(self, at_s: float, pose: Pose) -> None:
-        """A pose has come."""
         if self.pose is not None and 0 < at_s - self._pose_s < STANDING_S:
             self._sample("interval", at_s - self._pose_s)
             self._sample("distance", math.dist(pose[:2], self.pose[:2]))
@@ -71,7 +67,6 @@ class PoseStatistics:
         self.pose, self._pose_s, self._pose_odometry = pose, at_s, self.odometry
 
     def see_clyde(self, at_s: float, x: float, y: float) -> None:
-        """Clyde was seen."""
         if self._clyde is not None and 0 < at_s - self._clyde[2] < 1.0:
             moved_m = math.dist((x, y), self._clyde[:2])
             if moved_m > 0:
@@ -83,7 +78,7 @@ class PoseStatistics:
             self.samples[name].append(value)
 
     def forget(self) -> None:
-        """Another game: what comes next does not follow from what came last."""
+        """Another game begins: nothing that follows continues what was received."""
         self.pose = self.odometry = self._pose_odometry = self._clyde = None
 
     def quantiles(self) -> dict[str, list[float] | None]:
@@ -95,10 +90,10 @@ class PoseStatistics:
 
 
 def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, rounds: int = 4) -> PoseStatistics:
-    """Statistics of simulated rounds of that policy on that map, the seeds 0 to ``rounds`` - 1."""
+    """Of rounds with the seeds 0 to ``rounds`` - 1, observed at the rate at which poses can be received."""
     statistics = PoseStatistics()
-    finer = config.with_fields(**{"execution.tick_s": _LOOK_S, "execution.check_period_s": _LOOK_S})
-    decide_every = round(config.execution.tick_s / _LOOK_S)
+    finer = config.with_fields(**{"execution.tick_s": _PERIOD_S, "execution.check_period_s": _PERIOD_S})
+    decide_every = round(config.execution.tick_s / _PERIOD_S)
     batch, last = GameBatch(assets, finer, 1), LastDecision(config)
     for seed in range(rounds):
         batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
@@ -107,7 +102,7 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
         last.forget()
         game, last_update, last_clyde = batch.games[0], -1, None
         choice: NDArray[np.int64] = np.array([batch.hold])
-        for tick in range(round(MOST_S / _LOOK_S)):
+        for tick in range(round(MOST_S / _PERIOD_S)):
             if tick % decide_every == 0 and last.due(moment := batch.moment(0)):
                 choice = policy.select(batch.situation())
                 last.decide(HOLD if choice[0] == batch.hold else int(choice[0]), moment)
@@ -115,14 +110,17 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
             if game["end"] != RUNNING:
                 break
             at_s = float(game["step"]) * config.physics_step_s
-            statistics.drive(
-                (float(game["x"]), float(game["y"]), float(game["heading"])), float(game["left"] + game["right"]) / 2
-            )
+            statistics.drive(_pose(game, "x", "y", "heading"), float(game["left"] + game["right"]) / 2)
             if game["amcl_step"] != last_update:
                 last_update = game["amcl_step"]
-                statistics.localize(at_s, (float(game["amcl_x"]), float(game["amcl_y"]), float(game["amcl_heading"])))
+                statistics.localize(at_s, _pose(game, "amcl_x", "amcl_y", "amcl_heading"))
             clyde = tuple(batch.obstacles[0, 0, :2].tolist())
             if clyde != last_clyde:
                 last_clyde = clyde
                 statistics.see_clyde(at_s, *clyde)
     return statistics
+
+
+def _pose(game: Any, *names: str) -> Pose:
+    x, y, heading = (float(game[name]) for name in names)
+    return x, y, heading

@@ -1,8 +1,6 @@
 """``pacman-env ros record``: the topics of a running game as an MCAP bag that ROS's own tools can play, too.
 
-A home's inside is left out on purpose: no map, no scan, no picture. Poses tell enough where the robot has been:
-docs/robot.md says where bags lie and how they are deleted.
-"""
+A home's inside is left out on purpose: no map, no scan, no picture; poses show where the robot has been."""
 
 from __future__ import annotations
 
@@ -10,18 +8,17 @@ import os
 import shutil
 import sys
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from pacman_env import __version__
 from pacman_env.ros import topics
-from pacman_env.ros.bags.unfinished import recording
+from pacman_env.ros.bags.bag import new_bag, recording
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import BaseNode, run
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS, SCORES
@@ -29,34 +26,12 @@ from pacman_env.ros.supervisor.game_nodes import full_namespace
 
 NAME = "pacman_recorder"
 RECORDED = (
-    topics.CONFIGURATION,
-    topics.GAME_STATE,
-    topics.GAME_COMMAND,
-    topics.GAME_RESULT,
-    topics.PELLETS_SPAWNED,
-    topics.PELLETS_COLLECTED,
-    topics.SCORE,
-    topics.ROUND,
-    topics.BASE_CLYDE_SPEED,
-    topics.CLYDE_SPEED,
-    topics.PELLET_MARKERS,
-    topics.REMOVE_PELLET,
-    *topics.GHOST_POSES,
-    topics.CLICKED_POINT,
-    topics.GAME_EVENT,
-    topics.GAME_STATUS,
-    topics.GAME_LIGHT,
-    topics.GAME_SOUND,
-    topics.CMD_VEL,
-    topics.OPERATOR_STOP,
-    SCORES,
-    DIAGNOSTICS,
-    topics.AMCL_POSE,
-    topics.INITIAL_POSE,
-    topics.PLAN,
-    topics.ODOMETRY,
-    topics.TF,
-    topics.TF_STATIC,
+    *(topics.CONFIGURATION, topics.GAME_STATE, topics.GAME_COMMAND, topics.GAME_RESULT, topics.PELLETS_SPAWNED),
+    *(topics.PELLETS_COLLECTED, topics.SCORE, topics.ROUND, topics.BASE_CLYDE_SPEED, topics.CLYDE_SPEED),
+    *(topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES, topics.CLICKED_POINT, topics.GAME_EVENT),
+    *(topics.GAME_STATUS, topics.GAME_LIGHT, topics.GAME_SOUND, topics.CMD_VEL, topics.OPERATOR_STOP),
+    *(SCORES, DIAGNOSTICS, topics.AMCL_POSE, topics.INITIAL_POSE, topics.PLAN, topics.ODOMETRY),
+    *(topics.TF, topics.TF_STATIC),
 )
 FLUSH_S = 2.0  # of wall time: a recorder that is killed loses no more
 _DEPTH = 1000  # messages that may wait while the disk is busy
@@ -64,43 +39,27 @@ _FOR_EVER = QosTime(2147483647, 4294967295)  # as rosbag2 writes "no limit"
 
 
 class Recorder(BaseNode):
-    """Writes every message of :data:`RECORDED` as it comes; the bag is whole after the last messages.
-
-    Until then everything that was heard is on the disk, but the last ``FLUSH_S``; ``recover.py`` makes a bag of it.
-    """
+    """Writes every message of :data:`RECORDED` as it is received; the bag is whole after the last messages."""
 
     def __init__(self, folder: Path, sim_time: bool) -> None:
-        """Begin the bag in ``folder``, which must not exist.
-
-        Raises:
-            OSError: it cannot be written.
-        """
         super().__init__(NAME, parameter_overrides=[Parameter("use_sim_time", Parameter.Type.BOOL, sim_time)])
         self.messages = 0
-        self._writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        self._writer.set_custom_data("pacman_env", __version__)
+        self._writer = new_bag(folder)
         self._writer.open()
         self._open = True
         self._subscribed: list[tuple[Any, Any]] = []
         store = get_typestore(Stores.ROS2_JAZZY)
         for topic in RECORDED:
-            package, _, name = topic.type_name.partition("/")
-            connection = self._writer.add_connection(
-                self.resolve_topic_name(topic.name),
-                f"{package}/msg/{name}",
-                typestore=store,
-                offered_qos_profiles=[_described(topic.qos)],
-            )
+            name, type_name = self.resolve_topic_name(topic.name), topic.type_name.replace("/", "/msg/")
+            qos = [_described(topic.qos)]
+            connection = self._writer.add_connection(name, type_name, typestore=store, offered_qos_profiles=qos)
             deep = QoSProfile(depth=_DEPTH, durability=topic.qos.durability, reliability=topic.qos.reliability)
-            subscription = self.create_subscription(
-                topic.type, topic.name, lambda raw, to=connection: self._write(to, raw), deep, raw=True
-            )
+            write = partial(self._write, connection)
+            subscription = self.create_subscription(topic.type, topic.name, write, deep, raw=True)
             self._subscribed.append((subscription, connection))
         self.create_timer(FLUSH_S, self._flush, clock=self.surroundings.clock())
 
     def last_messages(self) -> Iterable[Any]:
-        """Write what has arrived already, and finish the bag."""
         if self._open:
             for subscription, connection in self._subscribed:
                 with subscription.handle:
@@ -125,21 +84,7 @@ class Recorder(BaseNode):
 
 
 def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool = False) -> int:
-    """Record until SIGINT or SIGTERM; to be called in the main thread.
-
-    Args:
-        out: The bag, a folder; it appears when it is whole. Until then ``OUT.unfinished`` is there.
-        namespace: Of the robot.
-        domain: ROS_DOMAIN_ID; None: that of the environment.
-        sim_time: Stamp with /clock instead of the wall's time.
-
-    Returns:
-        The exit status.
-
-    Raises:
-        ValueError: no namespace, or nothing was heard.
-        OSError: ``out`` exists, or one that is not finished, or it cannot be written.
-    """
+    """Record until SIGINT or SIGTERM, in the main thread; ``sim_time``: by /clock instead of the wall's time."""
     full = full_namespace(namespace)
     if out.exists():
         raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
@@ -154,13 +99,13 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
 
         try:
             status = run(make, NAME, ["--ros-args", "-r", f"__ns:={full}"])
-            heard = made[0].messages if made else 0
-            if status == 0 and heard == 0:
+            received = made[0].messages if made else 0
+            if status == 0 and not received:
                 raise ValueError(f"nothing was heard under {full}: is the namespace right, is the game up?")
             if status == 0:
                 os.replace(folder / out.name, out)
                 size = sum(path.stat().st_size for path in out.iterdir())
-                print(f"{out}: {heard} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
+                print(f"{out}: {received} messages, {size / 1e6:.2f} MB", file=sys.stdout, flush=True)
         finally:
             if out.exists() or not (made and made[0].messages):  # else there is something to recover
                 shutil.rmtree(folder, ignore_errors=True)
@@ -169,16 +114,6 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
 
 def _described(qos: QoSProfile) -> Qos:
     """A QoS profile as bags hold it, so that a replayed latched topic is latched."""
-    latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    best_effort = qos.reliability == ReliabilityPolicy.BEST_EFFORT
-    return Qos(
-        QosHistory.KEEP_LAST,
-        qos.depth,
-        QosReliability.BEST_EFFORT if best_effort else QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        _FOR_EVER,
-        _FOR_EVER,
-        QosLiveliness.AUTOMATIC,
-        _FOR_EVER,
-        False,
-    )
+    reliability, durability = QosReliability[qos.reliability.name], QosDurability[qos.durability.name]
+    lasting = _FOR_EVER, _FOR_EVER, QosLiveliness.AUTOMATIC, _FOR_EVER, False
+    return Qos(QosHistory.KEEP_LAST, qos.depth, reliability, durability, *lasting)

@@ -1,8 +1,6 @@
-"""``pacman-env ros record --recover``: a whole bag from what a killed recorder, or a power cut, has left.
+"""``pacman-env ros record --recover``: a whole bag of an MCAP file without index and end, whose last chunk may be cut.
 
-An MCAP file that was never finished lacks its index and its end; its last chunk may be cut. Every message before that
-is written anew as a bag with index and ``metadata.yaml``, which ROS's own tools read. What was left is not changed.
-"""
+Every message before that is written to a new bag with index and ``metadata.yaml``; the file is not changed."""
 
 from __future__ import annotations
 
@@ -18,52 +16,43 @@ from typing import Any, BinaryIO
 from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.records import Channel, DataEnd, Header, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from pacman_env import __version__
-from pacman_env.ros.bags.bag import BagError, one_line
-from pacman_env.ros.bags.unfinished import MAGIC, SUFFIX, is_being_recorded, mcap_files, unfinished_folder
-
-_QOS = "offered_qos_profiles"
-_SECOND_NS = 1_000_000_000
+from pacman_env.ros.bags.bag import (
+    MAGIC,
+    SUFFIX,
+    BagError,
+    is_being_recorded,
+    mcap_files,
+    new_bag,
+    one_line,
+    unfinished_around,
+    unfinished_folder,
+)
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """What was recovered."""
-
     out: Path
     source: Path  # the MCAP file, as it was left
     messages: int
     duration_s: float
     lost_bytes: int  # of the file, behind the last that could be read
-    why: str  # reading ended there; empty: at the end of the file
+    why: str  # reading ended there; empty if at the end of the file
 
     def render(self) -> str:
-        """As text."""
-        said = f"{self.out}: {self.messages} messages, {self.duration_s:.1f} s, recovered from {self.source}"
+        text = f"{self.out}: {self.messages} messages, {self.duration_s:.1f} s, recovered from {self.source}"
         lost = f"; its last {self.lost_bytes} bytes cannot be read: {self.why}" if self.why else ""
-        return f"{said}{lost}; that is left as it was, delete it when this one is good"
+        return f"{text}{lost}; that is left as it was, delete it when this one is good"
 
 
 def recover(bag: Path, out: Path | None = None) -> Recovered:
-    """Make a whole bag of an unfinished or damaged one, up to where it can be read.
-
-    Args:
-        bag: As it was to be called, ``NAME``; or what is there: ``NAME.unfinished``, any folder with one MCAP file, or
-            that file.
-        out: The new bag, a folder; it appears when it is whole. None: ``NAME`` for ``NAME.unfinished``, else
-            ``NAME_recovered``.
-
-    Raises:
-        BagError: there is nothing to recover, or nothing that can be; names the file and says why.
-        OSError: ``out`` exists, or cannot be written.
-    """
+    """Make a whole bag of an unfinished or damaged one, up to where it can be read."""
     if not bag.exists() and unfinished_folder(bag).is_dir():
         bag = unfinished_folder(bag)
-    left = next((folder for folder in (bag, *bag.parents) if folder.name.endswith(SUFFIX)), None)
+    left = unfinished_around(bag)
     if left is not None and left.is_dir() and is_being_recorded(left):
         raise BagError(f"{left}: still being recorded; Ctrl-C ends its recorder")
     source = _mcap_of(bag)
@@ -109,35 +98,25 @@ def _is_whole(bag: Path) -> bool:
 
 
 class _Copy:
-    """Every message that can be read, written as a whole bag.
-
-    Raises:
-        BagError: there is none.
-    """
+    """Every message that can be read, written as a whole bag."""
 
     def __init__(self, source: Path, file: BinaryIO, folder: Path) -> None:
-        self.messages = 0
-        self.duration_s = 0.0
-        self.why = ""
+        self.messages, self.why = 0, ""
         self._source, self._file = source, file
-        self._size = os.fstat(file.fileno()).st_size
-        self._good = 0  # bytes that could be read
+        self._size, self._good = os.fstat(file.fileno()).st_size, 0  # bytes in all, and those that could be read
         self._schemas: dict[int, Schema] = {}
         self._connections: dict[int, Any] = {}  # by channel
         self._same: dict[tuple[Any, ...], Any] = {}  # by what makes a connection one
         self._check_beginning()
-        self._writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        self._writer.set_custom_data("pacman_env", __version__)
-        self._writer.set_custom_data("recovered_from", source.name)
+        self._writer = new_bag(folder, recovered_from=source.name)
         with self._writer:
             for record in self._records():
-                self._take(record)
+                self._write(record)
             self.lost_bytes = 0 if self.why == "" else self._size - self._good
             if not self.messages:
                 because = f": {self.why}" if self.why else ""
                 raise BagError(f"{source}: not one whole message in it, nothing to recover{because}")
-        self.duration_s = (self._writer.max_timestamp - self._writer.min_timestamp) / _SECOND_NS
+        self.duration_s = (self._writer.max_timestamp - self._writer.min_timestamp) / 1e9
 
     def _check_beginning(self) -> None:
         begin = self._file.read(len(MAGIC))
@@ -148,7 +127,7 @@ class _Copy:
             raise BagError(f"{self._source}: is no MCAP file")
 
     def _records(self) -> Iterator[McapRecord]:
-        """What can be read, up to the end of the messages; ``why`` says what comes after."""
+        """What can be read, up to the end of the messages; then ``why`` is the reason of an early end."""
         try:
             for record in StreamReader(self._file, validate_crcs=True, record_size_limit=self._size).records:
                 if isinstance(record, DataEnd):
@@ -176,7 +155,7 @@ class _Copy:
         if isinstance(record, Message) and record.channel_id not in self._connections:
             raise ValueError(f"a message of channel {record.channel_id}, which is not there")
 
-    def _take(self, record: McapRecord) -> None:
+    def _write(self, record: McapRecord) -> None:
         if isinstance(record, Schema):
             self._schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -202,7 +181,7 @@ class _Copy:
 
 
 def _qos(channel: Channel) -> tuple[Any, ...]:
-    return _parsed_qos(channel.metadata.get(_QOS, ""))
+    return _parsed_qos(channel.metadata.get("offered_qos_profiles", ""))
 
 
 @cache

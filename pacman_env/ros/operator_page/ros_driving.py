@@ -139,12 +139,12 @@ class RosDriving:
             self.wheels.stop()
         finally:  # each of the three although another fails
             try:
-                self._stop.say(True, person)
+                self._stop.request(True, person)
             finally:
                 self._cancel_goals()
 
     def release(self, person: str) -> None:
-        self._stop.say(False, person)
+        self._stop.request(False, person)
 
     def keep_stopped(self) -> None:
         again_s = _CANCEL_AGAIN_S if self._node.robot.navigating else _CANCEL_UNSEEN_S

@@ -15,7 +15,7 @@ from std_msgs.msg import Int32, String
 from pacman_env.game.execution import CANCELED
 from pacman_env.game.goals import ExecutorAction, Place
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import unheard_by
+from pacman_env.ros.discovery import costmaps_without
 from pacman_env.ros.messages import Position, twist_message
 from pacman_env.ros.node import GameNode
 from pacman_env.ros.operator_stop import OperatorStop
@@ -175,7 +175,7 @@ class Pursuit:
 
     def _publish_diagnostics(self) -> None:
         node, key = self._node, "ghosts unheard"
-        ghosts_received = not unheard_by(node, topics.CLYDE_OBSTACLE.name)
+        ghosts_received = not costmaps_without(node, topics.CLYDE_OBSTACLE.name)
         if self._executor.playing and not ghosts_received:
             text = "no costmap listens to clyde_obstacle: Nav2 plans through ghosts (pacman-env ros doctor)"
             node.once.warning(key, text)

@@ -1,8 +1,6 @@
 """One node's module as a process that is asked to end when its parent is gone: no node outlives ``ros up``.
 
-Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID MODULE ARGUMENTS...``; the module runs as
-if it were started alone.
-"""
+Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID MODULE ARGUMENTS...``."""
 
 from __future__ import annotations
 
@@ -22,7 +20,6 @@ def end_with_parent() -> None:
 
 
 def main() -> None:
-    """Tie this process to its parent, then become the module."""
     parent, module = int(sys.argv[1]), sys.argv[2]
     end_with_parent()
     if os.getppid() != parent:  # gone before the signal was set

@@ -1,8 +1,6 @@
-"""``pacman-env ros doctor``: observes a robot for some seconds and prints what is wrong, with the remedy.
+"""``pacman-env ros doctor``: a node that observes what the checks need, and prints what is wrong, with the remedy.
 
-A node that observes what the checks need (``checks/``). It publishes nothing and calls only services that answer how
-things are: nothing moves because of it.
-"""
+It publishes nothing and calls only services that answer questions: nothing moves because of it."""
 
 from __future__ import annotations
 
@@ -16,18 +14,15 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TextIO
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import NAMELESS, full_name, join
-from pacman_env.ros.node import Stop
+from pacman_env.ros.node import Observer, Stop
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import Moment, Observations, Request, Source
-from pacman_env.ros.supervisor.checks.clocks import CLOCK
-from pacman_env.ros.supervisor.game_nodes import QUIET, full_namespace
+from pacman_env.ros.supervisor.checks.network import CLOCK
+from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 WAIT_S = 10.0
@@ -42,27 +37,13 @@ _ONLOOKERS = ("pacman_", "_ros2cli")  # nodes of this kind, and the command line
 _OF_ALL = ("/rosout", "/parameter_events")  # every node has them
 
 
-class Doctor(Node):
-    """Observes while :meth:`observe` runs, in a context of its own, which ``close`` shuts down.
-
-    Args:
-        namespace: of the robot, with its slash.
-        domain: ROS domain.
-        map: the game's map, to compare with the robot's.
-        map_file: how it was named.
-        sim: whether a simulated robot is expected.
-        wait_s: how long is listened at most.
-    """
+class Doctor(Observer):
+    """Observes at most ``wait_s`` while :meth:`observe` runs; ``map``, named ``map_file``, is the game's."""
 
     def __init__(
         self, namespace: str, domain: int, map: OccupancyMap | None, map_file: str, sim: bool, wait_s: float
     ) -> None:
-        context = rclpy.Context()
-        options = SignalHandlerOptions.NO
-        rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=options)
-        super().__init__("pacman_doctor", namespace=namespace, context=context)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self)
+        super().__init__("pacman_doctor", namespace, domain)
         now, middleware = Moment(time.time(), time.monotonic()), rclpy.get_rmw_implementation_identifier()
         self._observed = Observations(
             *(namespace, wait_s, now, domain, sim, map, map_file, dict(os.environ), middleware)
@@ -77,47 +58,35 @@ class Doctor(Node):
                 with contextlib.suppress(ImportError, AttributeError):  # then there is no response
                     self._callers[source] = topics.Service(source.name, source.type_name).client(self)
 
-    def close(self) -> None:
-        """End the node and its context."""
-        self._executor.shutdown()
-        self.destroy_node()
-        rclpy.shutdown(context=self.context)
-
     def observe(self, enough: Callable[[], bool]) -> None:
-        """Listen for the time given, less if all is settled before, or when it is ``enough``."""
+        """Receive messages for ``wait_s``, less if all is settled before, or when it is ``enough``."""
         begun = time.monotonic()
         end, due = begun + self._observed.waited_s, begun + _LEAST_S
         while (now := time.monotonic()) < end and not enough():
-            self._executor.spin_once(timeout_sec=min(0.1, end - now))
+            self.spin(min(0.1, end - now))
             if now >= due:
                 due = now + _PERIOD_S
                 for request, client in self._callers.items():
                     self._call(request, client)
                 if all(finding.settled for finding in examine(self.observations())):
                     break
-        end = time.monotonic() + _NAMES_S
-        while self._nameless() and time.monotonic() < end and not enough():
-            self._executor.spin_once(timeout_sec=0.05)
+        self.spin_until(lambda: not self._nameless() or enough(), _NAMES_S)
 
     def observations(self) -> Observations:
-        """All that has been observed until now, with the messages that wait."""
         end, received = time.monotonic() + _WAITING_S, -1
         while received != self._received and time.monotonic() < end:
             received = self._received
-            self._executor.spin_once(timeout_sec=0.0)
+            self.spin(0.0)
         names = [pair for pair in self.get_node_names_and_namespaces() if not pair[0].startswith(_ONLOOKERS)]
         nodes = tuple(sorted({full_name(*pair) for pair in names}))
         publishers, subscribers = self._graph()
-        return dataclasses.replace(
-            self._observed, now=self._moment(), nodes=nodes, publishers=publishers, subscribers=subscribers
-        )
+        now = self._moment(time.time())
+        return dataclasses.replace(self._observed, now=now, nodes=nodes, publishers=publishers, subscribers=subscribers)
 
-    def _moment(self, wall_s: float | None = None) -> Moment:
-        """Now, or the time that was ``wall_s`` by this machine's clock."""
-        now_s = time.time()
-        wall_s = now_s if wall_s is None else wall_s
-        clock = self._values.get(CLOCK)
-        return Moment(wall_s, time.monotonic() - max(0.0, now_s - wall_s), None if clock is None else clock.clock_s)
+    def _moment(self, wall_s: float) -> Moment:
+        """The time that was ``wall_s`` by this machine's clock."""
+        clock, passed_s = self._values.get(CLOCK), max(0.0, time.time() - wall_s)
+        return Moment(wall_s, time.monotonic() - passed_s, None if clock is None else clock.clock_s)
 
     def _subscribe(self, source: Source[Any]) -> None:
         name, qos = source.name, getattr(topics, source.qos)
@@ -139,23 +108,24 @@ class Doctor(Node):
     def _call(self, request: Request[Any], client: Any) -> None:
         """Call a service once more, unless it has responded: what is called too early may drop its response."""
 
-        def keep(future: Any) -> None:
+        def store(future: Any) -> None:
             if future.exception() is None:
                 self._values[request] = request.read(future.result())
 
         if request not in self._values and client.service_is_ready():
-            client.call_async(client.srv_type.Request()).add_done_callback(keep)
+            client.call_async(client.srv_type.Request()).add_done_callback(store)
 
     def _graph(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
-        """The nodes that publish and that subscribe, by topic, but for this one."""
+        """The nodes that publish and that subscribe, by topic, without this one."""
         names = [name for name, _ in self.get_topic_names_and_types() if name not in _OF_ALL]
+        own = self.get_fully_qualified_name()
 
-        def ends(infos: Iterable[Any]) -> tuple[str, ...]:
+        def others(infos: Iterable[Any]) -> tuple[str, ...]:
             nodes = [full_name(info.node_name, info.node_namespace) for info in infos]
-            return tuple(sorted(node for node in nodes if node != self.get_fully_qualified_name()))
+            return tuple(sorted(node for node in nodes if node != own))
 
-        publishers = {name: ends(self.get_publishers_info_by_topic(name)) for name in names}
-        return publishers, {name: ends(self.get_subscriptions_info_by_topic(name)) for name in names}
+        publishers = {name: others(self.get_publishers_info_by_topic(name)) for name in names}
+        return publishers, {name: others(self.get_subscriptions_info_by_topic(name)) for name in names}
 
     def _nameless(self) -> bool:
         return any(NAMELESS in nodes for ends in self._graph() for nodes in ends.values())
@@ -170,36 +140,15 @@ def doctor(
     as_json: bool = False,
     out: TextIO | None = None,
 ) -> int:
-    """Examine a robot and print the findings; to be called in the main thread.
-
-    Args:
-        namespace: of the robot.
-        domain: ROS domain; None: that of the environment.
-        map: the game's map, a file or a shipped map's name; None: maps are not compared.
-        sim: only this machine is examined, for a simulated robot.
-        wait_s: listen for that long at most, s.
-        as_json: print JSON instead of lines.
-        out: where to, standard output by default.
-
-    Returns:
-        The exit status: 0 if nothing is BAD, else 1; 1 also after SIGINT and SIGTERM.
-
-    Raises:
-        ValueError: a namespace, domain, map or time that there is not.
-        OSError: a map's file cannot be read.
-    """
+    """Print the findings, in the main thread; the exit status is 1 if one is BAD, and after SIGINT and SIGTERM."""
     where = full_namespace(namespace)
     number = join(domain, this_machine=sim)
     if not 0.0 < wait_s <= LONGEST_S:  # nor NaN
         raise ValueError(f"wait {wait_s:g} s: must be more than 0 and at most {LONGEST_S:g}")
     game_map = None if map is None else load_map(map)
-    with Stop() as stop:
-        node = Doctor(where, number, game_map, map or "", sim, wait_s)
-        try:
-            node.observe(lambda: stop.asked)
-            findings = examine(node.observations())
-        finally:
-            node.close()
+    with Stop() as stop, Doctor(where, number, game_map, map or "", sim, wait_s) as node:
+        node.observe(lambda: stop.asked)
+        findings = examine(node.observations())
     if stop.asked:
         print("doctor: stopped before the end", file=sys.stderr)
         return NOT_READY

@@ -1,10 +1,7 @@
-"""Which games are up on this machine: a lock for each namespace, and one for each domain's simulated clock.
+"""Locks of the games of ``ros up`` on this machine: one for each namespace, one for each domain's simulated clock.
 
-A lock is a file in the user's runtime folder, locked by ``ros up`` from before its first node until after its last. The
-kernel takes the lock from a process that has ended, however it ended. Games of other users, games on other machines and
-nodes that were started alone hold no lock: they are discovered (``up.py``), and of two nodes that act the later refuses
-to play (``node.py``).
-"""
+A lock is a file in the user's runtime folder; the kernel releases it when its process has ended. Games without one,
+such as those of other users, are discovered (``up.py``)."""
 
 from __future__ import annotations
 
@@ -22,13 +19,7 @@ from pacman_env.ros.supervisor.game_nodes import full_namespace
 
 
 class GameLock:
-    """The locks of one game; they are held until ``close``.
-
-    Args:
-        namespace: of the robot.
-        domain: ROS_DOMAIN_ID.
-        sim: it publishes the clock of the domain, too.
-    """
+    """The locks of one game, of its namespace and, if simulated, of the domain's clock; held until ``close``."""
 
     def __init__(self, namespace: str, domain: int, sim: bool) -> None:
         self._namespace = full_namespace(namespace)
@@ -40,18 +31,14 @@ class GameLock:
         self._since = time.strftime("%H:%M:%S")
 
     def acquire(self) -> tuple[str, bool]:
-        """Take the locks that are wanted yet.
-
-        Returns:
-            Which game holds one of them, and whether that game is being stopped; an empty text: this one has them all.
-        """
+        """Which game holds a lock that is wanted, and whether it is being stopped; empty text if this one has all."""
         while self._wanted:
             name, words = self._wanted[0]
             try:
                 file = _locked(name)
             except BlockingIOError:
                 holder = _read(name)
-                return words.format(holder.get("who", "a process that has just begun")), bool(holder.get("stopping"))
+                return words.format(holder.get("game", "a process that has just begun")), bool(holder.get("stopping"))
             except OSError:  # no folder, or a file system without locks: what is discovered decides
                 return "", False
             self._wanted.pop(0)
@@ -60,29 +47,23 @@ class GameLock:
         return "", False
 
     def stopping(self) -> None:
-        """Have others know that the game is being stopped: they may wait for its end."""
+        """Other games may wait for the end of this one from now on."""
         self._write(True)
 
     def close(self) -> None:
-        """Let others play."""
         while self._held:
             os.close(self._held.pop())
 
     def _write(self, stopping: bool) -> None:
-        who = f"ros up in {self._namespace} (process {os.getpid()} on this machine, since {self._since})"
-        content = json.dumps({"who": who, "stopping": stopping}).encode()
+        game = f"ros up in {self._namespace} (process {os.getpid()} on this machine, since {self._since})"
+        content = json.dumps({"game": game, "stopping": stopping}).encode()
         for file in self._held:
             os.ftruncate(file, 0)
             os.pwrite(file, content, 0)
 
 
 def _locked(name: str) -> int:
-    """The open file of that name, with its lock.
-
-    Raises:
-        BlockingIOError: another process has the lock.
-        OSError: there can be no such file, or no lock on it.
-    """
+    """The open, locked file of that name; BlockingIOError if another process has the lock."""
     folder = _folder()
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.stat().st_uid != os.getuid():
@@ -97,11 +78,10 @@ def _locked(name: str) -> int:
 
 
 def _read(name: str) -> dict[str, object]:
-    """What the holder of a lock has written; empty: nothing yet."""
     with contextlib.suppress(OSError, ValueError):
         content = json.loads((_folder() / f"{name}.lock").read_bytes())
         return content if isinstance(content, dict) else {}
-    return {}
+    return {}  # the holder has written nothing yet
 
 
 def _folder() -> Path:

@@ -1,7 +1,6 @@
-"""The processes of a game: which there are, in the order of their start, their parameters, and what their end means.
+"""The processes of a game, in the order of their start, their parameters, and what their end means.
 
-One table, read by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; imports nothing of ROS.
-"""
+Read by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; imports nothing of ROS."""
 
 from __future__ import annotations
 
@@ -9,6 +8,10 @@ import json
 import math
 import re
 from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pacman_env.config import Config
 
 NAMESPACE = "robot_15"  # the experiment's robot
 SIMULATOR = "sim_robot"
@@ -18,15 +21,13 @@ REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
 PAGE = "operator_page"  # no node of the game: it is left out unless asked for
 
-#: What the end of a process means: it is started again; the same, but the game goes on where that does not help; the
+#: What the end of a process means: it is started again; the same, but the game continues where that does not help; the
 #: next one starts if all was well; the end of the game.
 RESTARTED, SPARE, FIRST_STEP, FINAL = "restarted", "spare", "first step", "final"
 
 
 @dataclass(frozen=True)
 class GameProcess:
-    """One row of the table."""
-
     name: str
     folder: str = "nodes"  # of its module, below pacman_env/ros
     parameters: tuple[str, ...] = ()  # of the setup, beside the configuration that every node plays by
@@ -55,7 +56,7 @@ PROCESSES = {
 NODES = tuple(name for name in PROCESSES if name not in (PAGE, LOCK_STEP))
 #: Those that only listen and answer.
 GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
-#: What moves the robot stops first, then the lights: the others may take their time.
+#: What moves the robot stops first, then the lights, then the others.
 STOP_ORDER = (SELECTOR, "game_event_mapper", "game_light_node", PAGE, "audio_node", REFEREE)
 
 QUIET = ("--disable-external-lib-logs",)  # what a node prints is kept once, by the process that started it
@@ -65,12 +66,6 @@ Value = str | bool | int | float | list[str] | list[float]
 
 @dataclass(frozen=True)
 class GameSetup:
-    """One game on one robot, as the nodes need to know it.
-
-    Raises:
-        ValueError: a speed, namespace or configuration that there is not.
-    """
-
     map: str
     policy: str = "ppo"
     namespace: str = NAMESPACE
@@ -86,8 +81,6 @@ class GameSetup:
     seed: int = 0  # of a lock-step game
 
     def __post_init__(self) -> None:
-        from pacman_env.config import make_config, parse_settings
-
         if not 1.0 <= self.speed <= 10.0:
             raise ValueError(f"speed {self.speed:g}: must be 1 to 10")
         if self.speed != 1.0 and not self.sim:
@@ -99,16 +92,19 @@ class GameSetup:
         if self.home is not None and not all(map(math.isfinite, self.home)):
             raise ValueError(f"home {self.home}: must be three finite numbers, x, y (m) and heading (rad)")
         full_namespace(self.namespace)
-        make_config(self.preset, self.execution, **parse_settings(self.settings))
+        self.config()
+
+    def config(self) -> Config:
+        from pacman_env.config import make_config, parse_settings
+
+        return make_config(self.preset, self.execution, **parse_settings(self.settings))
 
     @property
     def first_nodes(self) -> tuple[str, ...]:
-        """The nodes that start at once, in order."""
         return tuple(name for name in NODES if not PROCESSES[name].after and (self.sim or name != SIMULATOR))
 
     @property
     def first_processes(self) -> tuple[str, ...]:
-        """The processes that start at once, in order."""
         nodes = (LOCK_STEP,) if self.lock_step else self.first_nodes
         return nodes if self.web is None else (*nodes, PAGE)
 
@@ -146,26 +142,18 @@ class GameSetup:
 
 
 def module_of(node: str) -> str:
-    """The module that ``python -m`` runs as that node."""
     return f"pacman_env.ros.{PROCESSES[node].folder}.{node}"
 
 
 def ending(end: str) -> list[str]:
-    """The processes whose end means that."""
     return [process.name for process in PROCESSES.values() if process.end == end]
 
 
 def following(name: str) -> list[str]:
-    """The processes that start when ``name`` has ended well."""
     return [process.name for process in PROCESSES.values() if process.after == name]
 
 
 def from_json(text: str) -> GameSetup:
-    """The setup that ``as_json`` has written.
-
-    Raises:
-        ValueError: it is none, or one that there is not.
-    """
     try:
         fields = json.loads(text)
         home = fields["home"]
@@ -176,11 +164,7 @@ def from_json(text: str) -> GameSetup:
 
 
 def full_namespace(name: str) -> str:
-    """``robot_15`` as ROS wants it, ``/robot_15``; "" is the root.
-
-    Raises:
-        ValueError: no namespace.
-    """
+    """``robot_15`` as ROS wants it, ``/robot_15``; "" is the root."""
     bare = name.strip("/")
     if bare and not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
         raise ValueError(f"namespace {name!r}: letters, digits and _, not beginning with a digit, / between parts")

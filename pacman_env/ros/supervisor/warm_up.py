@@ -1,26 +1,21 @@
-"""Compiles what nodes of a game need, before any of them is started: ``python -m pacman_env.ros.supervisor.warm_up``.
-
-Compiled kernels are kept on disk (``kernel_cache.py``), so this is work for the first start on a machine and after an
-update. What is done already is marked beside them. ROS is not imported.
-"""
+"""``python -m pacman_env.ros.supervisor.warm_up``: compiles what nodes need before any is started, without ROS."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import json
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 
 import numpy as np
 
-from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.engine import jit
 from pacman_env.policies.registry import split_ghosts
 from pacman_env.ros.selector.rehearsal import rehearsed
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
+from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
 from pacman_env.sim.core.map_ghosts import MapGhosts
 from pacman_env.sim.core.robot import SimulatedRobot
 from pacman_env.sim.maps.assets import map_assets
@@ -40,54 +35,47 @@ class Part:
 
     @property
     def mark(self) -> Path | None:
-        """The file that says that it is done; None: nothing is kept."""
+        """The file that exists once it is done; None where nothing is kept."""
         kind = Path(self.policy).suffix.lstrip(".") or self.policy
         return jit.mark(f"warm-{'-'.join(self.nodes)}-{kind or 'none'}")
 
 
 def parts(setup: GameSetup) -> list[Part]:
-    """The parts that have yet to be compiled, none where nothing can be kept."""
+    """The parts that are not compiled yet; none where nothing can be kept."""
     ghosts = (GHOSTS, SIMULATOR) if setup.sim else (GHOSTS,)
     wanted = [Part((SELECTOR,), setup.policy), Part(ghosts)]
     return [part for part in wanted if part.mark is not None and not part.mark.exists()]
 
 
-def start(part: Part, setup: GameSetup) -> subprocess.Popen[str]:
+def start(part: Part, setup: GameSetup) -> Popen[str]:
     """A process that compiles that part; it ends with 0, or with 2 after one line on stderr."""
-    words = [setup.map, setup.preset, setup.execution, *setup.settings]
-    command = [sys.executable, "-m", __name__, json.dumps([part.nodes, part.policy, words])]
-    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True, **quiet)  # type: ignore[call-overload]
+    command = [sys.executable, "-m", __name__, json.dumps([part.nodes, part.policy]), setup.as_json()]
+    return Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=PIPE, text=True, start_new_session=True)
 
 
-def rehearse(part: Part, map_yaml: str, config: Config) -> None:
-    """Do once what the part's nodes do.
-
-    Raises:
-        ValueError: a map, policy or configuration that cannot be played.
-    """
+def rehearse(part: Part, setup: GameSetup) -> None:
+    """Compile the part in this process, and mark it as done."""
+    config = setup.config()
     if SELECTOR in part.nodes:
-        rehearsed(part.policy, RobotView(map_assets(map_yaml, config), config), config)
+        rehearsed(part.policy, RobotView(map_assets(setup.map, config), config), config)
     if SIMULATOR in part.nodes:  # before the ghosts: another process compiles meanwhile what both need of a map
-        SimulatedRobot(load_map(map_yaml), config, 0).rehearse()
+        SimulatedRobot(load_map(setup.map), config, 0).rehearse()
     if GHOSTS in part.nodes:
         behaviours, _ = split_ghosts(config.clyde.ghosts)
-        ghosts = MapGhosts(map_assets(map_yaml, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
+        ghosts = MapGhosts(map_assets(setup.map, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
         ghosts.rehearse(np.zeros(len(behaviours), dtype=np.int64))
+    if part.mark is not None:
+        part.mark.touch()
 
 
 def main() -> int:
-    """Compile the part that the only argument names."""
-    nodes, policy, (map_yaml, preset, execution, *settings) = json.loads(sys.argv[1])
-    part = Part(tuple(nodes), policy)
+    nodes, policy = json.loads(sys.argv[1])
     try:
         with contextlib.redirect_stderr(io.StringIO()):  # that it waits for another part's kernels is no error
-            rehearse(part, map_yaml, make_config(preset, execution, **parse_settings(settings)))
+            rehearse(Part(tuple(nodes), policy), from_json(sys.argv[2]))
     except (ValueError, OSError, TypeError, ModuleNotFoundError) as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return BAD_SETUP
-    if part.mark is not None:
-        part.mark.touch()
     return 0
 
 

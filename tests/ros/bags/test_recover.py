@@ -29,10 +29,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from pacman_env.cli.main import main
 from pacman_env.ros import topics
-from pacman_env.ros.bags.bag import BagError, open_bag
+from pacman_env.ros.bags.bag import COMMAND, MAGIC, BagError, open_bag, unfinished_folder
 from pacman_env.ros.bags.record import FLUSH_S, NAME, RECORDED, Recorder, record
 from pacman_env.ros.bags.recover import Recovered, recover
-from pacman_env.ros.bags.unfinished import COMMAND, MAGIC, unfinished_folder
 from pacman_env.ros.messages import markers_of, pose_message
 from tests.ros import session
 from tests.ros.bags.test_bag_replay import write_round

@@ -68,7 +68,7 @@ def test_a_stop_outlives_who_said_it_and_who_obeyed_it() -> None:
     air = Air()
     planner, mapper = air.join("goal_selector"), air.join("game_event_mapper")
     page = air.join("pacman_page")
-    page.say(True, "guest-1")
+    page.request(True, "guest-1")
     assert planner.stopped
     assert mapper.stopped
     assert page.obeyed_by == ["game_event_mapper", "goal_selector"]
@@ -79,7 +79,7 @@ def test_a_stop_outlives_who_said_it_and_who_obeyed_it() -> None:
     assert planner.who == "guest-1"
     terminal = air.join("pacman_up", obeys=False)
     assert terminal.stopped
-    terminal.say(False, "a terminal")
+    terminal.request(False, "a terminal")
     assert not planner.stopped
     assert not mapper.stopped
 
@@ -88,10 +88,10 @@ def test_a_change_is_told_once() -> None:
     air, told = Air(), []
     air.join("goal_selector", changed=lambda stopped, who: told.append((stopped, who)))
     page, other = air.join("pacman_page"), air.join("another_page")
-    page.say(True, "guest-1")
-    other.say(True, "guest-2")
+    page.request(True, "guest-1")
+    other.request(True, "guest-2")
     assert told == [(True, "guest-1")]
-    page.say(False, "guest-1")  # of another page's stop of a moment ago: it is stronger
+    page.request(False, "guest-1")  # of another page's stop of a moment ago: it is stronger
     assert told[-1] == (True, "guest-2")
     assert page.stopped
 
@@ -103,10 +103,10 @@ def test_a_release_counts_where_the_clocks_differ(monkeypatch: pytest.MonkeyPatc
     now = time.time_ns()
     with monkeypatch.context() as clock:
         clock.setattr(time, "time_ns", lambda: now + 3_600_000_000_000)
-        ahead.say(True, "guest-1")
-    behind.say(False, "guest-2")
+        ahead.request(True, "guest-1")
+    behind.request(False, "guest-2")
     assert not planner.stopped
-    behind.say(True, "guest-2")
+    behind.request(True, "guest-2")
     assert planner.stopped
 
 
@@ -114,7 +114,7 @@ def test_a_stop_of_a_clock_that_is_behind_is_said_again_after_an_old_release(mon
     air = Air()
     old = {"stopped": False, "at": time.time_ns() + 10**12, "who": "guest-1", "by": "/robot_15/ahead"}
     page = air.join("pacman_page")
-    page.say(True, "guest-2")
+    page.request(True, "guest-2")
     air.Node(air, "ahead").publish(topics.OPERATOR_STOP.type(data=json.dumps(old)))  # is heard only now
     assert page.stopped
     assert air.join("goal_selector").stopped

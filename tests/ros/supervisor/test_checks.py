@@ -11,12 +11,21 @@ import numpy as np
 import pytest
 
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
-from pacman_env.ros.supervisor.checks.base import CHARGE, DOCKED, SCANS, Scan
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Moment, Observations
-from pacman_env.ros.supervisor.checks.clocks import CLOCK, STAMPS, Clock, Delays
-from pacman_env.ros.supervisor.checks.game import CONFIGURATIONS, DIAGNOSTICS, STATE
-from pacman_env.ros.supervisor.checks.localization import GRID, LINKS, POSE, Grid, Link, StampedPose
-from pacman_env.ros.supervisor.checks.nav2 import CLOUDS, MANAGERS, STATES
+from pacman_env.ros.supervisor.checks.game import CLOUDS, CONFIGURATIONS, DIAGNOSTICS, MANAGERS, STATE, STATES
+from pacman_env.ros.supervisor.checks.network import CLOCK, STAMPS, Clock, Delays
+from pacman_env.ros.supervisor.checks.robot import (
+    CHARGE,
+    DOCKED,
+    GRID,
+    LINKS,
+    POSE,
+    SCANS,
+    Grid,
+    Link,
+    Scan,
+    StampedPose,
+)
 from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import load_map
 

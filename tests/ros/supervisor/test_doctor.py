@@ -28,9 +28,9 @@ from pacman_env.ros.messages import pose_message, transform_message
 from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.ros.supervisor.checks import CHECKS, examine
-from pacman_env.ros.supervisor.checks.base import CHARGE, DOCKED
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Source
-from pacman_env.ros.supervisor.checks.nav2 import CLOUDS
+from pacman_env.ros.supervisor.checks.game import CLOUDS
+from pacman_env.ros.supervisor.checks.robot import CHARGE, DOCKED
 from pacman_env.ros.supervisor.doctor import Doctor, doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, NODES, SELECTOR, SIMULATOR, WAIT
 from pacman_env.world.maps.occupancy import load_map
@@ -219,7 +219,7 @@ def test_a_robot_that_is_ready_is_all_ok_and_each_fault_is_named_with_its_remedy
     for check, (_, remedy) in remedies.items():
         assert remedy in f"{said[check].remedy}: {said[check].command}", check
     assert said["configuration"].status == UNKNOWN
-    assert said["tf to base"].status == OK
+    assert said["tf to base"].status == OK, said["tf to base"]
 
 
 def test_without_its_message_types_the_dock_cannot_be_told_and_the_reason_is_given(

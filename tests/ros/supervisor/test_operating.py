@@ -35,7 +35,7 @@ from pacman_env.ros.selector.goal_scores import DIAGNOSTICS
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
-from pacman_env.ros.supervisor.status_line import fitted
+from pacman_env.ros.supervisor.terminal import fitted
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.supervisor.test_doctor import diagnose, is_bad

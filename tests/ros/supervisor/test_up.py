@@ -17,12 +17,15 @@ pytest.importorskip("irobot_create_msgs")
 
 from pacman_env import ros
 from pacman_env.cli import main as cli
+from pacman_env.ros.discovery import join
 from pacman_env.ros.node import Stop
+from pacman_env.ros.supervisor import terminal as terminal_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, STOP_ORDER, GameSetup
-from pacman_env.ros.supervisor.status_line import StatusLine
-from pacman_env.ros.supervisor.up import MEANINGS, NODE_LOST, LineWriter, environment
+from pacman_env.ros.supervisor.operator import StatusLine
+from pacman_env.ros.supervisor.terminal import LineWriter
+from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST
 from tests.ros import session
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
@@ -82,9 +85,9 @@ def test_a_game_without_a_lock_is_discovered_and_refused_by_the_names_of_its_nod
     status_line = StatusLine(setup.namespace, setup.sim)
     with session.nodes(tmp_path, alone=False) as nodes:
         nodes.start(REFEREE)
-        assert status_line.spin_until(lambda: re.match(words, status_line.others(setup.sim)), PATIENCE_S)
+        assert status_line.spin_until(lambda: re.match(words, status_line.others()), PATIENCE_S)
         with pytest.raises(ValueError, match=words):
-            up_module._alone(status_line, setup, LineWriter(io.StringIO()), Stop())
+            up_module._alone(status_line, LineWriter(io.StringIO()), Stop())
     status_line.close()
 
 
@@ -110,7 +113,7 @@ def test_a_game_that_ends_is_waited_for(domain: int, tmp_path: Path, monkeypatch
         nodes.start(REFEREE)
         status_line = StatusLine(setup.namespace, setup.sim)
         writer = EndsOther(nodes.game.close)
-        up_module._alone(status_line, setup, writer, stop)
+        up_module._alone(status_line, writer, stop)
         status_line.close()
     assert writer.shown == "waiting for another game in /robot_15 to end"
 
@@ -169,21 +172,25 @@ def test_without_ros_the_command_says_what_to_install(
     assert "pacman_env[ros]" in err
 
 
-def test_a_simulated_game_stays_on_this_machine() -> None:
-    assert environment(GameSetup("house", sim=True), 7)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in environment(GameSetup("house"), None)
-    assert environment(GameSetup("house"), 7)["ROS_DOMAIN_ID"] == "7"
+def test_a_simulated_game_stays_on_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "3")
+    assert join(None, this_machine=False) == 3
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in os.environ
+    assert join(7, this_machine=True) == 7
+    assert os.environ["ROS_DOMAIN_ID"] == "7"
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
 def test_lines_are_written_when_something_changes_and_over_one_another_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(up_module, "LINE_S", 0.0)
+    monkeypatch.setattr(terminal_module, "LINE_S", 0.0)
     plain = io.StringIO()
     writer = LineWriter(plain)
     for number, state in enumerate(["menu", "menu", "running"]):
         writer.show(lambda with_age, number=number, state=state: f"{state} {number}" if with_age else state)
-    writer.say("stopping")
+    writer.print("stopping")
     assert plain.getvalue() == "menu 0\nrunning 2\nstopping\n"
 
     class Terminal(io.StringIO):
@@ -198,5 +205,5 @@ def test_lines_are_written_when_something_changes_and_over_one_another_on_a_term
     assert "\n" not in terminal.getvalue()
 
 
-def test_every_exit_status_has_a_meaning() -> None:
-    assert sorted(MEANINGS) == [0, 2, 3, 4, 5]
+def test_every_end_has_an_exit_status_of_its_own() -> None:
+    assert (NO_POSE, NODE_LOST, HAD_TO_KILL) == (3, 4, 5)

@@ -27,9 +27,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.config import make_config
 from pacman_env.files import prepare, write_json
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR
+from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.warm_up import GHOSTS, Part, rehearse
 from tests.system.campaign.results import Verdict, blocks, table
 from tests.system.campaign.schedule import POLICIES
@@ -55,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{'seed':>5} {'arena':14} {'policy':11} {'outcome':11} {'robot':>6} {'transcript':10} faults, interferences")
     parts = list(blocks(seeds))
     for part in (Part((GHOSTS, SIMULATOR)), *(Part((SELECTOR,), policy) for policy in POLICIES)):
-        rehearse(part, "house", make_config("robot"))  # compiled once, not by each job
+        rehearse(part, GameSetup("house"))  # compiled once, not by each job
     verdicts: list[Verdict] = []
     try:
         with pool(min(arguments.jobs, len(parts))) as workers:

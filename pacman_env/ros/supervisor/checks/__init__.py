@@ -1,35 +1,27 @@
-"""What ``pacman-env ros doctor`` and the operator's page check of a robot before it plays; imports nothing of ROS.
-
-One class a check, in a file for each topic; ``doctor.py`` observes what they need.
-"""
+"""What ``pacman-env ros doctor`` and the operator's page check of a robot, one class a check, without ROS."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from . import base, clocks, game, localization, nav2, network
+from . import game, network, robot
 from .check import BAD, UNKNOWN, Check, Finding, Observations
 
 #: In the order in which what is wrong is to be remedied.
-CHECKS: tuple[Check, ...] = (
-    *(*network.CHECKS, *clocks.CHECKS, *base.CHECKS),
-    *(*localization.CHECKS, *nav2.CHECKS, *game.CHECKS),
-)
+CHECKS: tuple[Check, ...] = (*network.CHECKS, *robot.CHECKS, *game.CHECKS)
 _NO_ROBOT = Finding(
     *("robot", "Is there a robot?", UNKNOWN, "nothing else can be examined without one", "see above"), settled=False
 )
 _LONGEST = 300  # characters of a summary
 
 
-def examine(robot: Observations) -> list[Finding]:
-    """The findings of all checks, in their order."""
-    asked = [check.answer(robot) for check in CHECKS if robot.own or not check.needs_robot]
-    return [finding for finding in asked if finding is not None] + ([] if robot.own else [_NO_ROBOT])
+def examine(observations: Observations) -> list[Finding]:
+    found = [check.answer(observations) for check in CHECKS if observations.own or not check.needs_robot]
+    return [finding for finding in found if finding is not None] + ([] if observations.own else [_NO_ROBOT])
 
 
 def is_ready(findings: Iterable[Finding]) -> bool:
-    """Whether nothing is BAD."""
     return all(finding.status != BAD for finding in findings)
 
 

@@ -1,7 +1,6 @@
 """What a check is: a question about a robot, answered from what was observed of it. Imports nothing of ROS.
 
-A new check is a :class:`Check` in one of this folder's files, and an entry in ``CHECKS`` at that file's end.
-"""
+A new check is a :class:`Check` in one of this folder's files, and an entry in ``CHECKS`` at that file's end."""
 
 from __future__ import annotations
 
@@ -13,10 +12,11 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 from ..game_nodes import SIMULATOR
-from .remedies import up
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
 LONGEST_JSON = 100_000  # characters
+FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # these two are commands
+RESTART = "sudo systemctl restart turtlebot4"
 _LISTED = 5  # names in one summary
 
 T = TypeVar("T")
@@ -24,8 +24,6 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Finding:
-    """A check's answer."""
-
     check: str
     question: str
     status: str  # OK, BAD or UNKNOWN: the question cannot be answered, or does not apply
@@ -36,7 +34,7 @@ class Finding:
 
 
 class Moment(NamedTuple):
-    """A time, s, by this machine's clock, by its monotonic clock and by ``/clock`` (None: there is none)."""
+    """A time, s, by this machine's clock, by its monotonic clock and by ``/clock`` (None if it is not published)."""
 
     wall_s: float
     monotonic_s: float
@@ -63,7 +61,7 @@ class Request(Generic[T]):
 
 
 def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, Moment], T]:
-    """A ``fold`` that keeps the last message, as ``read`` has it."""
+    """A ``fold`` that keeps the last message, as ``read`` returns it."""
     return lambda before, message, arrival: read(message)
 
 
@@ -92,25 +90,21 @@ class Observations:
         return name if name.startswith("/") else f"{self.namespace.rstrip('/')}/{name}"
 
     def get(self, source: Source[T] | Request[T]) -> T | None:
-        """What is kept of a source, None: nothing has come."""
         return self.values.get(source)
 
     def publishers_of(self, topic: str) -> list[str]:
-        """The nodes that publish a topic, each once."""
         return list(dict.fromkeys(self.publishers.get(self.full(topic), ())))
 
     def subscribers_of(self, topic: str) -> list[str]:
-        """The nodes that subscribe to a topic, each once."""
         return list(dict.fromkeys(self.subscribers.get(self.full(topic), ())))
 
     @property
     def own(self) -> list[str]:
-        """Nodes in the robot's namespace."""
-        return [name for name in self.nodes if name.startswith(f"{self.namespace.rstrip('/')}/")]
+        """The nodes in the robot's namespace."""
+        return [name for name in self.nodes if name.startswith(self.full(""))]
 
     @property
     def in_simulation(self) -> bool:
-        """Whether the project's simulated robot is there."""
         return self.full(SIMULATOR) in self.nodes
 
     @property
@@ -120,16 +114,46 @@ class Observations:
 
     @property
     def within(self) -> str:
-        """How long was waited, in words."""
         return f"within {self.waited_s:g} s"
 
     def silence(self, topic: str) -> str:
-        """Why there is nothing of a topic, as far as is known."""
+        """Why nothing of a topic was received, as far as is known."""
         if topic in self.unavailable:
             return self.unavailable[topic]
         if topic in self.unreadable:
             return f"{topic} cannot be used: {self.unreadable[topic]}"
         return f"{topic} not received {self.within}"
+
+    def patience(self, topic: str) -> tuple[str, str]:
+        """Remedy and command where a topic that may be published rarely was not received."""
+        if topic in self.unavailable:
+            build = "python -m tools.ros_interfaces.build"
+            return "source /opt/ros/jazzy/setup.bash; without a ROS installation", build
+        return "some bases publish it rarely: listen for longer, --wait 60", ""
+
+    @property
+    def other_domain(self) -> int:
+        return self.domain + 1 if self.domain < 101 else 1
+
+    @property
+    def start_game(self) -> str:
+        """The command; so are the next two."""
+        sim = " --sim" if self.virtual else ""
+        where = self.namespace.strip("/") or "/"
+        return f"pacman-env ros up --map {self.map_file or 'FILE_OR_NAME'} --namespace {where}{sim}"
+
+    @property
+    def start_localization(self) -> str:
+        file = self.map_file or "$PWD/home.yaml"
+        return self._launch("localization", f"map:={file if file.endswith('.yaml') else f'$PWD/maps/{file}.yaml'}")
+
+    @property
+    def start_nav2(self) -> str:
+        return self._launch("nav2", "params_file:=$PWD/config/nav2.yaml")
+
+    def _launch(self, file: str, more: str) -> str:
+        namespace = f" namespace:={self.namespace}" if self.namespace != "/" else ""
+        return f"ros2 launch turtlebot4_navigation {file}.launch.py{namespace} {more}"
 
 
 class Check(ABC):
@@ -142,39 +166,40 @@ class Check(ABC):
 
     @abstractmethod
     def answer(self, robot: Observations) -> Finding | None:
-        """The finding; None: the question does not arise."""
+        """The finding; None if the question does not arise."""
 
     def ok(self, summary: str) -> Finding:
-        """A finding that all is well."""
         return Finding(self.name, self.question, OK, summary)
 
     def bad(self, summary: str, remedy: str, command: str = "", settled: bool = True) -> Finding:
-        """A finding that something is wrong."""
         return Finding(self.name, self.question, BAD, summary, remedy, command, settled)
 
+    def unknown(self, summary: str, remedy: str = "", command: str = "", settled: bool = True) -> Finding:
+        return Finding(self.name, self.question, UNKNOWN, summary, remedy, command, settled)
+
     def silent(self, robot: Observations, summary: str, remedy: str, command: str = "") -> Finding:
-        """A finding that something did not come, or not yet; where the robot is simulated, with a remedy for that."""
+        """BAD: something was not received, or not yet; where the robot is simulated, with a remedy for that."""
         if robot.virtual:
-            remedy, command = "start or restart the simulated game", up(robot)
+            remedy, command = "start or restart the simulated game", robot.start_game
         return self.bad(summary, remedy, command, settled=False)
 
-    def unknown(self, summary: str, remedy: str = "", command: str = "", settled: bool = True) -> Finding:
-        """A finding that the question cannot be answered or does not apply."""
-        return Finding(self.name, self.question, UNKNOWN, summary, remedy, command, settled)
+    def missing(self, robot: Observations, source: Source[Any]) -> Finding:
+        """UNKNOWN: a topic of a real base was not received."""
+        if robot.virtual:
+            return self.unknown("a simulated robot has none")
+        return self.unknown(robot.silence(source.name), *robot.patience(source.name), settled=False)
 
 
 def listed(names: Iterable[str]) -> str:
-    """The first of them, and how many more there are."""
+    """The first names, and how many more there are."""
     found = list(names)
     more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
     return ", ".join(found[:_LISTED]) + more
 
 
 def count(number: int, what: str) -> str:
-    """``1 node``, ``2 nodes``."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def seconds(stamp: Any) -> float:
-    """A ``builtin_interfaces/Time``."""
     return float(stamp.sec) + float(stamp.nanosec) / 1e9

@@ -1,4 +1,4 @@
-"""Checks of the game: its nodes, what they play by, and how it stands."""
+"""Checks of Nav2 and of the game: servers, nodes, what costmaps see of ghosts, configuration, state."""
 
 from __future__ import annotations
 
@@ -8,24 +8,104 @@ from typing import Any
 
 from pacman_env.config import differences
 
+from ...discovery import COSTMAPS
 from ..game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
-from .check import LONGEST_JSON, Check, Finding, Moment, Observations, Source, count, listed, newest
-from .remedies import up
+from .check import LONGEST_JSON, Check, Finding, Moment, Observations, Request, Source, count, listed, newest
+
+CLOUDS = ("clyde_obstacle", "clyde_trail")
+#: Nodes that Nav2's launch files for Jazzy bring up by these two managers (nav2_bringup 1.3.13, f4108e5).
+MANAGED: Mapping[str, tuple[str, ...]] = {
+    "lifecycle_manager_localization": ("map_server", "amcl"),
+    "lifecycle_manager_navigation": (
+        *("controller_server", "smoother_server", "planner_server", "route_server", "behavior_server"),
+        *("velocity_smoother", "collision_monitor", "bt_navigator", "waypoint_follower", "docking_server"),
+    ),
+}
+MANAGERS = {
+    name: Request(f"{name}/is_active", "std_srvs/Trigger", lambda response: bool(response.success)) for name in MANAGED
+}
+STATES = {
+    name: Request(f"{name}/get_state", "lifecycle_msgs/GetState", lambda response: str(response.current_state.label))
+    for names in MANAGED.values()
+    for name in names
+}
+
+
+class Navigator(Check):
+    name, question = "Nav2", "Does exactly one node serve navigate_to_pose?"
+
+    def answer(self, robot: Observations) -> Finding:
+        servers = robot.publishers.get(robot.full("navigate_to_pose/_action/status"), ())
+        if len(servers) > 1:
+            summary = f"{len(servers)} serve navigate_to_pose: {listed(servers)}"
+            return self.bad(summary, "end all but one: each goal goes to both")
+        if servers:
+            return self.ok(f"navigate_to_pose is served by {servers[0]}")
+        summary = f"no server of navigate_to_pose discovered {robot.within}"
+        return self.silent(robot, summary, "start Nav2", robot.start_nav2)
+
+
+class Lifecycle(Check):
+    name, question = "Nav2's nodes", "Are the nodes of localization and navigation active?"
+    sources = (*MANAGERS.values(), *STATES.values())
+
+    def answer(self, robot: Observations) -> Finding:
+        if robot.virtual:
+            return self.unknown("simulated: they are not there, and not needed")
+        managers = {name: robot.get(request) for name, request in MANAGERS.items()}
+        states = {name: state for name, request in STATES.items() if (state := robot.get(request)) is not None}
+        active = listed(name for name, state in states.items() if state == "active")
+        inactive = {name: f"{name} is {state}" for name, state in states.items() if state != "active"}
+        refused = [name for name, answer in managers.items() if answer is False]
+        silent = [name for name, answer in managers.items() if answer is None]
+        if refused or inactive:
+            summary = listed([*(f"{name} is not active" for name in refused), *inactive.values()])
+            manager = (refused or [name for name, nodes in MANAGED.items() if inactive.keys() & set(nodes)])[0]
+            service = robot.full(f"{manager}/manage_nodes")
+            command = f'ros2 service call {service} nav2_msgs/srv/ManageLifecycleNodes "{{command: 0}}"'
+            return self.bad(summary, "start them up; the launch file's log says why they were not", command)
+        if silent:
+            summary = f"{' and '.join(silent)} not answering {robot.within}; active: {active or 'none known'}"
+            command = robot.start_nav2 if silent == ["lifecycle_manager_navigation"] else robot.start_localization
+            return self.unknown(summary, "if it does not run, start it", command, settled=False)
+        return self.ok(f"localization and navigation are active: {active}".removesuffix(": "))
+
+
+class Cloud(Check):
+    def __init__(self, topic: str) -> None:
+        self.name, self.question = topic, f"Do both costmaps subscribe to {topic}?"
+
+    def answer(self, robot: Observations) -> Finding:
+        topic, subscribers = self.name, robot.subscribers_of(self.name)
+        if robot.virtual:
+            simulator = robot.full(SIMULATOR)
+            if simulator in subscribers:
+                return self.ok(f"{simulator} subscribes to it, in place of the costmaps")
+            if topic != CLOUDS[0]:
+                return self.unknown("simulated: what Clyde leaves behind is cleared without it")
+            return self.silent(robot, f"no subscription of {simulator} discovered {robot.within}", "")
+        missing = [name for name in COSTMAPS if robot.full(f"{name}/{name}") not in subscribers]
+        if not missing:
+            return self.ok(f"{' and '.join(COSTMAPS)} subscribe to it")
+        summary = f"no subscription of {' and '.join(missing)} discovered {robot.within}"
+        others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # where the name in their file is relative
+        if others := [name for name in others if robot.subscribers_of(name)]:
+            summary += f", but of {listed(others)}, which no node publishes"
+        remedy = "Nav2 does not see Clyde: launch it with the game's config/nav2.yaml, from the checkout"
+        return self.silent(robot, summary, remedy, robot.start_nav2)
+
 
 ORIGINAL_SELECTOR = "planner_stub"
 _NODES = 100  # configurations that are kept
 
-Process = tuple[str, tuple[float, str, int]]  # a node's name; when, where and as which process it was started
+#: By a node's name and when, where and as which process it was started: what it plays by.
+Configurations = dict[tuple[str, tuple[float, str, int]], Mapping[str, Any]]
 
 
-def _configured(
-    before: dict[Process, Mapping[str, Any]] | None, message: Any, arrival: Moment
-) -> dict[Process, Mapping[str, Any]]:
-    from pacman_env.ros.messages import object_of
+def _configured(before: Configurations | None, message: Any, arrival: Moment) -> Configurations:
     from pacman_env.ros.node import started
 
-    found = {} if before is None else before
-    content = object_of(message, LONGEST_JSON)
+    found, content = before or {}, _object(message)
     key = str(content["node"])[:100], started(content)
     node_map = None if content["map"] is None else str(content["map"])[:100]
     configured = {"node": key[0], "acts": bool(content.get("acts")), "started": key[1], "map": node_map}
@@ -42,7 +122,7 @@ def _state(message: Any) -> str:
     return word_of(message, STATE_WORDS)
 
 
-def _diagnostics(message: Any) -> Mapping[str, Any]:
+def _object(message: Any) -> Mapping[str, Any]:
     from pacman_env.ros.messages import object_of
 
     return object_of(message, LONGEST_JSON)
@@ -50,7 +130,7 @@ def _diagnostics(message: Any) -> Mapping[str, Any]:
 
 CONFIGURATIONS = Source("game/configuration", "std_msgs/String", _configured, "COMMANDS")
 STATE = Source("game_state", "std_msgs/String", newest(_state), "LATCHED")
-DIAGNOSTICS = Source("goal_selector/diagnostics", "std_msgs/String", newest(_diagnostics), "LATCHED")
+DIAGNOSTICS = Source("goal_selector/diagnostics", "std_msgs/String", newest(_object), "LATCHED")
 
 
 def _configurations(robot: Observations) -> list[Mapping[str, Any]]:
@@ -79,12 +159,12 @@ class GameNodes(Check):
         if not missing:
             return self.ok(f"all {len(wanted)} are there")
         if not here - {SIMULATOR}:
-            return self.unknown("none yet", "when all else is ok", up(robot), settled=False)
+            return self.unknown("none yet", "when all else is ok", robot.start_game, settled=False)
         remedy = "Ctrl-C in the game's terminal, then start it again; its log says why a node ended"
         if missing == [SELECTOR]:
             remedy = f"it starts when the robot has a pose; else {remedy}"
         summary = f"{len(here)} of {len(wanted)}; not discovered {robot.within}: {listed(missing)}"
-        return self.bad(summary, remedy, up(robot), settled=False)
+        return self.bad(summary, remedy, robot.start_game, settled=False)
 
     def _duplicates(self, robot: Observations) -> list[str]:
         """Nodes of one kind of which only one may act, and as which processes they run."""
@@ -123,7 +203,7 @@ class Configuration(Check):
         wrong += [f"{node} plays on {there}, {whose} is {ours}" for node, there in maps.items() if there != ours]
         if wrong:
             remedy = "start all nodes with the same --map, --preset, --execution and --set"
-            return self.bad(listed(wrong) + reference, remedy, up(robot))
+            return self.bad(listed(wrong) + reference, remedy, robot.start_game)
         return self.ok(f"{count(len(nodes), 'node')} by {first['hash']}{f' on map {ours}' if maps else ''}")
 
 
@@ -155,4 +235,4 @@ class Game(Check):
         return self.unknown(summary, remedy or "see the lines above", settled=settled)
 
 
-CHECKS: tuple[Check, ...] = (GameNodes(), Configuration(), Game())
+CHECKS: tuple[Check, ...] = (Navigator(), Lifecycle(), *map(Cloud, CLOUDS), GameNodes(), Configuration(), Game())

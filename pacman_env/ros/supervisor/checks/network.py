@@ -1,10 +1,14 @@
-"""Checks of what can be discovered: ROS, domain, namespace, and the robot's base."""
+"""Checks of what can be discovered, and of time: ROS, domain, namespace, base, simulated clock, stamps."""
 
 from __future__ import annotations
 
+import statistics
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
 from ..game_nodes import SIMULATOR
-from .check import Check, Finding, Observations, count, listed
-from .remedies import FIREWALL, RESTART, other_domain, up
+from .check import FIREWALL, RESTART, Check, Finding, Moment, Observations, Source, count, listed, seconds
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"
 #: Beside domain and range, what decides in the environment which nodes are discovered.
@@ -82,7 +86,7 @@ class Base(Check):
         if robot.in_simulation and real:
             summary = f"a simulated robot, {simulator}, and a real one, {listed(real)}: the game drives both"
             remedy = "stop the simulated one (Ctrl-C) and start it in a domain of its own"
-            return self.bad(summary, remedy, f"{up(robot)} --domain-id {other_domain(robot.domain)}")
+            return self.bad(summary, remedy, f"{robot.start_game} --domain-id {robot.other_domain}")
         if len(bases) > 1:
             remedy = "two robots in one namespace: set another for one of them in turtlebot4-setup"
             return self.bad(f"{len(bases)} nodes publish {robot.full('odom')}: {listed(bases)}", remedy)
@@ -92,4 +96,134 @@ class Base(Check):
         return self.silent(robot, summary, "on the robot", RESTART)
 
 
-CHECKS: tuple[Check, ...] = (Ros(), Domain(), Namespace(), Base())
+SKEW_S = 0.2  # Nav2's layer for Clyde keeps it for 0.5 s after the stamp (config/nav2.yaml)
+_FEWEST, _MOST = 5, 2000  # stamps
+_SPAN_S = 0.5  # of a rate
+_LONGEST_TURN_S = 0.5
+
+
+class Clock(NamedTuple):
+    """``/clock``: monotonic time and content of the first and of the last message, s."""
+
+    first_s: float
+    first_clock_s: float
+    last_s: float
+    clock_s: float
+
+    @property
+    def rate(self) -> float | None:
+        """Times as fast as monotonic time; None before it is known."""
+        span_s = self.last_s - self.first_s
+        return (self.clock_s - self.first_clock_s) / span_s if span_s > _SPAN_S else None
+
+
+@dataclass
+class Delays:
+    """Arrival less stamp, s, of the messages of one topic: by this machine's clock, and by ``/clock``."""
+
+    wall_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST))
+    clock_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST))
+    turn_s: float = 0.0  # from a scan's stamp to its end
+
+
+def _ticked(before: Clock | None, message: Any, arrival: Moment) -> Clock:
+    now = arrival.monotonic_s, seconds(message.clock)
+    return Clock(*(now if before is None else before[:2]), *now)
+
+
+def _delayed(before: Delays | None, message: Any, arrival: Moment) -> Delays:
+    delays, headers = before or Delays(), [message.header] if hasattr(message, "header") else _headers(message)
+    for stamp_s in (seconds(header.stamp) for header in headers):
+        delays.wall_s.append(arrival.wall_s - stamp_s)
+        if arrival.clock_s is not None:
+            delays.clock_s.append(arrival.clock_s - stamp_s)
+    turn_s = float(getattr(message, "scan_time", 0.0))
+    delays.turn_s = min(turn_s, _LONGEST_TURN_S) if turn_s > 0 else 0.0  # nor NaN
+    return delays
+
+
+def _headers(transforms: Any) -> list[Any]:
+    """Of transforms from odom; AMCL stamps those to odom ahead."""
+    return [one.header for one in transforms.transforms if one.header.frame_id.lstrip("/") == "odom"]
+
+
+CLOCK = Source("/clock", "rosgraph_msgs/Clock", _ticked, "SENSOR_DATA")
+STAMPS = {
+    "odom": Source("odom", "nav_msgs/Odometry", _delayed, "SENSOR_DATA"),
+    "scan": Source("scan", "sensor_msgs/LaserScan", _delayed, "SENSOR_DATA"),
+    "tf": Source("tf", "tf2_msgs/TFMessage", _delayed),
+}
+
+
+def by_clock(robot: Observations) -> bool:
+    """Whether the robot's stamps are by ``/clock``, not by a wall clock."""
+    clock = robot.get(CLOCK)
+    if clock is None or clock.rate is None:
+        return False
+    delays = [kept for source in STAMPS.values() if (kept := robot.get(source))]
+    wall_s = [abs(s) for kept in delays for s in kept.wall_s]
+    clock_s = [abs(s) for kept in delays for s in kept.clock_s]
+    if not wall_s or not clock_s:
+        return robot.in_simulation
+    return statistics.median(clock_s) < statistics.median(wall_s)
+
+
+class SimulatedClock(Check):
+    name, question = "clock", "Is there one simulated clock at most?"
+    sources = (CLOCK, *STAMPS.values())
+    needs_robot = False
+
+    def answer(self, robot: Observations) -> Finding:
+        owners, clock = robot.publishers_of("/clock"), robot.get(CLOCK)
+        rate = None if clock is None else clock.rate
+        if len(owners) > 1:
+            remedy = f"end all but one, or give it another domain: export ROS_DOMAIN_ID={robot.other_domain}"
+            return self.bad(f"{len(owners)} publish /clock: {listed(owners)}", remedy)
+        if by_clock(robot):
+            owner = owners[0] if owners else "/clock"
+            return self.ok(f"simulated, by {owner}, {rate or 0.0:.1f} times as fast as time")
+        if not owners:
+            return self.ok("no node publishes /clock: time is that on the wall")
+        if rate is None:
+            remedy = "listen for longer: --wait 30"
+            return self.unknown(f"{owners[0]}: {robot.silence('/clock')}", remedy, settled=False)
+        return self.ok(f"{owners[0]} publishes /clock; the robot's stamps are not by it")
+
+
+class Stamps(Check):
+    def __init__(self, topic: str) -> None:
+        self.name, self.question = f"time of {topic}", f"Are the stamps of {topic} by this machine's time?"
+        self._topic = topic
+
+    def answer(self, robot: Observations) -> Finding | None:
+        if by_clock(robot) or (robot.in_simulation and robot.publishers_of("/clock")):
+            return None  # one clock for all, or one that is not received yet, which is the line above
+        topic, delays = self._topic, robot.get(STAMPS[self._topic]) or Delays()
+        if len(delays.wall_s) < _FEWEST:
+            return self._too_few(robot, len(delays.wall_s))
+        late_s = statistics.median(delays.wall_s)
+        side = "behind" if late_s >= 0 else "ahead of"
+        summary = f"{abs(late_s):.2f} s {side} this machine's clock (median of {len(delays.wall_s)})"
+        if -SKEW_S <= late_s <= SKEW_S + delays.turn_s:  # a scan is stamped when it begins
+            return self.ok(summary)
+        scans = robot.get(STAMPS["scan"])
+        if topic != "scan" and scans and abs(statistics.median(scans.wall_s or (0.0,))) < SKEW_S:
+            remedy = "the base's own clock is off: its web page (port 8080 of the robot), Beta Features, Restart ntpd"
+            return self.bad(summary, remedy)
+        remedy = "synchronise the clocks by NTP (apt install chrony), on robot and this machine"
+        return self.bad(f"{summary}; costmaps drop Clyde from {SKEW_S:g} s on", remedy, "sudo chronyc makestep")
+
+    def _too_few(self, robot: Observations, stamps: int) -> Finding | None:
+        topic = self._topic
+        summary = f"{count(stamps, 'stamp')} received {robot.within}" if stamps else robot.silence(topic)
+        if topic == "scan":
+            return None  # a silent lidar has a line of its own
+        if topic in robot.unavailable:
+            return self.unknown(summary, *robot.patience(topic), settled=False)
+        if topic == "odom" and robot.publishers_of(topic) and not stamps:
+            remedy = "its publisher is known, but nothing arrives: a firewall that lets only discovery through?"
+            return self.bad(summary, remedy, FIREWALL, settled=False)
+        return self.unknown(summary, "see base and tf to base", settled=False)
+
+
+CHECKS: tuple[Check, ...] = (Ros(), Domain(), Namespace(), Base(), SimulatedClock(), *map(Stamps, STAMPS))

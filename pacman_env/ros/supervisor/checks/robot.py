@@ -1,19 +1,117 @@
-"""Checks of where the robot is: map, pose and transforms."""
+"""Checks of the robot itself: dock, battery, lidar, map, pose and transforms."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import deque
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import SCANS
-from .check import Check, Finding, Moment, Observations, Source, newest, seconds
-from .clocks import CLOCK, by_clock
-from .remedies import RESTART, localize, patience
+from .check import RESTART, Check, Finding, Moment, Observations, Source, count, newest, seconds
+from .network import CLOCK, by_clock
+
+FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches itself off at 0.12
+SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
+FEWEST_SCANS = 3
+FEWEST_RETURNS = 0.1  # share of rays; less is a lidar that is covered
+
+
+class Scan(NamedTuple):
+    """The summary of a scan."""
+
+    stamp_s: float
+    rays: int
+    returns: int  # rays with one
+    nearest_m: float
+    farthest_m: float
+    frame: str
+
+
+def _add_scan(before: deque[Scan] | None, message: Any, arrival: Moment) -> deque[Scan]:
+    scans = deque(maxlen=2000) if before is None else before
+    ranges = np.asarray(message.ranges, dtype=np.float64)
+    good = ranges[np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)]
+    nearest_m, farthest_m = float(good.min(initial=math.inf)), float(good.max(initial=0.0))
+    frame = str(message.header.frame_id).lstrip("/")[:100]
+    scans.append(Scan(seconds(message.header.stamp), len(ranges), len(good), nearest_m, farthest_m, frame))
+    return scans
+
+
+def _charge(message: Any) -> float:
+    charge = float(message.percentage)
+    if not 0.0 <= charge <= 1.0:  # nor NaN
+        raise ValueError(f"percentage {charge:g}: must be 0 to 1")
+    return charge
+
+
+# A TurtleBot 4 subscribes to both as sensor data: best effort receives from every publisher.
+DOCKED = Source("dock_status", "irobot_create_msgs/DockStatus", newest(lambda m: bool(m.is_docked)), "SENSOR_DATA")
+CHARGE = Source("battery_state", "sensor_msgs/BatteryState", newest(_charge), "SENSOR_DATA")
+SCANS = Source("scan", "sensor_msgs/LaserScan", _add_scan, "SENSOR_DATA")
+
+
+class Dock(Check):
+    name, question = "dock", "Is the robot off its dock?"
+    sources = (DOCKED,)
+
+    def answer(self, robot: Observations) -> Finding:
+        docked = robot.get(DOCKED)
+        if robot.virtual or docked is None:
+            return self.missing(robot, DOCKED)
+        if docked:
+            undock = f'ros2 action send_goal {robot.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
+            return self.bad("docked, where a TurtleBot 4 stops its lidar", "undock, a metre free behind", undock)
+        return self.ok("undocked")
+
+
+class Battery(Check):
+    name, question = "battery", "Is the battery charged?"
+    sources = (CHARGE,)
+
+    def answer(self, robot: Observations) -> Finding:
+        charge = robot.get(CHARGE)
+        if robot.virtual or charge is None:
+            return self.missing(robot, CHARGE)
+        if charge >= FLAT:
+            return self.ok(f"{100 * charge:.0f} %")
+        summary = f"{100 * charge:.0f} %, less than {100 * FLAT:.0f} %"
+        if robot.get(DOCKED):
+            return self.bad(summary, "leave it on its dock")
+        dock = f'ros2 action send_goal {robot.full("dock")} irobot_create_msgs/action/Dock "{{}}"'
+        return self.bad(summary, "charge it, within sight of its dock", dock)
+
+
+class Lidar(Check):
+    name, question = "lidar", "Does the lidar scan often enough, with nothing over it?"
+    sources = (SCANS,)
+
+    def answer(self, robot: Observations) -> Finding:
+        scans = robot.get(SCANS)
+        if not scans or len(scans) < FEWEST_SCANS:
+            summary = f"{count(len(scans), 'scan')} {robot.within}" if scans else robot.silence("scan")
+            return self.silent(robot, summary, *self._remedy(robot))
+        stamps_s, rays, returns, nearest_m, farthest_m, _ = zip(*scans, strict=True)
+        span_s, share = stamps_s[-1] - stamps_s[0], sum(returns) / max(sum(rays), 1)
+        rate_hz = (len(scans) - 1) / span_s if span_s > 0 else 0.0
+        ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
+        summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
+        if share < FEWEST_RETURNS:
+            return self.bad(summary, "is something on it, or is it covered? free it")
+        if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
+            remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
+            return self.bad(summary, remedy)
+        return self.ok(summary)
+
+    def _remedy(self, robot: Observations) -> tuple[str, str]:
+        if SCANS.name in robot.unreadable:
+            return "read its driver's log", ""
+        if robot.get(DOCKED):
+            return "undock: a docked TurtleBot 4 stops it", ""
+        return "start its motor", f'ros2 service call {robot.full("start_motor")} std_srvs/srv/Empty "{{}}"'
+
 
 CELLS_DIFFER = 0.001  # share; the same file gives 0
 FRESH_S = 1.0  # of a transform; the goal selector's pose_timeout_s
@@ -63,25 +161,26 @@ def _pose(message: Any) -> StampedPose:
     return StampedPose(pose_of(message), seconds(message.header.stamp))
 
 
-def _links(static: bool) -> Callable[[dict[str, Link] | None, Any, Moment], dict[str, Link]]:
-    def fold(before: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
-        from pacman_env.ros.messages import transform_of
+def _add_links(before: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
+    from pacman_env.ros.messages import transform_of
 
-        links = {} if before is None else before
-        for transform in message.transforms:
-            parent, child, _ = transform_of(transform)
-            child = child.lstrip("/")
-            if child in links or len(links) < _FRAMES:
-                links[child] = Link(parent.lstrip("/"), None if static else arrival.monotonic_s)
-        return links
+    links = before or {}
+    for transform in message.transforms:
+        parent, child, _ = transform_of(transform)
+        child = child.lstrip("/")
+        if child in links or len(links) < _FRAMES:
+            links[child] = Link(parent.lstrip("/"), arrival.monotonic_s)
+    return links
 
-    return fold
+
+def _add_static_links(before: dict[str, Link] | None, message: Any, arrival: Moment) -> dict[str, Link]:
+    return {child: Link(parent, None) for child, (parent, _) in _add_links(before, message, arrival).items()}
 
 
 GRID = Source("map", "nav_msgs/OccupancyGrid", newest(_grid), "LATCHED")
 POSE = Source("amcl_pose", "geometry_msgs/PoseWithCovarianceStamped", newest(_pose), "LATCHED")
-LINKS = Source("tf", "tf2_msgs/TFMessage", _links(static=False))
-STATIC_LINKS = Source("tf_static", "tf2_msgs/TFMessage", _links(static=True), "STATIC_TRANSFORMS")
+LINKS = Source("tf", "tf2_msgs/TFMessage", _add_links)
+STATIC_LINKS = Source("tf_static", "tf2_msgs/TFMessage", _add_static_links, "STATIC_TRANSFORMS")
 
 
 class Map(Check):
@@ -91,7 +190,8 @@ class Map(Check):
     def answer(self, robot: Observations) -> Finding:
         grid, game = robot.get(GRID), robot.map
         if grid is None:
-            return self.silent(robot, robot.silence("map"), "start localization with the game's map", localize(robot))
+            remedy = "start localization with the game's map"
+            return self.silent(robot, robot.silence("map"), remedy, robot.start_localization)
         rows, columns = grid.cells.shape
         summary = f"{columns} x {rows} cells of {grid.resolution:.3g} m"
         if game is None:
@@ -110,7 +210,7 @@ class Map(Check):
                 return self.ok(f"{summary}, {100 * share:.1f} % differ from {game.name}")
             wrong.append(f"{100 * share:.1f} % of cells differ")
         remedy = "localization and game need one file: start one of them again with the other's"
-        command = "" if robot.in_simulation else localize(robot)
+        command = "" if robot.in_simulation else robot.start_localization
         return self.bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)
 
 
@@ -124,7 +224,7 @@ class Pose(Check):
             if robot.in_simulation or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
                 return self.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
             remedy = "no amcl discovered either: start localization"
-            return self.silent(robot, robot.silence("amcl_pose"), remedy, localize(robot))
+            return self.silent(robot, robot.silence("amcl_pose"), remedy, robot.start_localization)
         (x, y, heading), stamp_s = stamped
         clock = robot.get(CLOCK)
         now_s = clock.clock_s if clock is not None and by_clock(robot) else robot.now.wall_s
@@ -160,7 +260,7 @@ class BaseTransforms(Check):
 
     def _remedy(self, robot: Observations, child: str, stale: bool = False) -> tuple[str, str]:
         if LINKS.name in robot.unavailable:
-            return patience(robot, LINKS.name)
+            return robot.patience(LINKS.name)
         if child == "odom":
             if stale:
                 return "AMCL publishes it with every scan: see lidar and dock", ""
@@ -201,4 +301,4 @@ def _no_parent(robot: Observations, source: Source[Any], frame: str) -> str:
     return f"no parent of {frame} received on {robot.full(source.name)} {robot.within}"
 
 
-CHECKS: tuple[Check, ...] = (Map(), Pose(), BaseTransforms(), LidarTransforms())
+CHECKS: tuple[Check, ...] = (Dock(), Battery(), Lidar(), Map(), Pose(), BaseTransforms(), LidarTransforms())

@@ -1,0 +1,84 @@
+"""The terminal of an operator: one line that is written over and over, and keys that need no Return."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import shutil
+import termios
+import time
+import tty
+from collections.abc import Callable, Iterator, Sequence
+from typing import TextIO
+
+LINE_S = 0.5  # between two updates of the line
+_CLEAR = "\r\x1b[K"
+
+
+class LineWriter:
+    """One line that is written over and over on a terminal; elsewhere a line whenever something but time changes."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out, self._is_terminal = out, out.isatty()
+        self._last, self._due_s = "", 0.0
+        self._awaited, self._since_s = "", 0.0
+
+    def print(self, text: str) -> None:
+        """A line that stays."""
+        print(f"{_CLEAR if self._is_terminal else ''}{text}", file=self._out, flush=True)
+        self._due_s = 0.0
+
+    def show(self, line: Callable[[bool], str], at_once: bool = False) -> None:
+        """``line(True)`` is with what only time changes, ``line(False)`` without."""
+        if time.monotonic() < self._due_s and not at_once:
+            return
+        self._due_s = time.monotonic() + LINE_S
+        if self._is_terminal:
+            self._out.write(_CLEAR + line(True))
+            self._out.flush()
+        elif line(False) != self._last:
+            self._last = line(False)
+            print(line(True), file=self._out, flush=True)
+
+    def wait(self, what: str, at_once: bool = False) -> None:
+        """Show what is waited for, and for how long already."""
+        if what != self._awaited:
+            self._awaited, self._since_s = what, time.monotonic()
+        waited = f"{time.monotonic() - self._since_s:.0f} s"
+        self.show(lambda with_time: fitted([what, waited] if with_time else [what]), at_once)
+
+
+def fitted(parts: Sequence[str], width: int | None = None) -> str:
+    """As many parts, the most important first, as fit on a line of ``width`` characters, or of the terminal's width."""
+    width = shutil.get_terminal_size().columns - 1 if width is None else width
+    line = parts[0]
+    for part in parts[1:]:
+        if len(line) + 2 + len(part) <= width:
+            line += f"  {part}"
+    return line if len(line) <= width else f"{line[: max(width - 1, 0)]}…"
+
+
+@contextlib.contextmanager
+def keyboard(source: TextIO) -> Iterator[Callable[[], str] | None]:
+    """A function that returns the keys pressed since its last call, in lower case; None where keys cannot be read."""
+    before = None
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # no terminal, or one of another process group
+        if source.isatty() and os.tcgetpgrp(source.fileno()) == os.getpgrp():
+            before = termios.tcgetattr(source)
+            tty.setcbreak(source)
+    if before is None:
+        yield None
+        return
+
+    def pressed() -> str:
+        with contextlib.suppress(OSError, ValueError):
+            if select.select([source], [], [], 0.0)[0]:
+                return os.read(source.fileno(), 100).decode(errors="ignore").lower()
+        return ""
+
+    try:
+        yield pressed
+    finally:
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcsetattr(source, termios.TCSADRAIN, before)
