@@ -57,15 +57,12 @@ def benchmark(
         figures = measure(arguments)
         if arguments.json:
             facts = {"version": __version__, "map": arguments.map, "seed": getattr(arguments, "seed", None)}
-            write_json(arguments.json, {**facts, "machine": _machine(), **figures})
+            processor = platform.processor() or platform.machine()
+            machine = {"python": platform.python_version(), "processor": processor, "cores": CORES}
+            write_json(arguments.json, {**facts, "machine": machine, **figures})
         return int(failed(figures))
 
     return lambda argv=None: run_command(parser, argv, work, extra)
-
-
-def _machine() -> dict[str, Any]:
-    processor = platform.processor() or platform.machine()
-    return {"python": platform.python_version(), "processor": processor, "cores": CORES}
 
 
 def turns(rounds: int, *alternatives: Callable[[], T]) -> list[tuple[T, ...]]:

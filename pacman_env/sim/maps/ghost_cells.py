@@ -19,7 +19,7 @@ from ...config import ClydeConfig, ConfigError
 from ...engine.bucket_queue import Queue, clear, new_queue, pop, push
 from ...engine.jit import kernel
 from ...game.pellets import FreeSpace, pixel_to_world
-from ...world.navigation.distances import connected_parts
+from ...world.navigation.grid import connected_parts
 
 STRAIGHT, DIAGONAL = 70, 99  # step costs; 99 / 70 is within 0.01 % of the square root of 2
 _LANDMARKS = 6

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from ...config import ClydeConfig
 from ...engine.jit import kernel
-from ...world.navigation.distances import nearest_numbers
-from ...world.navigation.grid import DriveGrid
+from ...world.navigation.grid import DriveGrid, nearest_numbers
 from .ghost_cells import ClydeCells
 
 _NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to

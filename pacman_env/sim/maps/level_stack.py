@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from ...config import Config
 from ...engine.jit import kernel
 from ...engine.native import Table, declared
-from ...world.navigation.coarse_steps import TILE, coarse_steps
-from ...world.navigation.paths import UNREACHABLE_CM
+from ...world.navigation.paths import TILE, UNREACHABLE_CM, coarse_steps
 from ...world.navigation.physics import clear_cells
 from .assets import MapAssets
 from .ghost_targets import are_sent

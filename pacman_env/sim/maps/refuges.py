@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ...config import RefugeConfig
 from ...engine.jit import kernel
-from ...world.navigation.distances import clearance_m, connected_parts
-from ...world.navigation.grid import DriveGrid
+from ...world.navigation.grid import DriveGrid, clearance_m, connected_parts
 from ...world.navigation.paths import UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ...engine.jit import kernel, prefetch
 from ...engine.lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
 from ...engine.native import Array, Table, address_of, arrays_by_address
-from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
+from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from .situation import LAYOUT, Situation
 
 STEP_S = 0.5  # between the instants that are looked at

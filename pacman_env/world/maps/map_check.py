@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap
-from pacman_env.world.navigation.distances import connected_parts
-from pacman_env.world.navigation.grid import build_grid
+from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are specks of the mapping and are not counted
 SUSPICIOUS_SHARE = 0.01  # of all pixels

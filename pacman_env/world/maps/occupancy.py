@@ -20,13 +20,16 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from pacman_env.files import replaced, shipped
-from pacman_env.world.maps.map_image import ImageError, read_image
 
 Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Pose = tuple[float, float, float]  # x, y, yaw: m and rad
 MODES = ("trinary", "scale", "raw")
 _YES, _NO = {"y", "yes", "true", "on"}, {"n", "no", "false", "off"}
+MAX_PIXELS_PER_SIDE = 10_000
+_PNG = b"\x89PNG\r\n\x1a\n"
+_GAP = rb"(?:\s|#[^\n]*\n)+"
+_PGM_HEADER = re.compile(rb"P([25])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,5})\s")
 #: What PyYAML is known to raise on broken input beside its own error.
 _YAML_ERRORS = (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 
@@ -245,8 +248,8 @@ def _load(path: Path, name: str) -> OccupancyMap:
     if not isinstance(image, str) or not image or "\0" in image:
         raise MapError(f"{path}: key 'image': {reprlib.repr(image)} must be the name of a file")
     try:
-        pixels, opaque = read_image(path.parent / image)
-    except ImageError as error:
+        pixels, opaque = _read_image(path.parent / image)
+    except ValueError as error:
         raise MapError(f"{path}: key 'image': {path.parent / image}: {error}") from error
     try:
         return OccupancyMap.from_pixels(name, pixels, opaque=opaque, **settings)
@@ -284,3 +287,86 @@ def _negate(path: Path, keys: dict[Any, Any]) -> bool:
     if re.fullmatch(r"[+-]?\d{1,9}", text):
         return int(text) != 0
     raise MapError(f"{path}: key 'negate': {reprlib.repr(value)} must be 0 or 1")
+
+
+def _read_image(path: Path) -> tuple[Grey, Mask | None]:
+    """Brightness (H, W), row 0 at the top, and where it is opaque, None for an image without alpha.
+
+    As GraphicsMagick does for Nav2: colour becomes grey by Rec. 601 luma, 16 bits become 8; opaque is an alpha of 255.
+    OpenCV decodes PNG and BMP; it would not rescale a binary PGM with a maxval other than 255, so PGM is read here.
+    """
+    try:
+        if not path.is_file():  # a device or a pipe has no end
+            raise ValueError("there is no such file")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror}") from error
+    pgm = _PGM_HEADER.match(data)
+    if pgm:
+        width, height = int(pgm[2]), int(pgm[3])
+    elif data.startswith(_PNG) and len(data) > 33:
+        width, height = struct.unpack(">II", data[16:24])
+    elif data.startswith(b"BM") and len(data) > 26:
+        width, height = map(abs, struct.unpack("<ii", data[18:26]))  # a negative height: rows from the top
+    else:
+        raise ValueError("neither PGM (P2, P5) nor PNG nor BMP, or cut off")
+    # Checked before anything is unpacked: a small file can claim to be a huge image.
+    if not (0 < width <= MAX_PIXELS_PER_SIDE and 0 < height <= MAX_PIXELS_PER_SIDE):
+        raise ValueError(f"{width} x {height} pixels, must be within 1..{MAX_PIXELS_PER_SIDE} each way")
+    return (_pgm(data, pgm, width, height), None) if pgm else _decode(data, width, height)
+
+
+def _decode(data: bytes, width: int, height: int) -> tuple[Grey, Mask | None]:
+    import cv2
+
+    try:
+        planes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        planes = None
+    if planes is None or planes.shape[:2] != (height, width) or planes.dtype not in (np.uint8, np.uint16):
+        raise ValueError("a broken image")
+    if planes.ndim == 2:
+        key = _transparent_grey(data)
+        return _to_byte(planes), None if key is None else planes != key
+    opaque = _to_byte(planes[:, :, 3]) == 255 if planes.shape[2] == 4 else None
+    if data.startswith(b"BM") and opaque is not None and not planes[:, :, 3].any():
+        opaque = None  # the fourth byte of a BMP is padding unless something uses it
+    blue, green, red = (planes[:, :, k].astype(np.uint32) for k in range(3))
+    luma = (299 * red + 587 * green + 114 * blue + 500) // 1000
+    return _to_byte(luma.astype(planes.dtype)), opaque
+
+
+def _to_byte(plane: NDArray[Any]) -> Grey:
+    """8 bits of 16, rounded."""
+    return plane if plane.dtype == np.uint8 else ((plane.astype(np.uint32) + 128) // 257).astype(np.uint8)
+
+
+def _transparent_grey(data: bytes) -> int | None:
+    """The grey that a PNG's tRNS chunk makes transparent, at the decoded depth: OpenCV ignores the chunk."""
+    at = len(_PNG)
+    while data.startswith(_PNG) and at + 12 <= len(data) and data[at + 4 : at + 8] != b"IDAT":
+        (size,) = struct.unpack(">I", data[at : at + 4])
+        if data[at + 4 : at + 8] == b"tRNS" and size == 2:
+            depth, (value,) = data[24], struct.unpack(">H", data[at + 8 : at + 10])
+            return value * 255 // (2**depth - 1) if depth < 8 else value
+        at += 12 + size
+    return None
+
+
+def _pgm(data: bytes, header: re.Match[bytes], width: int, height: int) -> Grey:
+    maxval, count, raster = int(header[4]), width * height, data[header.end() :]
+    if not 0 < maxval <= 65535:
+        raise ValueError(f"maxval {maxval} must be within 1..65535")
+    if header[1] == b"2":
+        words = re.sub(rb"#[^\n]*", b"", raster).split(maxsplit=count)[:count]
+        if not all(map(bytes.isdigit, words)):
+            raise ValueError("the raster holds something that is not a number")
+        values = np.array([min(int(w[:9]), maxval) for w in words], dtype=np.uint32)
+    else:
+        dtype = np.dtype(">u2" if maxval > 255 else "u1")
+        values = np.frombuffer(raster, dtype, count=min(count, len(raster) // dtype.itemsize))
+    if len(values) < count:
+        raise ValueError(f"cut off after {len(values)} of {count} pixels")
+    if maxval != 255:
+        values = (np.minimum(values, maxval).astype(np.uint32) * 510 + maxval) // (2 * maxval)
+    return values.astype(np.uint8).reshape(height, width)

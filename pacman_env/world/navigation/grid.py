@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ...config import ExecutionConfig, Nav2Config, PelletConfig, RobotConfig
 from ...engine.jit import kernel
 from ..maps.occupancy import MapError, OccupancyMap
-from .distances import clearance_m, connected_parts, nearest_numbers
 from .paths import PathFields, navfn_weights, neighbour_table
 
 LETHAL = 254  # an obstacle's own cell
@@ -126,27 +125,53 @@ def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
     return found
 
 
+def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Number (H, W) of the 4-connected part (diagonal steps need both neighbours), from 1 on, and the area of each.
+
+    What is not set has number 0 and area 0.
+    """
+    parts, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
+    areas = np.bincount(labels.ravel(), minlength=parts)
+    areas[0] = 0
+    return labels, areas
+
+
+def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """(H, W) of each cell the nearest number that is not negative, 0: there is none, and how many cells away it is."""
+    away, label = cv2.distanceTransformWithLabels(
+        (number < 0).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    by_label = np.append(np.int32(0), number[number >= 0])  # OpenCV counts pixels row by row, from 1 on
+    return by_label[label], away
+
+
+def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
+    """Distance (H, W) of each cell's centre to that of the nearest cell that is not free, m."""
+    distance = cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return _whole_squares(distance, resolution)
+
+
+@kernel
+def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
+    """Distances in m. OpenCV's last bit differs from call to call; the squares are whole, so rounding is exact."""
+    rounded = np.empty(distance.shape, np.float32)
+    for row in range(len(distance)):
+        for column in range(distance.shape[1]):
+            d = np.float64(distance[row, column])
+            rounded[row, column] = np.sqrt(np.rint(d * d)) * resolution
+    return rounded
+
+
 def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:
     """Nav2's inflation layer: cost of each cell from its distance d to the nearest obstacle's centre.
 
     254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
     """
-    reach = math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6
-    return _decay(clearance, reach, nav2.inflation_scale, robot.inscribed_radius_m)
-
-
-@kernel
-def _decay(clearance, reach, scale, inscribed):  # type: ignore[no-untyped-def]
     cost = np.zeros(clearance.shape, np.uint8)
-    for row in range(len(cost)):
-        for column in range(cost.shape[1]):
-            d = np.float64(clearance[row, column])
-            if d == 0.0:
-                cost[row, column] = LETHAL
-            elif d <= inscribed:
-                cost[row, column] = INSCRIBED
-            elif d <= reach:
-                cost[row, column] = int(max(math.floor(252.0 * math.exp(-scale * (d - inscribed))), 0))
+    near = clearance <= math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6
+    d, inscribed = clearance[near].astype(np.float64), robot.inscribed_radius_m
+    decay = np.floor(252.0 * np.exp(-nav2.inflation_scale * (d - inscribed)))
+    cost[near] = np.where(d == 0.0, LETHAL, np.where(d <= inscribed, INSCRIBED, decay))
     return cost
 
 

@@ -7,8 +7,15 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.world.navigation.coarse_steps import ARRIVED, NO_WAY, TILE, coarse_step, coarse_steps, tile_index
-from pacman_env.world.navigation.paths import NO_STEP
+from pacman_env.world.navigation.paths import (
+    ARRIVED,
+    NO_STEP,
+    NO_WAY,
+    TILE,
+    coarse_step,
+    coarse_steps,
+    tile_index,
+)
 
 
 @pytest.mark.parametrize("name", ["house", "maze"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pacman_env.world.navigation.distances import clearance_m, connected_parts, nearest_numbers
+from pacman_env.world.navigation.grid import clearance_m, connected_parts, nearest_numbers
 
 
 def drawn(seed: int, share: float) -> np.ndarray:

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
-from pacman_env.world.navigation.distances import clearance_m
-from pacman_env.world.navigation.grid import DriveGrid, build_grid
+from pacman_env.world.navigation.grid import DriveGrid, build_grid, clearance_m
 from pacman_env.world.navigation.lidar import Maps, Robots, Sensor, scan
 from tests.drawn import box, drawn
 
