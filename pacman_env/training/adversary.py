@@ -1,11 +1,12 @@
 """Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
 
-Arguments, the rounds in order, the table of completion for each pair, and the record. Clyde's games are in
-``ghost_games``, the planner's opponents in ``opponents``.
+Arguments, the rounds in order, and the record. The games of both are in ``games``; the planner's opponents, and the
+table of completion for each pair, in ``opponents``.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sys
 import time
@@ -16,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.utils import set_random_seed
+import torch
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
@@ -27,14 +28,13 @@ from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
-from pacman_env.training.checkpoint import facts_path, load_network, read_facts
+from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
 from pacman_env.training.export import export_planner, network_of
-from pacman_env.training.games import TrainingGames, make_games
-from pacman_env.training.ghost_games import make_ghost_games
+from pacman_env.training.games import GhostGames, TrainingGames, make_games, make_ghost_games
 from pacman_env.training.imitation import imitate
-from pacman_env.training.learner import Learner, new_model, use_device
+from pacman_env.training.learner import Learner, use_device
 from pacman_env.training.opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from pacman_env.training.run import LearningRate, TrainingCallback, facts_of, progress_bar, restore
+from pacman_env.training.run import facts_of, progress_bar
 
 _PROG = "pacman-env adversary"
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
@@ -114,12 +114,7 @@ def _run(arguments: Arguments) -> None:
 
 
 def parse(argv: Sequence[str]) -> Arguments:
-    """Arguments of the command line over those of ``--quick`` or the defaults.
-
-    Raises:
-        ValueError: a value is out of range.
-        SystemExit: after ``--help`` and bad arguments.
-    """
+    """Arguments of the command line over those of ``--quick`` or the defaults."""
     parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
     return parse_options(parser, argv, QUICK if "--quick" in argv else Arguments())
@@ -129,11 +124,7 @@ class Alternation:
     """A run: both networks, the pool of Clydes so far, the table and the record."""
 
     def __init__(self, arguments: Arguments) -> None:
-        """Make the folder.
-
-        Raises:
-            ValueError: there is a run in it already.
-        """
+        """Make the folder; raises ValueError if there is a run in it already."""
         self.arguments, self.folder = arguments, arguments.out
         self.record = self.folder / "record.json"
         if self.record.exists():
@@ -141,31 +132,25 @@ class Alternation:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.table = Table(_games(arguments, _PLANNER), arguments.evaluation)
         self.rounds: list[dict[str, Any]] = []
-        self._decisions = [0, 0]
-        self._models: list[Learner | None] = [None, None]
+        clyde = Learner(_games(arguments, _CLYDE).hyper, _seeds(arguments, _CLYDE, 1)[0], threads=arguments.threads)
+        planner, trained_before = starting_model(arguments)
+        self._models, self._decisions = [planner, clyde], [trained_before, 0]
 
     def run(self) -> None:
-        """All rounds, then the newest planner against every Clyde.
-
-        Raises:
-            ValueError: the file to begin with holds no planner for this version.
-        """
+        """All rounds, then the newest planner against every Clyde."""
         arguments, began = self.arguments, time.perf_counter()
         decisions = arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions)
+        self._export(_PLANNER, "planner-0")
+        self.table.play("planner-0", BUILT_IN)
         with progress_bar(decisions, arguments.progress) as bar:
-            games = make_games(_games(arguments, _PLANNER), 0)
-            self._models[_PLANNER], self._decisions[_PLANNER] = starting_model(arguments, games)
-            games.close()
-            self._export(_PLANNER, "planner-0")
-            self.table.play("planner-0", BUILT_IN)
             for number in range(1, arguments.rounds + 1):
                 self._round(number, bar)
                 bar.write(f"round {number}\n\n{self.table.render()}\n", file=sys.stderr)
-        newest = f"planner-{arguments.rounds}"
-        self.table.play(newest, [f"clyde-{number}" for number in range(1, arguments.rounds + 1)])
+        newest, clydes = f"planner-{arguments.rounds}", [f"clyde-{k}" for k in range(1, arguments.rounds + 1)]
+        self.table.play(newest, clydes)
         self._write()
         print(f"seed {arguments.seed}, {time.perf_counter() - began:.0f} s\n\n{self.table.render()}\n")
-        print(f"written: {self.record}, {self._path(newest)}, {self._path(f'clyde-{arguments.rounds}')}")
+        print(f"written: {self.record}, {self._path(newest)}, {self._path(clydes[-1])}")
 
     def _round(self, number: int, bar: Any) -> None:
         """A Clyde against the planner, the planner against the pool, and their results."""
@@ -196,30 +181,23 @@ class Alternation:
         self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (before, after, *RULES)})
         self._write()
 
-    def _learn(self, side: int, number: int, games: TrainingGames, bar: Any) -> float:
+    def _learn(self, side: int, number: int, games: TrainingGames | GhostGames, bar: Any) -> float:
         """PPO of one side in its games; returns how long it took, s."""
-        hyper = _games(self.arguments, side).hyper
-        seeds = _seeds(self.arguments, side, number)
-        model = self._models[side] or new_model(hyper, games, seeds[0])
-        self._models[side], model.threads = model, self.arguments.threads
-        model.lr_schedule = rate = LearningRate(hyper.learning_rate)
-        model.set_env(games)
-        set_random_seed(seeds[0])
-        games.seed(seeds[1])
+        model, (torch_seed, games_seed) = self._models[side], _seeds(self.arguments, side, number)
+        torch.manual_seed(torch_seed)
+        model.decisions = 0  # of this round: its rates begin anew
         began = time.perf_counter()
-        model.learn(hyper.decisions, TrainingCallback(hyper, rate, bar))
-        games.close()
-        self._decisions[side] += int(model.num_timesteps)
+        with contextlib.closing(games):
+            model.learn(games, model.hyper.decisions, games_seed, bar)
+        self._decisions[side] += model.decisions
         return time.perf_counter() - began
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.onnx"
 
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
-        model, arguments = self._models[side], _games(self.arguments, side)
-        assert model is not None
-        facts = facts_of(arguments, self._decisions[side], metrics or {})
-        export_planner(model.policy.network, self._path(name), facts)
+        facts = facts_of(_games(self.arguments, side), self._decisions[side], metrics or {})
+        export_planner(self._models[side].network, self._path(name), facts)
         self.table.add(name, self._path(name))
 
     def _write(self) -> None:
@@ -232,34 +210,28 @@ class Alternation:
         write_json(self.record, content)
 
 
-def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner, int]:
-    """The planner to begin with, ready to be trained in ``games``, and how many decisions it has been trained for.
+def starting_model(arguments: Arguments) -> tuple[Learner, int]:
+    """The planner to begin with, and how many decisions it has been trained for.
 
-    Raises:
-        ValueError: the file holds no planner for this version; the message names it.
+    Raises ValueError, with the file's name, if the file has no planner for this version.
     """
-    hyper, path = _games(arguments, _PLANNER).hyper, arguments.start
-    seeds = _seeds(arguments, _PLANNER, 0)
+    game, path = _games(arguments, _PLANNER), arguments.start
+    torch_seed, games_seed = _seeds(arguments, _PLANNER, 0)
+    make = partial(Learner, game.hyper, torch_seed, threads=arguments.threads)
     if path is None:
-        model = new_model(hyper, games, seeds[0])
+        model = make()
         if arguments.imitation > 0:
-            games.seed(seeds[1])
-            model.threads = arguments.threads
-            imitate(model, games, "lookahead", arguments.imitation, seeds[0])
+            with contextlib.closing(make_games(game, 0)) as games:
+                imitate(model, games, arguments.imitation, games_seed=games_seed, seed=torch_seed)
         return model, 0
     if path.suffix == ".onnx":
         network = network_of(path)
-        shown = np.flatnonzero(network.shown.numpy() == 0).tolist()
-        sizes: dict[str, Any] = {
-            "width": network.width,
-            "dropped_features": tuple(shown),
-            "dropped_kinds": network.dropped_kinds,
-        }
-        model = new_model(hyper, games, seeds[0], **sizes)
-        model.policy.network.load_state_dict(network.state_dict())
+        hidden = tuple(np.flatnonzero(network.shown.numpy() == 0).tolist())
+        model = make(width=network.width, dropped_features=hidden, dropped_kinds=network.dropped_kinds)
+        model.network.load_state_dict(network.state_dict())
         return model, read_planner(path)[0].training.decisions
-    model = new_model(hyper, games, seeds[0], width=load_network(path).width)
-    restore(model, path)
+    model = make(width=load_network(path).width)
+    restore(path, model.network, model.optimizer)
     facts = facts_path(path)
     return model, read_facts(facts).training.decisions if facts.exists() else 0
 
@@ -267,20 +239,21 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner,
 def _games(arguments: Arguments, side: int) -> GameArguments:
     """The arguments of the games and the learning of a side."""
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
-    own = side == _CLYDE
-    count = arguments.clyde_games if own else arguments.games
-    rollout = count * hyper.n_steps
+    if side == _CLYDE:
+        games, decisions, rate = arguments.clyde_games, arguments.clyde_decisions, arguments.clyde_learning_rate
+    else:
+        games, decisions, rate = arguments.games, arguments.planner_decisions, arguments.learning_rate
+    rollout = games * hyper.n_steps
     hyper = dataclasses.replace(
         hyper,
-        games=count,
-        decisions=arguments.clyde_decisions if own else arguments.planner_decisions,
+        games=games,
+        decisions=decisions,
         segment=rollout,
         batch_size=rollout // 2,
-        learning_rate=arguments.clyde_learning_rate if own else arguments.learning_rate,
+        learning_rate=rate,
         levels=arguments.levels,
+        clyde_speed=arguments.clyde_speed or hyper.clyde_speed,
     )
-    if arguments.clyde_speed is not None:
-        hyper = dataclasses.replace(hyper, clyde_speed=arguments.clyde_speed)
     return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
 
 

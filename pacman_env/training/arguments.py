@@ -81,7 +81,7 @@ class Hyperparameters(Checked):
 
 @dataclass(frozen=True)
 class Arguments(Checked):
-    """Train a planner with MaskablePPO on generated houses."""
+    """Train a planner with PPO on generated houses."""
 
     hyper: Hyperparameters
     out: Path = Path("results/ppo")

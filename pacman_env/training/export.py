@@ -220,7 +220,7 @@ def _commit() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="pacman-env export", description=__doc__)
-    parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="as Stable-Baselines3 saved it")
+    parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="of a training, such as last.zip")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its metadata goes beside it")
     parser.add_argument("--facts", type=Path, metavar="FILE.json", help="default: CHECKPOINT.facts.json")
     return run_command(parser, argv, _export, "train")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pacman_env.sb3 import Observation
 from pacman_env.training.games import TrainingGames
-from pacman_env.training.learner import Learner
+from pacman_env.training.learner import Learner, PieceLoss
 from pacman_env.training.network import Packed, Row
 
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
@@ -29,59 +29,49 @@ class _Labels(NamedTuple):
     known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time
 
     def loss(self, model: Learner, met: Packed, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Of some of a minibatch of ``count`` of the situations ``met``; nothing beside it."""
+        """Of some rows of a minibatch of ``count`` of the situations ``met``; no measures."""
         situations, slots = met.of(rows), self.slots[rows]
-        logits, values = model.policy.network.judge_packed(situations)
+        logits, values = model.network.judge_packed(situations)
         log_probs = logits.log_softmax(dim=1)
         entropy = -(log_probs.exp() * log_probs).sum()
         error = ((values - self.returns[rows]).square() * self.known[rows]).sum()
-        taught = slots < situations.counts  # what the network of an ablation may not choose teaches it nothing
+        taught = slots < situations.counts  # nothing is learned from what the network of an ablation may not choose
         labelled = log_probs.gather(1, torch.where(taught, slots, 0)[:, None])[:, 0]
         return (0.5 * error - (labelled * taught).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
 
 
-def imitate(model: Learner, games: TrainingGames, teacher: str, decisions: int, seed: int) -> dict[str, float]:
-    """Fit the model's policy to what the teacher, a registered policy, would choose in ``decisions`` situations.
+def imitate(model: Learner, games: TrainingGames, decisions: int, *, games_seed: int, seed: int) -> dict[str, float]:
+    """Fit the network to what the rule ``lookahead`` would choose in so many situations; ``seed`` orders minibatches.
 
-    In the first of four rounds the teacher plays, in the others the model does and the teacher labels the situations,
-    so that the model also learns in situations that the teacher does not get into
-    (DAgger: Ross, Gordon, Bagnell, 2011).
-
-    Returns:
-        Share of choices that agree in the last round.
+    In the first of four rounds the rule plays, in the others the network does and the rule labels the situations, so
+    that the network also learns in situations that the rule does not get into (DAgger: Ross, Gordon, Bagnell, 2011).
+    Returns the share of choices that agree in the last round.
     """
     steps = max(decisions // games.num_envs // _ROUNDS, 1)
-    optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
+    optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
     met, labelled = Row(_ROUNDS * steps * games.num_envs), list[_Labels]()
-    agreement = 0.0
-    observation = games.reset()
+    observation = games.reset(games_seed)
     for number in range(_ROUNDS):
-        observation, labels, agreement = _play(model, games, teacher, steps, observation, number > 0, met)
+        observation, labels, agreement = _play(model, games, steps, observation, number > 0, met)
         labelled.append(labels)
-        _fit(model, optimizer, met.situations(), labelled, generator)
+        _fit(model, optimizer, met.situations(), _Labels(*map(torch.cat, zip(*labelled, strict=True))), generator)
     return {"agreement": agreement}
 
 
 def _fit(
-    model: Learner,
-    optimizer: torch.optim.Optimizer,
-    met: Packed,
-    labelled: list[_Labels],
-    generator: torch.Generator,
+    model: Learner, optimizer: torch.optim.Optimizer, met: Packed, labels: _Labels, generator: torch.Generator
 ) -> None:
-    model.policy.set_training_mode(True)
-    whole = _Labels(*map(torch.cat, zip(*labelled, strict=True)))
-    with model.workers() as pool:
-        for _ in range(_EPOCHS):
-            for rows in torch.randperm(len(whole.slots), generator=generator).to(model.device).split(_BATCH):
-                model.descend(pool, optimizer, partial(whole.loss, model, met, len(rows)), rows, met.counts)
+    def loss_of(rows: torch.Tensor) -> PieceLoss:
+        return partial(labels.loss, model, met, len(rows))
+
+    model.descend(optimizer, loss_of, met.counts, epochs=_EPOCHS, size=_BATCH, generator=generator)
 
 
 def _play(
-    model: Learner, games: TrainingGames, teacher: str, steps: int, observation: Observation, alone: bool, met: Row
+    model: Learner, games: TrainingGames, steps: int, observation: Observation, alone: bool, met: Row
 ) -> tuple[Observation, _Labels, float]:
-    """Play on, the teacher or (``alone``) the model, and add the situations to those ``met``.
+    """Play on, the rule or (``alone``) the model, and add the situations to those ``met``.
 
     Returns the last observation, the labels, and how often they agreed.
     """
@@ -90,26 +80,20 @@ def _play(
     rewards, dones = np.zeros((steps, n), dtype=np.float32), np.zeros((steps, n), dtype=np.bool_)
     agreed = 0.0
     for t in range(steps):
-        labels = games.venv.choices(teacher)  # type: ignore[attr-defined]
+        labels = games.choices("lookahead")
         choices, own = model.choose(observation, deterministic=True)
         agreed += float((own == labels).mean()) / steps
         met.add(choices.situations)
         slots.append((choices.order == torch.as_tensor(labels, device=model.device)[:, None]).byte().argmax(dim=1))
-        observation, rewards[t], dones[t], _ = games.step(own if alone else labels)  # type: ignore[assignment]
-    flat = (torch.from_numpy(array.ravel()).to(model.device) for array in discounted(rewards, dones, model.gamma))
+        observation, rewards[t], dones[t], _ = games.step(own if alone else labels)
+    flat = (torch.from_numpy(array.ravel()).to(model.device) for array in discounted(rewards, dones, model.hyper.gamma))
     return observation, _Labels(torch.cat(slots), *flat), agreed
 
 
 def discounted(
     rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Discounted sums of rewards to the end of the round, and 1 where that end is among the steps, 0 where not.
-
-    Args:
-        rewards: (T, N) of each step.
-        dones: (T, N) the round ended with the step.
-        gamma: per step.
-    """
+    """(T, N) discounted sums of rewards to the end of the round, and 1 where that end is among the steps, else 0."""
     returns, known = np.zeros_like(rewards), np.zeros_like(rewards)
     running, ends = np.zeros(rewards.shape[1], dtype=np.float32), np.zeros(rewards.shape[1], dtype=np.bool_)
     for t in reversed(range(len(rewards))):

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.utils import set_random_seed
 
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
@@ -27,12 +27,12 @@ from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.generated import GeneratedMaps
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts
+from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts, restore
 from pacman_env.training.export import export_planner
-from pacman_env.training.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
+from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
 from pacman_env.training.imitation import imitate
-from pacman_env.training.learner import Learner, new_model, use_device
-from pacman_env.training.run import LearningRate, Run, TrainingCallback, progress_bar, restore
+from pacman_env.training.learner import Learner, use_device
+from pacman_env.training.run import Run, progress_bar
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
@@ -46,12 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parse(argv: Sequence[str]) -> Arguments:
-    """Arguments over the hyperparameters of a file's section.
-
-    Raises:
-        ValueError: the file or a value does not fit.
-        SystemExit: after ``--help`` and bad arguments.
-    """
+    """Arguments over the hyperparameters of a file's section; raises ValueError if the file or a value does not fit."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--quick", action="store_true", help="about a minute on two cores")
     first.add_argument(
@@ -70,11 +65,7 @@ def parse(argv: Sequence[str]) -> Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """All segments that are left, then planner.onnx of the last one, and the report.
-
-    Raises:
-        ValueError: the run's folder does not fit, or a value is out of range.
-    """
+    """All segments that are left, then planner.onnx of the last one, and the report."""
     started = time.perf_counter()
     folder, model = train(arguments)
     planner = _planner(arguments, model)
@@ -84,92 +75,65 @@ def run(arguments: Arguments) -> None:
     print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
 
 
-def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, Learner]:
+def train(arguments: Arguments, after_segment: AfterSegment = lambda record: None) -> tuple[Run, Learner]:
     """All segments that are left; the run's folder and the model as the last one left it.
 
     ``after_segment`` is called with the record of each segment, those before a resumed run included; what
-    it raises ends the training.
-
-    Raises:
-        ValueError: the run's folder does not fit, or a value is out of range.
+    it raises ends the training. Raises ValueError if the run's folder does not fit.
     """
     device = use_device(arguments.device)
     folder = Run(arguments)
-    hyper = arguments.hyper
-    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, len(folder.segments) * hyper.segment)
-    after_segment = after_segment or (lambda record: None)
+    hyper, begun = arguments.hyper, len(folder.segments)
+    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, begun * hyper.segment)
     for record in folder.segments:
         after_segment(record)
-    rate = LearningRate(hyper.learning_rate)
-    begun = len(folder.segments)
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(bar)
-        games = make_games(arguments, begun)
-        model = new_model(hyper, games, arguments.seed, device, **dropped(arguments))
-        model.lr_schedule, model.threads = rate, arguments.threads
+    with bar:
+        model = Learner(hyper, arguments.seed, device, arguments.threads, **dropped(arguments))
         if begun > 0:
-            restore(model, folder.checkpoint(begun - 1))
-        model.set_logger(configure(str(arguments.out), ["tensorboard"]))
-        stack.callback(model.logger.close)
-        validation = _HeldOut(arguments, test=False)
-        for segment in range(begun, hyper.segments):
-            if segment > begun:
-                games.close()
-                games = make_games(arguments, segment)
-            _segment(arguments, folder, model, games, validation, rate, bar)
-            after_segment(folder.segments[-1])
-        games.close()
+            restore(folder.checkpoint(begun - 1), model.network, model.optimizer)
+        model.logger = configure(str(arguments.out), ["tensorboard"])
+        with contextlib.closing(model.logger):
+            validation = _HeldOut(arguments, test=False)
+            for segment in range(begun, hyper.segments):
+                _segment(folder, segment, model, validation, bar)
+                after_segment(folder.segments[-1])
     return folder, model
 
 
-def _segment(
-    arguments: Arguments,
-    folder: Run,
-    model: Learner,
-    games: TrainingGames,
-    validation: _HeldOut,
-    rate: LearningRate,
-    bar: Any,
-) -> None:
-    """Learn in the games of the next segment, validate, write down."""
-    hyper, segment = arguments.hyper, len(folder.segments)
-    seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3)
+def _segment(folder: Run, segment: int, model: Learner, validation: _HeldOut, bar: Any) -> None:
+    """Learn in the games of a segment, validate, write down."""
+    arguments, hyper = folder.arguments, model.hyper
+    seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
     began = time.perf_counter()
-    model.set_env(games)  # which begin anew
-    set_random_seed(int(seeds[0]))
-    games.seed(int(seeds[1]))
-    imitation = {}
-    if segment == 0 and hyper.imitation > 0:
-        imitation = imitate(model, games, "lookahead", hyper.imitation, int(seeds[2]))
-        imitation["imitated"] = validation.share(_planner(arguments, model))
-        bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
-        games.seed(int(seeds[1]))
-    model.num_timesteps = segment * hyper.segment
-    callback = TrainingCallback(hyper, rate, bar)
-    learning = time.perf_counter()
-    model.learn(hyper.segment, callback, reset_num_timesteps=False)
-    ended = time.perf_counter()
+    with contextlib.closing(make_games(arguments, segment)) as games:
+        torch.manual_seed(seeds[0])
+        imitation = {}
+        if segment == 0 and hyper.imitation > 0:
+            imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
+            imitation["imitated"] = validation.share(_planner(arguments, model))
+            bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
+        model.decisions = segment * hyper.segment
+        learning = time.perf_counter()
+        model.learn(games, hyper.segment, seeds[1], bar)
+        ended = time.perf_counter()
     share = validation.share(_planner(arguments, model))
     speed = hyper.segment / (ended - learning)
-    folder.write(
-        model,
-        {
-            "segment": segment,
-            "decisions": int(model.num_timesteps),
-            "completed": share,
-            "clyde_limit_mps": clyde_limit(arguments, segment),
-            "seconds": round(ended - began, 1),
-            "decisions_per_s": round(speed),
-            **imitation,
-        },
-    )
+    result = {
+        "segment": segment,
+        "decisions": model.decisions,
+        "completed": share,
+        "clyde_limit_mps": clyde_limit(arguments, segment),
+        "seconds": round(ended - began, 1),
+        "decisions_per_s": round(speed),
+    }
+    folder.write(model, result | imitation)
     model.logger.record("validation/completed", share)
-    model.logger.dump(model.num_timesteps)
-    bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
+    model.logger.dump(model.decisions)
+    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
 
 
 def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
-    return TorchPlanner("ppo", copy.deepcopy(model.policy.network).cpu(), game_config(arguments).robot.speed_mps)
+    return TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
 class _HeldOut:
@@ -191,11 +155,11 @@ class _HeldOut:
         return GameBatch(source, config, min(_BATCH, len(self.seeds)), self._threads)
 
     def completed(self, policy: str | Policy) -> NDArray[np.bool_]:
-        """(E,) the rounds that ended with all pellets collected and the robot at home."""
+        """(E,) the rounds that were completed."""
         return np.asarray(play_in(self._games, policy, self.seeds, timed=False)[0]["end"] == COMPLETE)
 
     def share(self, policy: str | Policy) -> float:
-        """Of the rounds that ended so; 0 if there are none."""
+        """Of the rounds that were completed; 0 without rounds."""
         return float(self.completed(policy).mean()) if len(self.seeds) > 0 else 0.0
 
 

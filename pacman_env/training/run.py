@@ -1,8 +1,7 @@
 """One training run: segments of PPO with a checkpoint after each, and its record.
 
 A segment begins with new games and with random numbers of its own, drawn from the run's seed and the segment's
-number. So an interrupted run continues from its last checkpoint with the same curve, bit for bit. Only tensors and JSON
-of a checkpoint are read; nothing is unpickled.
+number. So an interrupted run continues from its last checkpoint with the same curve, bit for bit.
 """
 
 from __future__ import annotations
@@ -13,28 +12,22 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from sb3_contrib import MaskablePPO
-from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from pacman_env import __version__
-from pacman_env.files import replaced, write_json
+from pacman_env.files import write_json
 from pacman_env.policies.metadata import Training
-from pacman_env.training.arguments import Arguments, Hyperparameters
-from pacman_env.training.checkpoint import Facts, facts_path, read_tensors, write_facts
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.checkpoint import Facts, facts_path, save_checkpoint, write_facts
 from pacman_env.training.games import VALIDATION_LEVEL, game_config
+from pacman_env.training.learner import Learner
 
 
 class Run:
     """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
 
     def __init__(self, arguments: Arguments) -> None:
-        """Make the folder, or with ``resume`` read what is there.
-
-        Raises:
-            ValueError: there is a run already, or none to go on with, or it was started with other arguments.
-        """
+        """Make the folder, or with ``resume`` read it; raises ValueError if the folder does not fit."""
         self.arguments = arguments
         self.folder = arguments.out
         self.segments: list[dict[str, Any]] = []
@@ -59,10 +52,10 @@ class Run:
         check_same(self.record, before, _plain(self.arguments))
 
     def checkpoint(self, segment: int) -> Path:
-        """Of the state after a segment, until the next one is written."""
+        """The file of the state after a segment, until the next one is written."""
         return self.folder / f"segment-{segment}.zip"
 
-    def write(self, model: MaskablePPO, result: dict[str, Any]) -> None:
+    def write(self, model: Learner, result: dict[str, Any]) -> None:
         """A finished segment: its checkpoint first, then the record that names it."""
         segment = result["segment"]
         before = max((old["completed"] for old in self.segments), default=-1.0)
@@ -76,12 +69,11 @@ class Run:
         self.checkpoint(segment - 1).unlink(missing_ok=True)
         facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
 
-    def _save(self, model: MaskablePPO, path: Path) -> None:
-        with replaced(path) as temporary, temporary.open("wb") as file:
-            model.save(file)
+    def _save(self, model: Learner, path: Path) -> None:
+        save_checkpoint(path, model.network, model.optimizer)
         last = self.segments[-1]
         numbers = {name: float(value) for name, value in last.items() if isinstance(value, (int, float))}
-        write_facts(facts_path(path), facts_of(self.arguments, int(model.num_timesteps), numbers))
+        write_facts(facts_path(path), facts_of(self.arguments, model.decisions, numbers))
 
 
 def _plain(arguments: Arguments) -> dict[str, Any]:
@@ -93,11 +85,7 @@ def _plain(arguments: Arguments) -> dict[str, Any]:
 
 
 def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
-    """Refuse to go on with what was started with other values, nested ones included.
-
-    Raises:
-        ValueError: names the first field that differs.
-    """
+    """Raise ValueError with the first field, nested ones included, that differs from ``ours``."""
     for name, value in ours.items():
         known = before.get(name) if isinstance(before, dict) else None
         if isinstance(value, dict):
@@ -120,63 +108,7 @@ def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) ->
     return Facts(game_config(arguments).robot.speed_mps, training, metrics)
 
 
-def restore(model: MaskablePPO, path: Path) -> None:
-    """Network and optimizer from a checkpoint, as tensors alone.
-
-    Raises:
-        ValueError: the file cannot be read, or holds another network.
-    """
-    try:
-        weights, optimizer = read_tensors(path, "policy"), read_tensors(path, "policy.optimizer")
-        model.policy.load_state_dict(weights)
-        model.policy.optimizer.load_state_dict(optimizer)
-    except Exception as error:  # a torn or foreign file may fail anywhere
-        raise ValueError(f"{path}: cannot be restored: {error}") from None
-
-
 def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
     """A bar over all decisions of a training, on stderr."""
     kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
     return tqdm(total=decisions, initial=done, disable=not shown, **kind)
-
-
-class LearningRate:
-    """By the decisions taken so far; Stable-Baselines3's own progress begins anew with each segment."""
-
-    def __init__(self, pair: tuple[float, float]) -> None:
-        self.pair, self.progress = pair, 0.0
-
-    def __call__(self, _: float) -> float:
-        return _between(self.pair, self.progress)
-
-
-class TrainingCallback(BaseCallback):
-    """Schedules over the whole run, shares of endings for the log, the progress bar."""
-
-    def __init__(self, hyper: Hyperparameters, rate: LearningRate, bar: Any) -> None:
-        super().__init__()
-        self._hyper, self._rate, self._bar = hyper, rate, bar
-        self._ended: list[tuple[bool, bool]] = []
-
-    def _on_step(self) -> bool:
-        for i in np.flatnonzero(self.locals["dones"]):
-            outcome = self.locals["infos"][i]["outcome"]
-            self._ended.append((outcome == "complete", outcome == "timeout"))
-        self._bar.update(len(self.locals["dones"]))
-        return True
-
-    def _on_rollout_end(self) -> None:
-        hyper = self._hyper
-        progress = hyper.progress(self.num_timesteps)
-        self._rate.progress = progress
-        self.model.ent_coef = _between(hyper.ent_coef, progress)  # type: ignore[attr-defined]
-        if self._ended:
-            complete, timeout = np.mean(self._ended, axis=0)
-            self.logger.record("rollout/completed", float(complete))
-            self.logger.record("rollout/timed_out", float(timeout))
-            self._bar.set_postfix(completed=f"{complete:.1%}", timeout=f"{timeout:.1%}", refresh=False)
-            del self._ended[: max(len(self._ended) - 1000, 0)]
-
-
-def _between(pair: tuple[float, float], progress: float) -> float:
-    return pair[0] + (pair[1] - pair[0]) * progress

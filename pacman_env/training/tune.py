@@ -47,7 +47,7 @@ _STARTUP = 5  # trials before any is given up, and before proposals learn from t
 
 @dataclass(frozen=True)
 class Study(Checked):
-    """Search for hyperparameters of MaskablePPO with Optuna."""
+    """Search for hyperparameters of PPO with Optuna."""
 
     out: Path = Path("results/tune")
     """Folder of the study: trials.jsonl, best.yaml, a training run per trial."""
