@@ -1,4 +1,4 @@
-"""Policies compared on the same rounds: ``pacman-env compare``. Arguments, order of work, result files.
+"""Policies compared on the same rounds: ``pacman-env compare``.
 
 Rounds are played by ``workers``, counted in ``rows``, shown by ``table``, ``plot`` and ``evaluation.replay``.
 """
@@ -20,12 +20,13 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.arguments import add_game_arguments, game_configs
 from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
 from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.scenarios import (
     Scenario,
+    add_game_arguments,
     describe_scenario,
+    game_configs,
     named_scenarios,
     open_scenario,
     scenarios,
@@ -36,6 +37,7 @@ from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
 _VIDEO_SUFFIXES = (".mp4", ".gif")
+_BREAK = re.compile(r"\n\s+")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -70,15 +72,16 @@ def _compare(arguments: argparse.Namespace) -> None:
     from pacman_env.evaluation.compare.plot import save_plot
 
     configs = game_configs(arguments)
+    config = configs[0]
     policies = named_policies(arguments.policies)
     maps = named_scenarios(scenarios(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     blocks = [
-        Block(scenario, config, policy, seeds, arguments.threads)
-        for scenario, config, policy in itertools.product(maps.values(), configs, policies)
+        Block(scenario, one, policy, seeds, arguments.threads)
+        for scenario, one, policy in itertools.product(maps.values(), configs, policies)
     ]
-    unit = "game" if configs[0].endless else "episode"
+    unit = "game" if config.endless else "episode"
     with tqdm(total=len(blocks) * len(seeds), unit=unit, mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(blocks, arguments.workers, bar.update)
     rows = _rows(blocks, played, {scenario: name for name, scenario in maps.items()}, policies)
@@ -86,17 +89,33 @@ def _compare(arguments: argparse.Namespace) -> None:
     settings = ", ".join([settings, *arguments.set])
     print(f"{settings}\n\n{render(rows)}")
     if json_path is not None:
-        _write_json(json_path, rows, maps, policies, seeds, configs[0], arguments)
-    rounds = "endless games" if configs[0].endless else "rounds"
+        result = {  # all that is needed to get the rows again
+            "schema": SCHEMA,
+            "version": __version__,
+            "kind": "endless" if config.endless else "round",
+            "seed": arguments.seed,
+            "seeds": [str(seed) for seed in seeds.tolist()],
+            "preset": arguments.preset,
+            "execution": arguments.execution,
+            "maps": [describe_scenario(name, scenario, config) for name, scenario in maps.items()],
+            "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
+            "arguments": vars(arguments),
+            "config": config.as_dict(),
+            "rows": rows,
+        }
+        text = json.dumps(result, indent=2, default=str, allow_nan=False)
+        with replaced(json_path) as temporary:
+            temporary.write_text(_lists_in_lines(text) + "\n")
+    rounds = "endless games" if config.endless else "rounds"
     save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:
-        _film(video_path, next(iter(maps.values())), configs[0], policies, seeds[0])
+        _film(video_path, next(iter(maps.values())), config, policies, seeds[0])
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
 
 
 def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | None]:
-    """Paths of JSON, plot and video, all known to be writable before the work begins."""
+    """Paths of JSON, plot and video, checked before the work begins."""
     plot = arguments.plot
     if plot is None:
         plot = arguments.json.with_suffix(".png") if arguments.json else Path("results/compare.png")
@@ -115,68 +134,21 @@ def _rows(
 ) -> list[Row]:
     rows = []
     first: dict[tuple[Scenario, float], NDArray] = {}
-    for block, (records, decision_ms) in zip(blocks, played, strict=True):
-        speed = block.config.clyde.speed_mps
-        reference = first.get((block.scenario, speed))
-        first.setdefault((block.scenario, speed), records)
-        rows.append(
-            make_row(
-                map_name=map_names[block.scenario],
-                policy=names[block.policy],
-                clyde_speed=speed,
-                records=records,
-                decision_ms=decision_ms,
-                first=reference,
-                endless=block.config.endless,
-            )
-        )
+    for block, result in zip(blocks, played, strict=True):
+        place = (block.scenario, block.config.clyde.speed_mps)
+        reference = first.get(place)
+        rows.append(make_row(map_names[block.scenario], names[block.policy], block.config, result, reference))
+        first.setdefault(place, result[0])
     return rows
-
-
-def _write_json(
-    path: Path,
-    rows: list[Row],
-    maps: dict[str, Scenario],
-    policies: dict[str, str],
-    seeds: NDArray[np.uint64],
-    config: Config,
-    arguments: argparse.Namespace,
-) -> None:
-    """Write the rows and all that is needed to get them again.
-
-    ``config`` is that of the first of Clyde's speeds; each row has its own.
-    """
-    result = {
-        "schema": SCHEMA,
-        "version": __version__,
-        "kind": "endless" if config.endless else "round",
-        "seed": arguments.seed,
-        "seeds": [str(seed) for seed in seeds.tolist()],
-        "preset": arguments.preset,
-        "execution": arguments.execution,
-        "maps": [describe_scenario(name, scenario, config) for name, scenario in maps.items()],
-        "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
-        "arguments": vars(arguments),
-        "config": config.as_dict(),
-        "rows": rows,
-    }
-    text = json.dumps(result, indent=2, default=str, allow_nan=False)
-    with replaced(path) as temporary:
-        temporary.write_text(_lists_in_lines(text) + "\n")
 
 
 def _lists_in_lines(text: str) -> str:
     """JSON with lists of plain values on a line each; within strings there are no line breaks."""
-
-    def joined(match: re.Match[str]) -> str:
-        items = re.sub(r"\n\s+", " ", match[1])
-        return f"[{items}]"
-
-    return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", joined, text)
+    return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", lambda match: f"[{re.sub(_BREAK, ' ', match[1])}]", text)
 
 
 def _film(path: Path, scenario: Scenario, config: Config, policies: dict[str, str], seed: np.uint64) -> None:
-    from pacman_env.evaluation.replay.recording import RecordedGame, film, save_video
+    from pacman_env.evaluation.replay import RecordedGame, film, save_video
 
     height = 720 if len(policies) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
     source = open_scenario(scenario, config)

@@ -21,11 +21,7 @@ def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str]
 
 
 def load_policy(spec: str) -> Policy:
-    """A new policy, of what the registry makes one from, or of a checkpoint (``.zip``).
-
-    Raises:
-        ValueError: there is no such policy, or it cannot be loaded.
-    """
+    """A new policy, from a name or file that the registry knows, or from a checkpoint (``.zip``)."""
     if not is_checkpoint(spec):
         return make_policy(spec)
     try:
@@ -40,16 +36,11 @@ def load_policy(spec: str) -> Policy:
 
 
 def is_checkpoint(spec: str) -> bool:
-    """Whether a policy is a file that only torch reads."""
     return spec.endswith(".zip")
 
 
 def named_policies(specs: Sequence[str]) -> dict[str, str]:
-    """Names in results by spec, each spec once.
-
-    Raises:
-        ValueError: a policy cannot be made; all are tried.
-    """
+    """Names in results by spec, each spec once; raises ValueError if a policy cannot be made."""
     for spec in specs:
         load_policy(spec)
     return result_names(specs)

@@ -23,9 +23,17 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import PRESETS, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.arguments import add_rule_arguments, add_scenario_arguments, rule_changes
 from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
-from pacman_env.evaluation.compare.scenarios import Levels, describe_scenario, named_scenarios, open_scenario, scenarios
+from pacman_env.evaluation.compare.scenarios import (
+    Levels,
+    add_rule_arguments,
+    add_scenario_arguments,
+    describe_scenario,
+    named_scenarios,
+    open_scenario,
+    rule_changes,
+    scenarios,
+)
 from pacman_env.evaluation.compare.workers import play_all
 from pacman_env.evaluation.report.numbers import Numbers, numbers
 from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
@@ -191,7 +199,7 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
     """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
     if pair is None or wanted == 0:
         return []
-    from pacman_env.evaluation.replay.recording import RecordedGame, film, save_video
+    from pacman_env.evaluation.replay import RecordedGame, film, save_video
 
     paths = []
     for row in _in_turn(pair["wins"], pair["losses"])[:wanted]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pacman_env.episodes.rollout import MOST_ROUNDS
+from pacman_env.evaluation.compare.table import percent
 from pacman_env.evaluation.report.charts import COLOURS, Line, curve_chart, interval_bar
 from pacman_env.evaluation.report.numbers import END_NAMES, Numbers
 from pacman_env.evaluation.templates import render
@@ -79,11 +80,6 @@ def _curve(report: Numbers, names: Sequence[str]) -> Any:
         y_title="rounds completed, %",
         marks=[(robot, f"the robot's speed, {robot:g} m/s")],
     )
-
-
-def percent(rate: float, sign: str = "") -> str:
-    """A rate 0..1 as percent."""
-    return f"{100 * rate + 0.0:{sign}.1f}"
 
 
 def percents(interval: Sequence[float], sign: str = "") -> str:

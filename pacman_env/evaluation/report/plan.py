@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config, ConfigError, make_config, parse_settings
-from pacman_env.evaluation.compare.arguments import check_goals
-from pacman_env.evaluation.compare.scenarios import Levels, Scenario
+from pacman_env.evaluation.compare.scenarios import Levels, Scenario, check_goals
 from pacman_env.evaluation.compare.workers import Block
 
 _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is no separator

@@ -10,9 +10,10 @@ import pytest
 from pacman_env.config import ConfigError
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios as sources
-from pacman_env.evaluation.compare.arguments import LEVELS_PLAYED, add_game_arguments
 from pacman_env.evaluation.compare.scenarios import (
+    LEVELS_PLAYED,
     Levels,
+    add_game_arguments,
     describe_scenario,
     named_scenarios,
     open_scenario,

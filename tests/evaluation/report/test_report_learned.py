@@ -16,7 +16,7 @@ import torch
 
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.evaluation.replay.__main__ import main as replay
+from pacman_env.evaluation.replay import main as replay
 from pacman_env.evaluation.report.__main__ import main
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.maps.assets import map_assets
