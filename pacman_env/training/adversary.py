@@ -260,7 +260,3 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
 def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:
     """Of a side in a round: for torch and for the games."""
     return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

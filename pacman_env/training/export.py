@@ -11,7 +11,6 @@ import copy
 import hashlib
 import os
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -231,7 +230,3 @@ def _export(arguments: argparse.Namespace) -> None:
     facts = read_facts(arguments.facts or facts_path(arguments.checkpoint))
     export_planner(network, arguments.out, facts)
     print(f"written: {arguments.out}, {metadata_path(arguments.out)}, {os.path.getsize(arguments.out) / 1e3:.0f} kB")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

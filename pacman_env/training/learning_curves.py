@@ -7,7 +7,6 @@ the model plays the same rounds, which the policies ``nearest`` and ``random`` h
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -186,7 +185,3 @@ def _report(options: argparse.Namespace) -> None:
     draw(figures, options.plot)
     print(*(f"{name}: {100 * share:.1f} %" for name, share in figures["baselines"].items()), sep="\n")
     print(f"written: {options.json} and {options.plot}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

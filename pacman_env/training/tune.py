@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -221,7 +220,3 @@ def _write_best(path: Path, settings: Study, section: Hyperparameters, study: op
     with replaced(path) as temporary:
         temporary.write_text(head + yaml.safe_dump({"headline": plain}, sort_keys=False))
     return True
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,6 @@ spawning anywhere. Every other row changes one cause and nothing else, in the sa
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,7 +113,3 @@ def _report(arguments: argparse.Namespace) -> None:
     if target is not None:
         with replaced(target) as temporary:
             temporary.write_text(text + "\n")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
