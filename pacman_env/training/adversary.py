@@ -1,7 +1,6 @@
 """Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
 
-Arguments, the rounds in order, and the record. The games of both are in ``games``; the planner's opponents, and the
-table of completion for each pair, in ``opponents``.
+Arguments, the rounds in order, the planner's opponents, the table of completion for each pair, and the record.
 """
 
 from __future__ import annotations
@@ -18,14 +17,19 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
+from pacman_env.episodes.statistics import wilson
 from pacman_env.files import write_json
+from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
+from pacman_env.policies.opponents import BehaviourOpponent, Opponents
+from pacman_env.policies.registry import make_policy
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
@@ -33,10 +37,11 @@ from pacman_env.training.export import export_planner, network_of
 from pacman_env.training.games import GhostGames, TrainingGames, make_games, make_ghost_games
 from pacman_env.training.imitation import imitate
 from pacman_env.training.learner import Learner, use_device
-from pacman_env.training.opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from pacman_env.training.run import facts_of, progress_bar
+from pacman_env.training.ppo import HeldOut, facts_of, progress_bar
 
 _PROG = "pacman-env adversary"
+BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
+RULES = ("lookahead", "clyde_aware")
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
 
 
@@ -260,3 +265,69 @@ def _games(arguments: Arguments, side: int) -> GameArguments:
 def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:
     """Of a side in a round: for torch and for the games."""
     return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()
+
+
+def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
+    """Wander with this share of the rounds; the rules and the learned Clydes share the others equally."""
+    others: list[Policy] = [BehaviourOpponent("chase"), BehaviourOpponent("arcade"), *learned]
+    return Opponents([BehaviourOpponent("wander"), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
+
+
+def completed_against(policy: Policy, clyde: str | Policy, arguments: GameArguments, rounds: int) -> NDArray[np.bool_]:
+    """Which of ``rounds`` on validation levels the robot's policy completes against a behaviour or Clyde's policy."""
+    ghost, behaviour = (None, clyde) if isinstance(clyde, str) else (clyde, "policy")
+    return HeldOut(arguments, rounds, clyde=behaviour).completed(policy, ghost)
+
+
+class Table:
+    """Share of validation rounds that a policy completes against a Clyde; every pair is played once."""
+
+    def __init__(self, arguments: GameArguments, rounds: int) -> None:
+        self._arguments, self._rounds = arguments, rounds
+        self._files: dict[str, Path] = {}
+        self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
+
+    def add(self, name: str, path: Path) -> None:
+        """Name the file of a planner or a Clyde."""
+        self._files[name] = path
+
+    def play(self, policy: str, clydes: Sequence[str]) -> None:
+        """Fill a row where it is empty yet: a policy's name or file against behaviours or learned Clydes."""
+        row = self.completed.setdefault(policy, {})
+        for clyde in clydes:
+            if clyde not in row:
+                robot = make_policy(str(self._files.get(policy, policy)))
+                rival = make_policy(str(self._files[clyde])) if clyde in self._files else clyde
+                row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
+
+    def shares(self) -> dict[str, dict[str, float]]:
+        """Share of rounds completed, by policy and by Clyde."""
+        return {
+            policy: {clyde: float(ended.mean()) for clyde, ended in row.items()}
+            for policy, row in self.completed.items()
+        }
+
+    def render(self) -> str:
+        """As Markdown, with Wilson's intervals; empty where a pair has not been played."""
+        clydes = list(dict.fromkeys(clyde for row in self.completed.values() for clyde in row))
+        lines = [f"| completed of {self._rounds} | {' | '.join(clydes)} |", "|---" * (len(clydes) + 1) + "|"]
+        for policy, row in self.completed.items():
+            cells = [_cell(row[clyde]) if clyde in row else "" for clyde in clydes]
+            lines.append(f"| {policy} | {' | '.join(cells)} |")
+        return "\n".join(lines)
+
+
+def _cell(ended: NDArray[np.bool_]) -> str:
+    low, high = wilson(int(ended.sum()), len(ended))
+    return f"{ended.mean():.1%} [{low:.0%}, {high:.0%}]"
+
+
+def robustness(planner: Path, clyde: Path | None, arguments: GameArguments, rounds: int) -> Table:
+    """The table of one planner and the rules, for a model card; ``clyde`` is a learned one to be in it too."""
+    table = Table(arguments, rounds)
+    table.add("planner", planner)
+    if clyde is not None:
+        table.add("clyde", clyde)
+    for policy in ("planner", *RULES):
+        table.play(policy, (*BUILT_IN, "clyde") if clyde is not None else BUILT_IN)
+    return table

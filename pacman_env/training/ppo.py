@@ -1,4 +1,8 @@
-"""Train a planner: ``pacman-env train``. Arguments, the segments in order, the report at the end."""
+"""Train a planner: ``pacman-env train``. Arguments, the segments in order, their record, the report at the end.
+
+A segment begins with new games and with random numbers of its own, drawn from the run's seed and the segment's
+number. So an interrupted run continues from its last checkpoint with the same curve, bit for bit.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ import contextlib
 import copy
 import dataclasses
 import functools
+import json
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -17,22 +22,33 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.logger import configure
+from tqdm import tqdm
 
+from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
 from pacman_env.episodes.rollout import episode_seeds, play_in
 from pacman_env.episodes.statistics import paired_difference, wilson
+from pacman_env.files import write_json
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import Policy
+from pacman_env.policies.metadata import Training
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.generated import GeneratedMaps
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts, restore
+from pacman_env.training.checkpoint import (
+    Facts,
+    TorchPlanner,
+    facts_path,
+    read_facts,
+    restore,
+    save_checkpoint,
+    write_facts,
+)
 from pacman_env.training.export import export_planner
 from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
 from pacman_env.training.imitation import imitate
 from pacman_env.training.learner import Learner, use_device
-from pacman_env.training.run import Run, progress_bar
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
@@ -93,14 +109,14 @@ def train(arguments: Arguments, after_segment: AfterSegment = lambda record: Non
             restore(folder.checkpoint(begun - 1), model.network, model.optimizer)
         model.logger = configure(str(arguments.out), ["tensorboard"])
         with contextlib.closing(model.logger):
-            validation = _HeldOut(arguments, test=False)
+            validation = HeldOut(arguments, arguments.evaluation)
             for segment in range(begun, hyper.segments):
                 _segment(folder, segment, model, validation, bar)
                 after_segment(folder.segments[-1])
     return folder, model
 
 
-def _segment(folder: Run, segment: int, model: Learner, validation: _HeldOut, bar: Any) -> None:
+def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar: Any) -> None:
     """Learn in the games of a segment, validate, write down."""
     arguments, hyper = folder.arguments, model.hyper
     seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
@@ -136,40 +152,13 @@ def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
     return TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
-class _HeldOut:
-    """Rounds in which planners are evaluated: games as in training on other levels, with a decision each tick.
-
-    The levels stay prepared from one evaluation to the next.
-    """
-
-    def __init__(self, arguments: Arguments, test: bool) -> None:
-        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
-        self._test, self._threads = test, arguments.threads
-        self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, arguments.evaluation)
-
-    @functools.cached_property
-    def _games(self) -> GameBatch:
-        config = self._config
-        validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
-        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
-        return GameBatch(source, config, min(_BATCH, len(self.seeds)), self._threads)
-
-    def completed(self, policy: str | Policy) -> NDArray[np.bool_]:
-        """(E,) the rounds that were completed."""
-        return np.asarray(play_in(self._games, policy, self.seeds, timed=False)[0]["end"] == COMPLETE)
-
-    def share(self, policy: str | Policy) -> float:
-        """Of the rounds that were completed; 0 without rounds."""
-        return float(self.completed(policy).mean()) if len(self.seeds) > 0 else 0.0
-
-
 def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
     """The planner against the rules in the same rounds on test levels, as a table."""
     hyper = arguments.hyper
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
         return lines[0]
-    test = _HeldOut(arguments, test=True)
+    test = HeldOut(arguments, arguments.evaluation, test=True)
     compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
     played = {name: test.completed(policy) for name, policy in compared.items()}
     low, high = hyper.clyde_speed
@@ -181,6 +170,124 @@ def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
         against = "" if name == planner.name else f"{difference:+.1%} [{low:+.1%}, {high:+.1%}]"
         lines.append(f"| {name} | {ended.mean():.1%} [{first:.1%}, {last:.1%}] | {against} |")
     return "\n".join(lines)
+
+
+class HeldOut:
+    """Rounds for evaluation: games as in training on validation or test levels, with a decision each tick.
+
+    ``clyde`` is its behaviour if it does not wander. The levels stay prepared from one evaluation to the next.
+    """
+
+    def __init__(self, arguments: Arguments, rounds: int, *, test: bool = False, clyde: str = "wander") -> None:
+        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick", "clyde.ghosts": (clyde,)})
+        self._test, self._threads = test, arguments.threads
+        self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
+
+    @functools.cached_property
+    def _games(self) -> GameBatch:
+        config = self._config
+        validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
+        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
+        return GameBatch(source, config, min(_BATCH, len(self.seeds)), self._threads)
+
+    def completed(self, policy: str | Policy, ghost: Policy | None = None) -> NDArray[np.bool_]:
+        """(E,) the rounds that were completed; ``ghost`` is Clyde if its behaviour is ``policy``."""
+        return np.asarray(play_in(self._games, policy, self.seeds, ghost=ghost, timed=False)[0]["end"] == COMPLETE)
+
+    def share(self, policy: str | Policy) -> float:
+        """Of the rounds that were completed; 0 without rounds."""
+        return float(self.completed(policy).mean()) if len(self.seeds) > 0 else 0.0
+
+
+class Run:
+    """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
+
+    def __init__(self, arguments: Arguments) -> None:
+        """Make the folder, or with ``resume`` read it; raises ValueError if the folder does not fit."""
+        self.arguments = arguments
+        self.folder = arguments.out
+        self.segments: list[dict[str, Any]] = []
+        self.record = self.folder / "run.json"
+        self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
+        if arguments.resume:
+            self._read()
+        elif self.record.exists():
+            raise ValueError(f"{self.folder}: there is a run already; give --resume or another --out")
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def _read(self) -> None:
+        try:
+            known = json.loads(self.record.read_text())
+            before = known["arguments"]
+            self.segments = list(known["segments"])
+            numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
+            if [number for number, _ in numbers] != list(range(len(numbers))):
+                raise ValueError("its segments are not in order")
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{self.record}: no run to go on with: {error}") from None
+        check_same(self.record, before, _plain(self.arguments))
+
+    def checkpoint(self, segment: int) -> Path:
+        """The file of the state after a segment, until the next one is written."""
+        return self.folder / f"segment-{segment}.zip"
+
+    def write(self, model: Learner, result: dict[str, Any]) -> None:
+        """A finished segment: its checkpoint first, then the record that names it."""
+        segment = result["segment"]
+        before = max((old["completed"] for old in self.segments), default=-1.0)
+        self.segments.append(result)
+        self._save(model, self.checkpoint(segment))
+        self._save(model, self.last)
+        if result["completed"] >= before:
+            self._save(model, self.best)
+        content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}
+        write_json(self.record, content)
+        self.checkpoint(segment - 1).unlink(missing_ok=True)
+        facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
+
+    def _save(self, model: Learner, path: Path) -> None:
+        save_checkpoint(path, model.network, model.optimizer)
+        last = self.segments[-1]
+        numbers = {name: float(value) for name, value in last.items() if isinstance(value, (int, float))}
+        write_facts(facts_path(path), facts_of(self.arguments, model.decisions, numbers))
+
+
+def _plain(arguments: Arguments) -> dict[str, Any]:
+    """The arguments that decide the curve, as JSON has them."""
+    plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
+    for name in ("out", "resume", "progress", "threads"):
+        del plain[name]
+    return dict(plain)
+
+
+def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
+    """Raise ValueError with the first field, nested ones included, that differs from ``ours``."""
+    for name, value in ours.items():
+        known = before.get(name) if isinstance(before, dict) else None
+        if isinstance(value, dict):
+            check_same(record, known, value)
+        elif known != value:
+            raise ValueError(f"{record}: was started with {name} = {known}, not {value}")
+
+
+def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
+    """The facts about a network after so many decisions of a training."""
+    training = Training(
+        clyde_speeds_mps=arguments.hyper.clyde_speed,
+        robot_speeds_mps=arguments.hyper.robot_speed,
+        levels=f"generated:train below {VALIDATION_LEVEL}",
+        preset=arguments.preset,
+        execution=arguments.execution,
+        decisions=decisions,
+        seed=arguments.seed,
+    )
+    return Facts(game_config(arguments).robot.speed_mps, training, metrics)
+
+
+def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
+    """A bar over all decisions of a training, on stderr."""
+    kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
+    return tqdm(total=decisions, initial=done, disable=not shown, **kind)
 
 
 if __name__ == "__main__":

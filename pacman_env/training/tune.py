@@ -25,8 +25,7 @@ from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
 from pacman_env.files import prepare, replaced
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
-from pacman_env.training.ppo import train
-from pacman_env.training.run import check_same
+from pacman_env.training.ppo import check_same, train
 
 #: Rates are those at the beginning of a run, and fall in the proportion of the section that is tuned.
 SPACE: dict[str, BaseDistribution] = {

@@ -69,7 +69,8 @@ def drive_to_random_goals(source: str, goals: int, seed: int, preset: str = "ide
     for leg in range(max(len(part) for part in legs)):
         trial = np.array([part[leg] if leg < len(part) else -1 for part in legs])
         results[trial[trial >= 0]] = drive_leg(batch, trial)[trial >= 0]
-    return Trials(assets.occupancy.name, *results.T, deepest[0])
+    status, path_m, time_s, error_m = results.T
+    return Trials(assets.occupancy.name, status, path_m, time_s, error_m, deepest[0])
 
 
 def watch_contacts(batch: GameBatch) -> list[float]:
@@ -101,13 +102,10 @@ def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> NDArray[np.float64
         batch.step(np.where(waiting, candidate, batch.hold))
         games = batch.games
         ended = waiting & np.isin(games["nav_last"], (SUCCEEDED, ABORTED)) & (games["nav_last_step"] > began)
-        for i in np.flatnonzero(ended):
-            game, goal = games[i], batch.assets.goal_xy[batch.assets.pellets + refuge[i]]
-            results[i, 0] = game["nav_last"]
-            results[i, 2:] = (
-                (game["nav_last_step"] - began[i]) * step_s,
-                np.hypot(game["x"] - goal[0], game["y"] - goal[1]),
-            )
+        goal = batch.assets.goal_xy[batch.assets.pellets + refuge[ended]]
+        results[ended, 0] = games["nav_last"][ended]
+        results[ended, 2] = (games["nav_last_step"] - began)[ended] * step_s
+        results[ended, 3] = np.hypot(games["x"][ended] - goal[:, 0], games["y"][ended] - goal[:, 1])
         waiting &= ~ended
     return results
 
