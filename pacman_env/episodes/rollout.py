@@ -42,11 +42,7 @@ EPISODE = np.dtype(
 
 
 def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
-    """(episodes,) the seed of each round; round k of a seed is the same however many there are.
-
-    Raises:
-        ValueError: a negative seed.
-    """
+    """(episodes,) the seed of each round; round k of a seed is the same however many there are."""
     if seed < 0:
         raise ValueError(f"seed = {seed}: must be at least 0")
     sequences = (np.random.SeedSequence(seed, spawn_key=(k,)) for k in range(episodes))
@@ -67,31 +63,20 @@ def play(
     seeds: NDArray[np.uint64],
     *,
     batch_size: int = BATCH,
-    ghost: Policy | None = None,
     on_end: Callable[[int], object] | None = None,
     num_threads: int = 1,
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
     Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with ``decide="event"``.
+    ``on_end`` is called with the number of rounds that ended in a step.
 
-    Args:
-        source: the map, or levels of which each seed draws one.
-        config: the game.
-        robot: the policy, or what ``make_policy`` makes it from.
-        seeds: (E,) at least one.
-        batch_size: at most so many games at once.
-        ghost: the policy of the only ghost, whose behaviour is ``policy``.
-        on_end: called with the number of rounds that ended in a step.
-        num_threads: that share the games; 0: one for each core.
-
-    Returns:
-        (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms that single decisions
-        took on a sample of the situations met, the policy alone, without simulator and observation. An endless game
-        that has all its rounds behind it ends as COMPLETE.
+    Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms that single decisions took
+    on a sample of the situations met, the policy alone, without simulator and observation. An endless game that has all
+    its rounds behind it ends as COMPLETE.
     """
     batch = GameBatch(source, config, min(batch_size, len(seeds)), num_threads)
-    return play_in(batch, robot, seeds, ghost=ghost, on_end=on_end)
+    return play_in(batch, robot, seeds, on_end=on_end)
 
 
 def play_in(
@@ -103,13 +88,7 @@ def play_in(
     on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """What :func:`play` does, in games that are there already: the levels that they hold are not prepared again.
-
-    Without ``timed`` no decision is timed.
-
-    Raises:
-        ValueError: more games than seeds.
-    """
+    """:func:`play` in existing games, whose levels are not prepared again; ``ghost`` moves one of behaviour ``policy``."""
     n = batch.n
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
@@ -127,7 +106,7 @@ def play_in(
         situation = batch.situation()
         playing = np.flatnonzero(episode >= 0)
         if timed:
-            clock.look(situation, playing)
+            clock.sample(situation, playing)
         round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghost)
         follows = round_s > 0
         if follows.any():
@@ -175,22 +154,15 @@ def _step(
     Returns (N,) how long the round was that was completed in them, s; 0: none was.
     """
     choices = allowed(situation, chosen, batch.hold)
-
-    def send_ghosts() -> NDArray[np.int64]:
-        assert ghost is not None
-        return ghost.select(batch.situation(0))[:, None]
-
+    send_ghosts = None if ghost is None else lambda: ghost.select(batch.situation(0))[:, None]
     if batch.config.decisions.when == "event":
-        who = np.zeros(batch.n, dtype=np.bool_)
-        who[playing] = True
-        batch.step_until_due(choices, choices != chosen, None if ghost is None else send_ghosts, who)
+        batch.step_until_due(choices, choices != chosen, send_ghosts, np.isin(np.arange(batch.n), playing))
     else:
-        batch.step(choices, None if ghost is None else send_ghosts())
+        batch.step(choices, None if send_ghosts is None else send_ghosts())
     return batch.completed_s.copy()
 
 
 def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:
-    """The records of the games ``index``."""
     games = batch.games[index]
     result = np.zeros(len(index), dtype=EPISODE)
     result["seed"] = games["episode_seed"]
@@ -212,8 +184,8 @@ class _DecisionClock:
         self._policy = policy
         self._steps = 0
 
-    def look(self, situation: Situation, games: NDArray[np.int64]) -> None:
-        """Perhaps time the decision in one of ``games``, each in turn."""
+    def sample(self, situation: Situation, games: NDArray[np.int64]) -> None:
+        """Time the decision in one of ``games``, each in turn, at every fourth call."""
         step, self._steps = self._steps, self._steps + 1
         if step % _TIMED_EVERY != 0:
             return
