@@ -88,7 +88,7 @@ def play_in(
     on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """:func:`play` in existing games, whose levels are not prepared again; ``ghost`` moves one of behaviour ``policy``."""
+    """:func:`play` in existing games, whose levels are kept; ``ghost`` is the ghost if its behaviour is ``policy``."""
     n = batch.n
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
