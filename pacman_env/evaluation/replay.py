@@ -10,7 +10,7 @@ import argparse
 import base64
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +23,7 @@ from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
 from pacman_env.evaluation.compare.policies import add_policy_arguments, load_policy, named_policies
 from pacman_env.evaluation.compare.scenarios import (
+    Scenario,
     add_game_arguments,
     game_configs,
     open_scenario,
@@ -42,7 +43,6 @@ from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
 SPEED_UP = 4.0
 _SUFFIXES = (".mp4", ".gif", ".html")
-_HEIGHT = 480  # px
 _LAST_FRAME_S = 1.5  # of film, so that the end can be seen
 
 Frame = NDArray[np.uint8]  # (height, W, 3) RGB
@@ -60,7 +60,7 @@ class RecordedGame:
     """A game of its own for one policy, played tick by tick."""
 
     def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
-        self.name = name
+        self.name, self.tick_s = name, config.execution.tick_s
         self.changes: list[Change] = []  # of the goal, so far
         self._batch = GameBatch(source, config, 1)
         self._policy = load_policy(spec)
@@ -131,6 +131,19 @@ def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
                 game.step()
                 panels[k] = game.picture(height)
         yield np.hstack(panels)
+
+
+def record_games(
+    scenario: Scenario, config: Config, policies: Mapping[str, str], seed: int | np.uint64
+) -> list[RecordedGame]:
+    """The same round for each of the policies, given as names by spec."""
+    source = open_scenario(scenario, config)
+    return [RecordedGame(source, config, spec, np.uint64(seed), name) for spec, name in policies.items()]
+
+
+def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480) -> None:
+    """Play the games to their end, filming them."""
+    save_video(film(games, height), path, games[0].tick_s)
 
 
 def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
@@ -214,16 +227,15 @@ def _replay(arguments: argparse.Namespace) -> None:
     wanted = scenarios(arguments)
     if len(wanted) > 1:
         raise ValueError("--levels: not beside --map, a round is played on one of them")
-    source = open_scenario(wanted[0], config)
     out = arguments.out or Path(f"results/replay-{arguments.seed}.mp4")
     if out.suffix not in _SUFFIXES:
         raise ValueError(f"--out {out}: must end in one of {', '.join(_SUFFIXES)}")
     prepare(out)
-    games = [RecordedGame(source, config, spec, np.uint64(arguments.seed), name) for spec, name in policies.items()]
+    games = record_games(wanted[0], config, policies, arguments.seed)
     level = f", level {games[0].level}" if arguments.levels else ""
     speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
     title = f"Round {arguments.seed} on {scenario_name(wanted[0], config)}{level}, {speed}"
-    _write(out, games, title, config.execution.tick_s)
+    _write(out, games, title)
     print(title)
     for game in games:
         print(f"\n{game.name}: {game.outcome()}")
@@ -232,15 +244,13 @@ def _replay(arguments: argparse.Namespace) -> None:
     print(f"\nwritten: {out}")
 
 
-def _write(out: Path, games: Sequence[RecordedGame], title: str, tick_s: float) -> None:
-    """Play the games to their end, filming them."""
-    frames = film(games, _HEIGHT)
+def _write(out: Path, games: Sequence[RecordedGame], title: str) -> None:
     if out.suffix != ".html":
-        save_video(frames, out, tick_s)
+        film_games(games, out)
         return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
-        save_video(frames, path, tick_s)
+        film_games(games, path)
         video = base64.b64encode(path.read_bytes()).decode()
     text = render("replay.html.j2", title=title, video=video, games=games)
     with replaced(out) as temporary:

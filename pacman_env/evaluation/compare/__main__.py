@@ -13,12 +13,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
 from pacman_env.evaluation.compare.rows import Row, make_row
@@ -28,7 +26,6 @@ from pacman_env.evaluation.compare.scenarios import (
     describe_scenario,
     game_configs,
     named_scenarios,
-    open_scenario,
     scenarios,
 )
 from pacman_env.evaluation.compare.table import render
@@ -109,7 +106,10 @@ def _compare(arguments: argparse.Namespace) -> None:
     rounds = "endless games" if config.endless else "rounds"
     save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:
-        _film(video_path, next(iter(maps.values())), config, policies, seeds[0])
+        from pacman_env.evaluation.replay import film_games, record_games
+
+        height = 720 if len(policies) == 1 and video_path.suffix == ".mp4" else 480  # GIFs grow large
+        film_games(record_games(next(iter(maps.values())), config, policies, seeds[0]), video_path, height)
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
 
@@ -145,15 +145,6 @@ def _rows(
 def _lists_in_lines(text: str) -> str:
     """JSON with lists of plain values on a line each; within strings there are no line breaks."""
     return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", lambda match: f"[{re.sub(_BREAK, ' ', match[1])}]", text)
-
-
-def _film(path: Path, scenario: Scenario, config: Config, policies: dict[str, str], seed: np.uint64) -> None:
-    from pacman_env.evaluation.replay import RecordedGame, film, save_video
-
-    height = 720 if len(policies) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
-    source = open_scenario(scenario, config)
-    games = [RecordedGame(source, config, spec, seed, name) for spec, name in policies.items()]
-    save_video(film(games, height), path, config.execution.tick_s)
 
 
 if __name__ == "__main__":

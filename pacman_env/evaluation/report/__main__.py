@@ -1,4 +1,4 @@
-"""Policies against one another on one page: ``pacman-env report``. Arguments, order of work, result files.
+"""Policies against one another on one page: ``pacman-env report``.
 
 Rounds are chosen in ``plan``, played by ``compare.workers``, counted in ``numbers`` and shown by ``page``.
 """
@@ -17,7 +17,6 @@ from typing import Any
 from urllib.parse import quote
 
 import msgspec
-import numpy as np
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
@@ -35,7 +34,7 @@ from pacman_env.evaluation.compare.scenarios import (
     scenarios,
 )
 from pacman_env.evaluation.compare.workers import play_all
-from pacman_env.evaluation.report.numbers import Numbers, numbers
+from pacman_env.evaluation.report.numbers import Numbers, Results
 from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import PRETRAINED
@@ -49,7 +48,6 @@ _NUMBERS = {
     True: {"episodes": 24, "endless": 12, "speeds": (0.15, 0.35, 0.6)},
 }
 _NO_REFUGES = "without refuges=refuges.spread=0,refuges.nooks=0"
-_FILM_HEIGHT = 480
 _LONGEST_FACT = 80  # characters
 
 
@@ -105,7 +103,7 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     total = sum(len(block.seeds) for block in work.values())
     with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(list(work.values()), arguments.workers, bar.update)
-    report |= numbers(plan, dict(zip(work, played, strict=True)))
+    report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
     films = _films(plan, report["pair"], arguments.replays, page)
     html = render_page(report)
     if json_path is not None:
@@ -118,7 +116,7 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:
-    """The arguments as what is to be played, everything in them checked."""
+    """What the arguments ask for, checked."""
     for name, value in _NUMBERS[arguments.quick].items():
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
@@ -157,7 +155,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 
 def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
-    """Paths of page and JSON, known to be writable before the work begins."""
+    """Paths of page and JSON, checked before the work begins."""
     page: Path = arguments.out
     if page.suffix != ".html":
         raise ValueError(f"--out {page}: must end in .html")
@@ -199,33 +197,21 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
     """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
     if pair is None or wanted == 0:
         return []
-    from pacman_env.evaluation.replay import RecordedGame, film, save_video
+    from pacman_env.evaluation.replay import film_games, record_games
 
     paths = []
-    for row in _in_turn(pair["wins"], pair["losses"])[:wanted]:
+    policies = {plan.policies[name]: name for name in (pair["policy"], pair["baseline"])}
+    in_turn = [row for row in chain.from_iterable(zip_longest(pair["wins"], pair["losses"])) if row is not None]
+    for row in in_turn[:wanted]:
         path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
-        source, seed = open_scenario(plan.maps[row["map"]], plan.config), np.uint64(int(row["seed"]))
-        games = [
-            RecordedGame(source, plan.config, plan.policies[name], seed, name)
-            for name in (pair["policy"], pair["baseline"])
-        ]
-        save_video(film(games, _FILM_HEIGHT), path, plan.config.execution.tick_s)
+        film_games(record_games(plan.maps[row["map"]], plan.config, policies, int(row["seed"])), path)
         row["film"] = quote(f"{path.parent.name}/{path.name}")
         paths.append(path)
     return paths
 
 
-def _in_turn(*rows: Sequence[Any]) -> list[Any]:
-    """One of each in turn, then what is left of the longer."""
-    return [row for row in chain.from_iterable(zip_longest(*rows)) if row is not None]
-
-
 def model_facts(spec: str) -> dict[str, str]:
-    """The metadata of ``FILE.onnx``, or of the planner that the package ships, by dotted name; {} for other policies.
-
-    Raises:
-        ValueError: the file is no planner for this version.
-    """
+    """The metadata of ``FILE.onnx``, or of the shipped planner, by dotted name; {} for other policies."""
     path = PRETRAINED if spec == "ppo" else Path(spec)
     return dict(_flat(msgspec.to_builtins(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
 

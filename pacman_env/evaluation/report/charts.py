@@ -44,14 +44,7 @@ def interval_bar(value: float, interval: Sequence[float], colour: int, low: floa
 def curve_chart(
     lines: Sequence[Line], *, x_title: str, y_title: str, marks: Sequence[tuple[float, str]] = ()
 ) -> Markup:
-    """Rates against x with their intervals as bands and the lines' names at their ends.
-
-    Args:
-        lines: at least one, with the same x; colours go by their order.
-        x_title: below the axis.
-        y_title: above the axis.
-        marks: values of x that deserve a dashed line, with their labels.
-    """
+    """Rates against x, the same for all lines, with intervals as bands; ``marks`` are dashed lines with labels."""
     xs = [x for line in lines for x, *_ in line.points]
     first, last = min(xs), max(xs)
     spread = last - first or 1.0
