@@ -120,7 +120,7 @@ class TorchPlanner(BasePolicy):
         """(N, C) logits, -inf for what may not be chosen."""
         candidates, whole = planner_features(situation, self.robot_speed_mps)
         with torch.no_grad():
-            logits, _ = self.network.packed(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
+            logits, _ = self.network(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
         found = logits.numpy().astype(np.float64)
         return np.where(found > FORBIDDEN / 10, found, -np.inf)
 

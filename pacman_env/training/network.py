@@ -8,6 +8,7 @@ own encoding beside the pool.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -114,34 +115,16 @@ class EntityNetwork(nn.Module):
     def forward(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (B, C), -1e8 where ``mask`` (B, C) is False, and values (B,).
-
-        ``candidates`` are (B, C, F), ``whole`` is (B, H).
-        """
-        mask = self._without_dropped(candidates, mask)
-        own, context = self._halves(self.encode_candidate, self.candidate_features, self.shown)
-        encoded = functional.relu(own(candidates) + context(whole)[:, None])
-        encoded = functional.relu(self.encode(encoded))
-        shown = encoded * mask[:, :, None]
-        mean = shown.sum(dim=1) / mask.sum(dim=1, keepdim=True).clamp(min=1)
-        pooled = torch.cat([mean, shown.amax(dim=1)], dim=1)  # encodings are at least 0
-        own, context = self._halves(self.judge_candidate, self.width)
-        logits = self.judge(functional.relu(own(encoded) + context(pooled)[:, None]))[:, :, 0]
-        values = self.critic(torch.cat([pooled, whole], dim=1))[:, 0]
-        return torch.where(mask, logits, torch.full_like(logits, FORBIDDEN)), values
-
-    def packed(
-        self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same as ``forward``, computed for hardly more than the candidates that may be chosen."""
+        """Logits (B, C), -1e8 where ``mask`` (B, C) is False, and values (B,); of (B, C, F) and (B, H)."""
         situations, order = self.pack(candidates, whole, mask)
         logits, values = self.judge_packed(situations.of(slice(None)))
         padded = torch.full(mask.shape, FORBIDDEN, dtype=logits.dtype, device=logits.device)
         return padded.scatter(1, order[:, : logits.shape[1]], logits), values
 
     def pack(self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor) -> tuple[Packed, torch.Tensor]:
-        """What ``forward`` reads, laid out so that little is computed for nothing; (B, C) the candidates' new order."""
-        mask = self._without_dropped(candidates, mask)
+        """The inputs laid out so that little is computed for nothing, and (B, C) the candidates' new order."""
+        for kind in self.dropped_kinds:
+            mask = mask & (candidates[:, :, kind] < 0.5)
         counts, order = mask.sum(dim=1), torch.argsort(mask, dim=1, descending=True, stable=True)
         inside = torch.arange(mask.shape[1], device=mask.device) < counts[:, None]
         source = torch.where(inside, order, order[:, :1])
@@ -162,16 +145,8 @@ class EntityNetwork(nn.Module):
         values = self.critic(torch.cat([pooled, whole], dim=1))[:, 0]
         return torch.where(share > 0, logits, FORBIDDEN), values
 
-    def _without_dropped(self, candidates: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        for kind in self.dropped_kinds:
-            mask = mask & (candidates[:, :, kind] < 0.5)
-        return mask
-
     @staticmethod
     def _halves(layer: nn.Linear, inputs: int, shown: torch.Tensor | float = 1.0):  # type: ignore[no-untyped-def]
         """A layer over [own numbers, context] as two: the context's part is computed once per situation."""
         own, context = layer.weight[:, :inputs] * shown, layer.weight[:, inputs:]
-        return (
-            lambda x: functional.linear(x, own),
-            lambda x: functional.linear(x, context, layer.bias),
-        )
+        return partial(functional.linear, weight=own), partial(functional.linear, weight=context, bias=layer.bias)

@@ -51,7 +51,7 @@ class StockPolicy(MaskableActorCriticPolicy):
         allowed = seen["action_mask"] > 0.5
         if masks is not None:
             allowed = torch.as_tensor(masks, dtype=torch.bool).reshape(allowed.shape)
-        logits, values = self.network.packed(seen["planner_candidates"], seen["planner_globals"], allowed)
+        logits, values = self.network(seen["planner_candidates"], seen["planner_globals"], allowed)
         distribution = self.action_dist.proba_distribution(action_logits=logits)
         distribution.apply_masking(allowed)
         return distribution, values[:, None]
