@@ -49,16 +49,12 @@ Frame = NDArray[np.uint8]  # (height, W, 3) RGB
 
 
 class Change(NamedTuple):
-    """A policy's choice of another goal."""
-
     when: str  # since the round began; in an endless game with its number
     goal: str
     why: str
 
 
 class RecordedGame:
-    """A game of its own for one policy, played tick by tick."""
-
     def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
         self.name, self.tick_s = name, config.execution.tick_s
         self.changes: list[Change] = []  # of the goal, so far
@@ -142,7 +138,6 @@ def record_games(
 
 
 def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480) -> None:
-    """Play the games to their end, filming them."""
     save_video(film(games, height), path, games[0].tick_s)
 
 

@@ -119,7 +119,6 @@ def _run(arguments: Arguments) -> None:
 
 
 def parse(argv: Sequence[str]) -> Arguments:
-    """Arguments of the command line over those of ``--quick`` or the defaults."""
     parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
     return parse_options(parser, argv, QUICK if "--quick" in argv else Arguments())
@@ -129,8 +128,7 @@ class Alternation:
     """A run: both networks, the pool of Clydes so far, the table and the record."""
 
     def __init__(self, arguments: Arguments) -> None:
-        """Make the folder; raises ValueError if there is a run in it already."""
-        self.arguments, self.folder = arguments, arguments.out
+        self.arguments, self.folder, self._began = arguments, arguments.out, time.perf_counter()
         self.record = self.folder / "record.json"
         if self.record.exists():
             raise ValueError(f"{self.folder}: there is a run already; give another --out")
@@ -143,7 +141,7 @@ class Alternation:
 
     def run(self) -> None:
         """All rounds, then the newest planner against every Clyde."""
-        arguments, began = self.arguments, time.perf_counter()
+        arguments = self.arguments
         decisions = arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions)
         self._export(_PLANNER, "planner-0")
         self.table.play("planner-0", BUILT_IN)
@@ -154,11 +152,10 @@ class Alternation:
         newest, clydes = f"planner-{arguments.rounds}", [f"clyde-{k}" for k in range(1, arguments.rounds + 1)]
         self.table.play(newest, clydes)
         self._write()
-        print(f"seed {arguments.seed}, {time.perf_counter() - began:.0f} s\n\n{self.table.render()}\n")
+        print(f"seed {arguments.seed}, {time.perf_counter() - self._began:.0f} s\n\n{self.table.render()}\n")
         print(f"written: {self.record}, {self._path(newest)}, {self._path(clydes[-1])}")
 
     def _round(self, number: int, bar: Any) -> None:
-        """A Clyde against the planner, the planner against the pool, and their results."""
         before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
         robot = partial(LearnedPlanner, self._path(before))
         games = make_ghost_games(_games(self.arguments, _CLYDE), number - 1, robot)
@@ -203,7 +200,7 @@ class Alternation:
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
         facts = facts_of(_games(self.arguments, side), self._decisions[side], metrics or {})
         export_planner(self._models[side].network, self._path(name), facts)
-        self.table.add(name, self._path(name))
+        self.table.files[name] = self._path(name)
 
     def _write(self) -> None:
         content = {
@@ -284,28 +281,21 @@ class Table:
 
     def __init__(self, arguments: GameArguments, rounds: int) -> None:
         self._arguments, self._rounds = arguments, rounds
-        self._files: dict[str, Path] = {}
+        self.files: dict[str, Path] = {}  # of planners and learned Clydes, by name
         self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
-
-    def add(self, name: str, path: Path) -> None:
-        """Name the file of a planner or a Clyde."""
-        self._files[name] = path
 
     def play(self, policy: str, clydes: Sequence[str]) -> None:
         """Fill a row where it is empty yet: a policy's name or file against behaviours or learned Clydes."""
         row = self.completed.setdefault(policy, {})
         for clyde in clydes:
             if clyde not in row:
-                robot = make_policy(str(self._files.get(policy, policy)))
-                rival = make_policy(str(self._files[clyde])) if clyde in self._files else clyde
+                robot = make_policy(str(self.files.get(policy, policy)))
+                rival = make_policy(str(self.files[clyde])) if clyde in self.files else clyde
                 row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """Share of rounds completed, by policy and by Clyde."""
-        return {
-            policy: {clyde: float(ended.mean()) for clyde, ended in row.items()}
-            for policy, row in self.completed.items()
-        }
+        completed = self.completed.items()
+        return {policy: {clyde: float(ended.mean()) for clyde, ended in row.items()} for policy, row in completed}
 
     def render(self) -> str:
         """As Markdown, with Wilson's intervals; empty where a pair has not been played."""
@@ -325,9 +315,7 @@ def _cell(ended: NDArray[np.bool_]) -> str:
 def robustness(planner: Path, clyde: Path | None, arguments: GameArguments, rounds: int) -> Table:
     """The table of one planner and the rules, for a model card; ``clyde`` is a learned one to be in it too."""
     table = Table(arguments, rounds)
-    table.add("planner", planner)
-    if clyde is not None:
-        table.add("clyde", clyde)
+    table.files |= {"planner": planner} | ({} if clyde is None else {"clyde": clyde})
     for policy in ("planner", *RULES):
-        table.play(policy, (*BUILT_IN, "clyde") if clyde is not None else BUILT_IN)
+        table.play(policy, BUILT_IN if clyde is None else (*BUILT_IN, "clyde"))
     return table

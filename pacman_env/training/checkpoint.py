@@ -43,7 +43,6 @@ def facts_path(checkpoint: Path) -> Path:
 
 
 def write_facts(path: Path, facts: Facts) -> None:
-    """Write the facts, after a check of their types (ValueError)."""
     text = dump(facts, path)
     with replaced(path) as temporary:
         temporary.write_text(text)
@@ -103,7 +102,6 @@ def load_network(path: Path) -> EntityNetwork:
 
 
 def check_sizes(network: EntityNetwork, path: Path) -> None:
-    """Raise ValueError if the network reads other features than this version's."""
     own = network.candidate_features
     found, expected = (own, network.encode_candidate.in_features - own), (len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES))
     if found != expected:

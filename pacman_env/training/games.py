@@ -107,7 +107,6 @@ class TrainingGames:
         self._teachers: dict[str, list[Policy]] = {}
 
     def reset(self, seed: int) -> Observation:
-        """Start new rounds in all games."""
         self._teachers = {}
         for games, start in zip(self.batches, self._starts, strict=False):
             games.seed(seed + start)
@@ -119,7 +118,6 @@ class TrainingGames:
         self._sent[group] = step if self._pool is None else self._pool.submit(step).result
 
     def receive(self, group: int) -> Step:
-        """The results of the group's last ``send``."""
         receive, self._sent[group] = self._sent[group], None
         if receive is None:
             raise RuntimeError("no actions were sent to these games")
@@ -223,7 +221,6 @@ class GhostGames:
         self._actions = actions
 
     def receive(self, group: int) -> Step:
-        """One decision in every game, and a new round where one has ended."""
         observations, infos = [], []
         rewards, dones = np.zeros(self.num_envs, dtype=np.float32), np.zeros(self.num_envs, dtype=np.bool_)
         for k, (game, robot) in enumerate(zip(self.games, self._robots, strict=True)):

@@ -36,8 +36,6 @@ _ENDINGS = 1000  # endings of earlier rollouts in the logged shares
 
 
 class Choices(NamedTuple):
-    """Situations and the network's outputs."""
-
     situations: Packed
     order: torch.Tensor  # (B, C) of candidates in them
     slots: torch.Tensor  # (B,) the candidates chosen, as ``situations`` has them

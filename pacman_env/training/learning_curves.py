@@ -96,7 +96,6 @@ def curve(combination: str, options: argparse.Namespace, seed: int) -> Iterator[
 
 
 def baselines(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, float]:
-    """The share of the rounds that each policy completes."""
     arguments = EnvArguments(map=map_name)
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
@@ -132,7 +131,6 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def draw(figures: dict[str, Any], path: Path) -> None:
-    """The curves as a PNG: rounds completed over decisions, a colour per combination, a line per seed."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

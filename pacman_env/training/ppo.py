@@ -81,7 +81,6 @@ def parse(argv: Sequence[str]) -> Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """All segments that are left, then planner.onnx of the last one, and the report."""
     started = time.perf_counter()
     folder, model = train(arguments)
     planner = _planner(arguments, model)
@@ -117,7 +116,6 @@ def train(arguments: Arguments, after_segment: AfterSegment = lambda record: Non
 
 
 def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar: Any) -> None:
-    """Learn in the games of a segment, validate, write down."""
     arguments, hyper = folder.arguments, model.hyper
     seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
     began = time.perf_counter()
@@ -153,7 +151,6 @@ def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
 
 
 def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
-    """The planner against the rules in the same rounds on test levels, as a table."""
     hyper = arguments.hyper
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
@@ -203,7 +200,6 @@ class Run:
     """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
 
     def __init__(self, arguments: Arguments) -> None:
-        """Make the folder, or with ``resume`` read it; raises ValueError if the folder does not fit."""
         self.arguments = arguments
         self.folder = arguments.out
         self.segments: list[dict[str, Any]] = []
@@ -271,7 +267,6 @@ def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
 
 
 def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
-    """The facts about a network after so many decisions of a training."""
     training = Training(
         clyde_speeds_mps=arguments.hyper.clyde_speed,
         robot_speeds_mps=arguments.hyper.robot_speed,
@@ -285,7 +280,6 @@ def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) ->
 
 
 def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
-    """A bar over all decisions of a training, on stderr."""
     kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
     return tqdm(total=decisions, initial=done, disable=not shown, **kind)
 

@@ -171,7 +171,6 @@ def _write(record: Path, head: dict[str, Any], trials: list[FrozenTrial]) -> Non
 
 
 def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
-    """The trials of a study with the same settings."""
     try:
         before, *lines = (json.loads(line) for line in record.read_text().splitlines())
     except (OSError, ValueError) as error:

@@ -80,9 +80,7 @@ def test_padded_slots_change_nothing(variant: dict[str, Any], seed: int, shape: 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("allowed", [0.0, 0.1, 0.6, 1.0])
-def test_the_network_is_its_plain_definition_with_the_same_gradient(
-    variant: dict[str, Any], allowed: float
-) -> None:
+def test_the_network_is_its_plain_definition_with_the_same_gradient(variant: dict[str, Any], allowed: float) -> None:
     """Also where nothing may be chosen, in some games or in all."""
     network = random_network(**variant)
     batch = inputs(5, 20, 9, allowed)

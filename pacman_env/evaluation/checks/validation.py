@@ -31,8 +31,6 @@ _PREEMPT = {"execution.on_abort": "back_off", "execution.switch": "preempt"}
 
 @dataclass(frozen=True)
 class Variant:
-    """One row: what differs from the original."""
-
     cause: str
     name: str
     policy: str = "clyde_aware"

@@ -115,7 +115,6 @@ def _compare(arguments: argparse.Namespace) -> None:
 
 
 def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | None]:
-    """Paths of JSON, plot and video, checked before the work begins."""
     plot = arguments.plot
     if plot is None:
         plot = arguments.json.with_suffix(".png") if arguments.json else Path("results/compare.png")

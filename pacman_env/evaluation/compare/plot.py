@@ -26,7 +26,6 @@ _ROOM_FOR_TEXT = 0.08  # narrower parts of a bar carry no number
 
 
 def save_plot(rows: Sequence[Row], path: Path, title: str) -> None:
-    """Write a PNG with one band per map and speed; all rows are of one kind."""
     bands = groups(rows)
     endless = rows[0]["kind"] == "endless"
     heights = [0.75 + 0.55 * len(band) for band in bands]

@@ -94,7 +94,6 @@ def named_scenarios(wanted: Sequence[Scenario], configs: Sequence[Config]) -> di
 
 
 def scenario_name(scenario: Scenario, config: Config) -> str:
-    """The name of a scenario in results."""
     first = open_scenario(scenario, config).first
     return scenario.name if isinstance(scenario, Levels) else first.occupancy.name
 
@@ -158,7 +157,6 @@ def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> Non
 
 
 def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The fields that ``--set`` changes."""
     changes = parse_settings(arguments.set)
     if "clyde.speed_mps" in changes:
         raise ConfigError("clyde.speed_mps: give it as --clyde-speed")

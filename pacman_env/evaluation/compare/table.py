@@ -20,7 +20,6 @@ def short_name(policy: str, width: int = _NAME_WIDTH) -> str:
 
 
 def groups(rows: Sequence[Row]) -> list[list[Row]]:
-    """The rows of one map and one speed together."""
     return [list(g) for _, g in itertools.groupby(rows, key=lambda row: (row["map"], row["clyde_speed"]))]
 
 

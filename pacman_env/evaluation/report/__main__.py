@@ -116,7 +116,6 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:
-    """What the arguments ask for, checked."""
     for name, value in _NUMBERS[arguments.quick].items():
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
@@ -155,7 +154,6 @@ def _plan(arguments: argparse.Namespace) -> Plan:
 
 
 def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
-    """Paths of page and JSON, checked before the work begins."""
     page: Path = arguments.out
     if page.suffix != ".html":
         raise ValueError(f"--out {page}: must end in .html")

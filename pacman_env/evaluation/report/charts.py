@@ -24,7 +24,6 @@ class Line(NamedTuple):
 
 
 def interval_bar(value: float, interval: Sequence[float], colour: int, low: float = 0.0, high: float = 1.0) -> Markup:
-    """A dot on a track from ``low`` to ``high``, its interval as a bar behind it."""
     inner = _BAR_WIDTH - _BAR_HEIGHT
 
     def place(number: float) -> float:

@@ -29,8 +29,6 @@ Numbers = dict[str, Any]
 
 
 class Results:
-    """The records and decision times of all that a plan has, by cell."""
-
     def __init__(self, plan: Plan, played: Mapping[Cell, Played]) -> None:
         self._plan, self._played = plan, played
 
@@ -176,5 +174,4 @@ def _outcome(record: Any) -> Numbers:
 
 
 def _raw(cell: Cell, records: NDArray) -> Numbers:
-    """The records of the rounds, in the order of the seeds."""
     return {**cell._asdict(), **{name: records[name].tolist() for name in records.dtype.names or () if name != "seed"}}

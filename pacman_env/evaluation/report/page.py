@@ -42,7 +42,6 @@ def render_page(report: Numbers) -> str:
 
 
 def headline(report: Numbers) -> str:
-    """The result as text: the first policy against the baseline."""
     pair = report["pair"]
     if pair is None:
         row = report["summary"][0]
@@ -87,7 +86,6 @@ def percents(interval: Sequence[float], sign: str = "") -> str:
 
 
 def number(value: float, digits: int = 1, sign: str = "") -> str:
-    """A number, or a dash where there is none."""
     return "-" if value is None or math.isnan(value) else f"{value + 0.0:{sign}.{digits}f}"
 
 

@@ -21,16 +21,12 @@ _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is n
 
 @dataclass(frozen=True)
 class Variant:
-    """The same rounds under changed settings."""
-
     name: str
     settings: str  # as given
     config: Config
 
 
 class Cell(NamedTuple):
-    """One policy's rounds on one map, by names."""
-
     part: str  # ROUNDS, ENDLESS_GAMES or a variant's name
     map: str
     policy: str
@@ -42,8 +38,6 @@ ROUNDS, ENDLESS_GAMES = "rounds", "endless games"
 
 @dataclass(frozen=True)
 class Plan:
-    """All that decides the numbers of a report."""
-
     maps: dict[str, Scenario]  # by name
     policies: dict[str, str]  # by name, what each is made from
     baseline: str  # its name
@@ -117,7 +111,6 @@ def blocks(plan: Plan) -> dict[Cell, Block]:
 
 
 def replay_command(plan: Plan, map_name: str, seed: int) -> str:
-    """The command that shows a round of the first policy and the baseline side by side."""
     pair = [plan.policies[name] for name in (plan.challenger, plan.baseline) if name is not None]
     scenario = plan.maps[map_name]
     command = ["pacman-env", "replay", str(seed)]
