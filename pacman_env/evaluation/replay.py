@@ -21,15 +21,9 @@ from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
+from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.policies import add_policy_arguments, load_policy, named_policies
-from pacman_env.evaluation.compare.scenarios import (
-    Scenario,
-    add_game_arguments,
-    game_configs,
-    open_scenario,
-    scenario_name,
-    scenarios,
-)
+from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.templates import render
 from pacman_env.files import prepare, replaced
 from pacman_env.game.decisions import HOLD as NO_GOAL
@@ -133,7 +127,7 @@ def record_games(
     scenario: Scenario, config: Config, policies: Mapping[str, str], seed: int | np.uint64
 ) -> list[RecordedGame]:
     """The same round for each of the policies, given as names by spec."""
-    source = open_scenario(scenario, config)
+    source = scenarios.open_scenario(scenario, config)
     return [RecordedGame(source, config, spec, np.uint64(seed), name) for spec, name in policies.items()]
 
 
@@ -210,18 +204,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     seed_help = "of the round, as in 'seeds' of the comparison's JSON"
     parser.add_argument("seed", type=whole_number(0, 2**64 - 1), metavar="SEED", help=seed_help)
     add_policy_arguments(parser, ("clyde_aware", "nearest"), "from left to right")
-    add_game_arguments(parser, several=False)
+    scenarios.add_game_arguments(parser, several=False)
     out_help = f"one of {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
     parser.add_argument("--out", type=Path, metavar="FILE", help=out_help)
     return run_command(parser, argv, _replay)
 
 
 def _replay(arguments: argparse.Namespace) -> None:
-    config = game_configs(arguments)[0]
+    config = scenarios.game_configs(arguments)[0]
     policies = named_policies(arguments.policies)
-    wanted = scenarios(arguments)
+    wanted = scenarios.from_arguments(arguments)
     if len(wanted) > 1:
         raise ValueError("--levels: not beside --map, a round is played on one of them")
+    place = scenarios.scenario_name(wanted[0], config)
     out = arguments.out or Path(f"results/replay-{arguments.seed}.mp4")
     if out.suffix not in _SUFFIXES:
         raise ValueError(f"--out {out}: must end in one of {', '.join(_SUFFIXES)}")
@@ -229,7 +224,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     games = record_games(wanted[0], config, policies, arguments.seed)
     level = f", level {games[0].level}" if arguments.levels else ""
     speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
-    title = f"Round {arguments.seed} on {scenario_name(wanted[0], config)}{level}, {speed}"
+    title = f"Round {arguments.seed} on {place}{level}, {speed}"
     _write(out, games, title)
     print(title)
     for game in games:

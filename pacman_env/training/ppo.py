@@ -35,16 +35,8 @@ from pacman_env.policies.base import Policy
 from pacman_env.policies.metadata import Training
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.checkpoint import (
-    Facts,
-    TorchPlanner,
-    facts_path,
-    read_facts,
-    restore,
-    save_checkpoint,
-    write_facts,
-)
 from pacman_env.training.export import export_planner
 from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
 from pacman_env.training.imitation import imitate
@@ -86,7 +78,7 @@ def run(arguments: Arguments) -> None:
     planner = _planner(arguments, model)
     print(_report(arguments, planner, time.perf_counter() - started))
     out = arguments.out / "planner.onnx"
-    export_planner(planner.network, out, read_facts(facts_path(folder.last)))
+    export_planner(planner.network, out, checkpoint.read_facts(checkpoint.facts_path(folder.last)))
     print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
 
 
@@ -105,7 +97,7 @@ def train(arguments: Arguments, after_segment: AfterSegment = lambda record: Non
     with bar:
         model = Learner(hyper, arguments.seed, device, arguments.threads, **dropped(arguments))
         if begun > 0:
-            restore(folder.checkpoint(begun - 1), model.network, model.optimizer)
+            checkpoint.restore(folder.checkpoint(begun - 1), model.network, model.optimizer)
         model.logger = configure(str(arguments.out), ["tensorboard"])
         with contextlib.closing(model.logger):
             validation = HeldOut(arguments, arguments.evaluation)
@@ -146,11 +138,11 @@ def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar
     bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
 
 
-def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
-    return TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
+def _planner(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
+    return checkpoint.TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
-def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
+def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, seconds: float) -> str:
     hyper = arguments.hyper
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
@@ -239,13 +231,13 @@ class Run:
         content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}
         write_json(self.record, content)
         self.checkpoint(segment - 1).unlink(missing_ok=True)
-        facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
+        checkpoint.facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
 
     def _save(self, model: Learner, path: Path) -> None:
-        save_checkpoint(path, model.network, model.optimizer)
+        checkpoint.save_checkpoint(path, model.network, model.optimizer)
         last = self.segments[-1]
         numbers = {name: float(value) for name, value in last.items() if isinstance(value, (int, float))}
-        write_facts(facts_path(path), facts_of(self.arguments, model.decisions, numbers))
+        checkpoint.write_facts(checkpoint.facts_path(path), facts_of(self.arguments, model.decisions, numbers))
 
 
 def _plain(arguments: Arguments) -> dict[str, Any]:
@@ -266,7 +258,7 @@ def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
             raise ValueError(f"{record}: was started with {name} = {known}, not {value}")
 
 
-def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
+def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> checkpoint.Facts:
     training = Training(
         clyde_speeds_mps=arguments.hyper.clyde_speed,
         robot_speeds_mps=arguments.hyper.robot_speed,
@@ -276,7 +268,7 @@ def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) ->
         decisions=decisions,
         seed=arguments.seed,
     )
-    return Facts(game_config(arguments).robot.speed_mps, training, metrics)
+    return checkpoint.Facts(game_config(arguments).robot.speed_mps, training, metrics)
 
 
 def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:

@@ -18,16 +18,10 @@ from numpy.typing import NDArray
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
 from pacman_env.evaluation.compare.rows import Row, make_row
-from pacman_env.evaluation.compare.scenarios import (
-    Scenario,
-    add_game_arguments,
-    describe_scenario,
-    game_configs,
-    named_scenarios,
-    scenarios,
-)
+from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.compare.table import render
 from pacman_env.evaluation.compare.workers import Block, Played, play_all
 from pacman_env.files import prepare, replaced
@@ -47,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
     add_policy_arguments(parser, policies, "the first is what the others are compared with")
-    add_game_arguments(parser, several=True)
+    scenarios.add_game_arguments(parser, several=True)
     rounds = whole_number(1)
     add("--episodes", type=rounds, default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
@@ -68,10 +62,10 @@ def _compare(arguments: argparse.Namespace) -> None:
 
     from pacman_env.evaluation.compare.plot import save_plot
 
-    configs = game_configs(arguments)
+    configs = scenarios.game_configs(arguments)
     config = configs[0]
     policies = named_policies(arguments.policies)
-    maps = named_scenarios(scenarios(arguments), configs[:1])
+    maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     blocks = [
@@ -94,7 +88,7 @@ def _compare(arguments: argparse.Namespace) -> None:
             "seeds": [str(seed) for seed in seeds.tolist()],
             "preset": arguments.preset,
             "execution": arguments.execution,
-            "maps": [describe_scenario(name, scenario, config) for name, scenario in maps.items()],
+            "maps": [scenarios.describe_scenario(name, scenario, config) for name, scenario in maps.items()],
             "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
             "arguments": vars(arguments),
             "config": config.as_dict(),

@@ -109,7 +109,7 @@ def describe_scenario(name: str, scenario: Scenario, config: Config) -> dict[str
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
-    """The arguments that :func:`scenarios` reads; ``several``: more maps than one may be given."""
+    """The arguments that :func:`from_arguments` reads; ``several``: more maps than one may be given."""
     add = parser.add_argument
     nargs: str | int = "+" if several else 1
     add("--map", nargs=nargs, default=[], metavar="FILE_OR_NAME", help="map to play on (house, if no levels are given)")
@@ -119,7 +119,7 @@ def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) ->
     add("--num-levels", type=whole_number(1), metavar="N", help=count_help)
 
 
-def scenarios(arguments: argparse.Namespace) -> list[Scenario]:
+def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
     """The scenarios that the arguments name, each once: maps first, then levels."""
     for source in arguments.map:
         if source.partition(":")[0] == "generated":

@@ -22,17 +22,9 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import PRESETS, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare import scenarios
 from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
-from pacman_env.evaluation.compare.scenarios import (
-    Levels,
-    add_rule_arguments,
-    add_scenario_arguments,
-    describe_scenario,
-    named_scenarios,
-    open_scenario,
-    rule_changes,
-    scenarios,
-)
+from pacman_env.evaluation.compare.scenarios import Levels, Scenario
 from pacman_env.evaluation.compare.workers import play_all
 from pacman_env.evaluation.report.numbers import Numbers, Results
 from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
@@ -62,8 +54,8 @@ def _parser() -> argparse.ArgumentParser:
     add_policy_arguments(parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="the others are compared with it (%(default)s)")
-    add_scenario_arguments(parser, several=True)
-    add_rule_arguments(parser)
+    scenarios.add_scenario_arguments(parser, several=True)
+    scenarios.add_rule_arguments(parser)
     add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="of all but the curve, m/s (0.25)")
     add("--speeds", nargs="+", type=finite_number(), metavar="V", help="of the curve, m/s (0.15 0.2 ... 0.6)")
     add(
@@ -120,7 +112,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
     words = arguments.preset, arguments.execution
-    config = make_config(*words, **rule_changes(arguments) | {"clyde.speed_mps": arguments.clyde_speed})
+    config = make_config(*words, **scenarios.rule_changes(arguments) | {"clyde.speed_mps": arguments.clyde_speed})
     settings = (*arguments.set, f"clyde.speed_mps={arguments.clyde_speed!r}")
     check_single_rounds(config)
     speeds = tuple(sorted(set(arguments.speeds)))
@@ -137,8 +129,9 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
     policies = named_policies([*arguments.policies, arguments.baseline])
+    wanted = scenarios.from_arguments(arguments)
     return Plan(
-        maps=named_scenarios(scenarios(arguments), [config, *(variant.config for variant in variants)]),
+        maps=scenarios.named_scenarios(wanted, [config, *(variant.config for variant in variants)]),
         policies={name: spec for spec, name in policies.items()},
         baseline=policies[arguments.baseline],
         preset=arguments.preset,
@@ -164,6 +157,10 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
 
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
     """All that is needed to play the rounds again."""
+
+    def pellets(scenario: Scenario) -> int | None:
+        return None if isinstance(scenario, Levels) else scenarios.open_scenario(scenario, plan.config).first.pellets
+
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -179,8 +176,7 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
         "clyde_speed": plan.speed,
         "quick": arguments.quick,
         "maps": [
-            describe_scenario(name, scenario, plan.config)
-            | {"pellets": None if isinstance(scenario, Levels) else open_scenario(scenario, plan.config).first.pellets}
+            scenarios.describe_scenario(name, scenario, plan.config) | {"pellets": pellets(scenario)}
             for name, scenario in plan.maps.items()
         ],
         "policies": [

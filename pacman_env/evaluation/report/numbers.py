@@ -13,13 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.episodes.statistics import (
-    bootstrapped_improvement,
-    bootstrapped_iqm,
-    bootstrapped_mean,
-    paired_difference,
-    wilson,
-)
+from pacman_env.episodes import statistics
 from pacman_env.evaluation.compare.workers import Played
 from pacman_env.evaluation.report.plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, Variant, replay_command
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
@@ -62,7 +56,7 @@ class Results:
         ours, theirs = (self._of_maps(one) for one in (policy, self._plan.baseline))
         complete = [(records["end"] == COMPLETE).astype(np.float64) for records in ours.values()]
         scores, their_scores = ([r["collected"] / r["spawned"] for r in side.values()] for side in (ours, theirs))
-        iqm, iqm_ci = bootstrapped_iqm(complete, self._rng())
+        iqm, iqm_ci = statistics.bootstrapped_iqm(complete, self._rng())
         row = {
             "policy": policy,
             "maps": {name: _rate(records) for name, records in ours.items()},
@@ -72,7 +66,7 @@ class Results:
             "pellets_share": float(np.mean([s.mean() for s in scores])),
         }
         if policy != self._plan.baseline:
-            probability, interval = bootstrapped_improvement(scores, their_scores, self._rng())
+            probability, interval = statistics.bootstrapped_improvement(scores, their_scores, self._rng())
             row |= {"improvement": probability, "improvement_ci": list(interval)}
             row |= _difference(self._rounds(policy), self._rounds(self._plan.baseline))
         return row
@@ -100,7 +94,7 @@ class Results:
         )
         games = np.concatenate(ours)
         pellets, their_pellets = ([r["collected"].astype(np.float64) for r in side] for side in (ours, theirs))
-        mean, interval = bootstrapped_mean(pellets, self._rng())
+        mean, interval = statistics.bootstrapped_mean(pellets, self._rng())
         row = {
             "policy": policy,
             "map": map_name,
@@ -113,7 +107,7 @@ class Results:
         }
         if policy != self._plan.baseline:
             pairs = [our - their for our, their in zip(pellets, their_pellets, strict=True)]
-            difference, interval = bootstrapped_mean(pairs, self._rng())
+            difference, interval = statistics.bootstrapped_mean(pairs, self._rng())
             row |= {"difference": difference, "difference_ci": list(interval)}
         return row
 
@@ -155,12 +149,12 @@ class Results:
 
 def _rate(records: NDArray) -> Numbers:
     complete = records["end"] == COMPLETE
-    return {"rate": float(complete.mean()), "ci": list(wilson(int(complete.sum()), len(complete)))}
+    return {"rate": float(complete.mean()), "ci": list(statistics.wilson(int(complete.sum()), len(complete)))}
 
 
 def _difference(ours: NDArray, theirs: NDArray) -> Numbers:
     """Completion of one minus that of the other, in the same rounds."""
-    value, interval = paired_difference(ours["end"] == COMPLETE, theirs["end"] == COMPLETE)
+    value, interval = statistics.paired_difference(ours["end"] == COMPLETE, theirs["end"] == COMPLETE)
     return {"difference": value, "difference_ci": list(interval)}
 
 
