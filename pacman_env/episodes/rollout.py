@@ -143,11 +143,7 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
 
 
 def _step(
-    batch: GameBatch,
-    situation: Situation,
-    chosen: NDArray[np.int64],
-    playing: NDArray[np.int64],
-    ghost: Policy | None,
+    batch: GameBatch, situation: Situation, chosen: NDArray[np.int64], playing: NDArray[np.int64], ghost: Policy | None
 ) -> NDArray[np.float64]:
     """A decision, and the ticks until the next: one, or in each of the games ``playing`` as many as it takes.
 

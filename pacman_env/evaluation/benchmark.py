@@ -16,6 +16,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -93,15 +94,17 @@ def event_rates(env: PacManBotVectorEnv, steps: int) -> tuple[float, float]:
     return steps * env.num_envs / took, simulated / took
 
 
+def milliseconds(action: Callable[[], Any]) -> float:
+    began = time.perf_counter()
+    action()
+    return 1000 * (time.perf_counter() - began)
+
+
 def make_again_ms(map_source: str, repeats: int) -> float:
     """Milliseconds of a ``gymnasium.make`` of a map that was made before."""
-    gym.make("pacman_env/PacManBot-v0", map=map_source)
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        gym.make("pacman_env/PacManBot-v0", map=map_source)
-        times.append(1000 * (time.perf_counter() - began))
-    return float(np.median(times))
+    make = partial(gym.make, "pacman_env/PacManBot-v0", map=map_source)
+    make()
+    return float(np.median([milliseconds(make) for _ in range(repeats)]))
 
 
 def new_level_ms(env: PacManBotVectorEnv, episodes: int) -> float:
@@ -109,14 +112,9 @@ def new_level_ms(env: PacManBotVectorEnv, episodes: int) -> float:
 
     Slots are used before: memory that the system has to find first is not what a level costs.
     """
-    batch = env.batch
     seeds = np.random.default_rng(0).integers(2**63, size=64 + episodes, dtype=np.uint64)
-    times = []
-    for k, seed in enumerate(seeds):
-        began = time.perf_counter()
-        batch.reset(np.array([k % 64]), np.array([seed]))
-        times.append(1000 * (time.perf_counter() - began))
-    return float(np.mean(times[64:]))
+    starts = [(np.array([k % 64]), np.array([seed])) for k, seed in enumerate(seeds)]
+    return float(np.mean([milliseconds(partial(env.batch.reset, *start)) for start in starts][64:]))
 
 
 def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:

@@ -190,15 +190,12 @@ def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
 
 def _commit() -> str:
     """The commit of these sources, with "+" after it where files have changed since."""
-    root = Path(__file__).resolve().parents[2]
-
-    def git(*command: str) -> str:
-        return subprocess.run(["git", *command], cwd=root, capture_output=True, text=True, check=True).stdout.strip()
-
+    command = ["git", "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
     try:
-        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+        done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
+    return done.stdout.strip()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -17,7 +17,6 @@ import numpy as np
 import sb3_contrib
 import stable_baselines3
 import torch
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked
@@ -44,10 +43,7 @@ COMBINATIONS = {
     for kind, (arguments, policy) in _KINDS.items()
     for decide in ("event", "tick")
 }
-LEARNERS = {
-    "maskable_ppo": (sb3_contrib.MaskablePPO, evaluate_masked),
-    "ppo": (stable_baselines3.PPO, evaluate_policy),
-}
+LEARNERS = {"maskable_ppo": (sb3_contrib.MaskablePPO, evaluate_masked), "ppo": (stable_baselines3.PPO, evaluate_policy)}
 GAMES = 8  # at once
 _TEST_SEED = 1_000_000  # of the games that are played to see how good a model is
 
@@ -132,7 +128,6 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 def draw(figures: dict[str, Any], path: Path) -> None:
     figure = Figure(figsize=(7, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     names = dict.fromkeys(entry["combination"] for entry in figures["curves"])
     colours = {name: f"C{k}" for k, name in enumerate(names)}

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -31,7 +30,6 @@ def save_plot(rows: Sequence[Row], path: Path, title: str) -> None:
     endless = rows[0]["kind"] == "endless"
     heights = [0.75 + 0.55 * len(band) for band in bands]
     figure = Figure(figsize=(12.5, sum(heights) + 1.7), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.subplots(len(bands), 2, squeeze=False, height_ratios=heights, sharex="col" if endless else False)
     figure.suptitle(title, fontsize=13)
     for (left, right), band in zip(grid, bands, strict=True):
