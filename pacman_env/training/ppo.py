@@ -57,9 +57,8 @@ def parse(argv: Sequence[str]) -> Arguments:
     """Arguments over the hyperparameters of a file's section; raises ValueError if the file or a value does not fit."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--quick", action="store_true", help="about a minute on two cores")
-    first.add_argument(
-        "--config", type=Path, default=FOLDER / "PacManBot-v0.yaml", help="hyperparameters (%(default)s)"
-    )
+    file = FOLDER / "PacManBot-v0.yaml"
+    first.add_argument("--config", type=Path, default=file, help="hyperparameters (%(default)s)")
     chosen, rest = first.parse_known_args(argv)
     scratch = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     scratch.add_argument("--imitation")

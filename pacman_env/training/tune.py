@@ -141,16 +141,10 @@ def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number
 def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Arguments:
     """Of a trial's training: short, in a folder of its own; one that was interrupted goes on."""
     segment = max(settings.decisions // settings.segments // hyper.rollout, 1) * hyper.rollout
+    hyper = dataclasses.replace(hyper, decisions=segment * settings.segments, segment=segment)
     out = settings.out / f"trial-{number}"
-    return Arguments(
-        hyper=dataclasses.replace(hyper, decisions=segment * settings.segments, segment=segment),
-        out=out,
-        seed=settings.seed,
-        resume=(out / "run.json").exists(),
-        threads=settings.threads,
-        evaluation=settings.evaluation,
-        progress=settings.progress,
-    )
+    same = {name: getattr(settings, name) for name in ("seed", "threads", "evaluation", "progress")}
+    return Arguments(hyper, out, resume=(out / "run.json").exists(), **same)
 
 
 def _plain(settings: Study, section: Hyperparameters) -> dict[str, Any]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from html import escape
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
+
+from pacman_env.evaluation.templates import render
 
 COLOURS = 7  # classes c0, c1, ... of the style sheet
 _WIDTH, _HEIGHT = 760, 400
@@ -44,61 +45,24 @@ def curve_chart(
     lines: Sequence[Line], *, x_title: str, y_title: str, marks: Sequence[tuple[float, str]] = ()
 ) -> Markup:
     """Rates against x, the same for all lines, with intervals as bands; ``marks`` are dashed lines with labels."""
-    xs = [x for line in lines for x, *_ in line.points]
-    first, last = min(xs), max(xs)
-    spread = last - first or 1.0
+    xs = sorted({x for line in lines for x, *_ in line.points})
+    first, last, right, base = xs[0], xs[-1], _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
 
-    def px(x: float) -> float:
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * ((x - first) / spread if last > first else 0.5)
+    def px(x: float, shift: float = 0.0) -> str:
+        return f"{_LEFT + (right - _LEFT) * ((x - first) / (last - first) if last > first else 0.5) + shift:.1f}"
 
-    def py(rate: float) -> float:
-        return _HEIGHT - _BOTTOM - (_HEIGHT - _BOTTOM - _TOP) * rate
+    def height(rate: float) -> float:
+        return base - (base - _TOP) * rate
 
-    base = _HEIGHT - _BOTTOM
-    parts = [_grid(sorted(set(xs)), px, py, base)]
-    for x, label in marks:
-        if first <= x <= last:
-            parts.append(f'<path class="mark" d="M{px(x):.1f} {_TOP}V{base}"/>')
-            parts.append(f'<text class="note" x="{px(x) + 5:.1f}" y="{base - 7}">{escape(label)}</text>')
-    for k, line in enumerate(lines):
-        upper = [f"{px(x):.1f},{py(high):.1f}" for x, _, _, high in line.points]
-        lower = [f"{px(x):.1f},{py(low):.1f}" for x, _, low, _ in reversed(line.points)]
-        parts.append(f'<polygon class="band c{k % COLOURS}" points="{" ".join(upper + lower)}"/>')
-    for k, line in enumerate(lines):
-        places = [(px(x), py(rate), x, rate, low, high) for x, rate, low, high in line.points]
-        parts.append(
-            f'<polyline class="line c{k % COLOURS}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y, *_ in places)}"/>'
-        )
-        for left, top, x, rate, low, high in places:
-            title = f"{line.label}, {x:g} m/s: {100 * rate:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
-            parts.append(
-                f'<circle class="dot c{k % COLOURS}" cx="{left:.1f}" cy="{top:.1f}" r="4">'
-                f"<title>{escape(title)}</title></circle>"
-            )
-    tops = _apart([py(line.points[-1][1]) for line in lines])
-    for k, (line, top) in enumerate(zip(lines, tops, strict=True)):
-        name = line.label if len(line.label) <= 20 else line.label[:19] + "…"
-        parts.append(
-            f'<text class="name c{k % COLOURS}" x="{px(last) + 12:.1f}" y="{top + 4.5:.1f}">{escape(name)}</text>'
-        )
-    parts.append(f'<text class="axis" x="{_LEFT}" y="{_TOP - 9}">{escape(y_title)}</text>')
-    middle = (_LEFT + _WIDTH - _RIGHT) / 2
-    parts.append(f'<text class="axis middle" x="{middle}" y="{_HEIGHT - 8}">{escape(x_title)}</text>')
-    label = escape(f"{y_title} against {x_title}")
-    return Markup(
-        f'<svg class="chart" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
-    )
-
-
-def _grid(xs: Sequence[float], px, py, base: float) -> str:  # type: ignore[no-untyped-def]
-    parts = []
-    for percent in range(0, 101, 20):
-        y = py(percent / 100)
-        parts.append(f'<path class="grid" d="M{_LEFT} {y:.1f}H{_WIDTH - _RIGHT}"/>')
-        parts.append(f'<text class="tick end" x="{_LEFT - 8}" y="{y + 4:.1f}">{percent}</text>')
-    for x in xs:
-        parts.append(f'<text class="tick middle" x="{px(x):.1f}" y="{base + 18}">{x:.2f}</text>')
-    return "".join(parts)
+    words: dict[str, Any] = {"lines": lines, "xs": xs, "x_title": x_title, "y_title": y_title, "colours": COLOURS}
+    sizes = {"width": _WIDTH, "height": _HEIGHT, "left": _LEFT, "right": right, "top": _TOP, "base": base}
+    places: dict[str, Any] = {
+        "px": px,
+        "py": lambda rate, shift=0.0: f"{height(rate) + shift:.1f}",
+        "marks": [(x, label) for x, label in marks if first <= x <= last],
+        "label_tops": _apart([height(line.points[-1][1]) for line in lines]),
+    }
+    return Markup(render("chart.svg.j2", **words, **sizes, **places))
 
 
 def _apart(tops: Sequence[float]) -> list[float]:
