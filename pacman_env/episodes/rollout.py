@@ -6,6 +6,7 @@ The records depend on map, configuration, policy and seeds alone, not on the bat
 from __future__ import annotations
 
 import copy
+import itertools
 import time
 from collections.abc import Callable
 
@@ -93,7 +94,7 @@ def play_in(
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
     policy, other = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
-    clock = _DecisionClock(other)
+    times_ms: list[float] = []  # of ``other``, so that the games do not notice
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
     before_s = np.zeros(n)  # the rounds before the one that a slot plays
@@ -102,11 +103,17 @@ def play_in(
     for player in players:
         player.reset(np.ones(n, dtype=np.bool_))
     started = n
-    while (episode >= 0).any():
-        situation = batch.situation()
+    for step in itertools.count():
         playing = np.flatnonzero(episode >= 0)
-        if timed:
-            clock.sample(situation, playing)
+        if len(playing) == 0:
+            break
+        situation = batch.situation()
+        if timed and step % _TIMED_EVERY == 0:
+            game = int(playing[step // _TIMED_EVERY % len(playing)])
+            row = situation.rows(slice(game, game + 1))
+            for _ in range(_WARM_UP if step == 0 else 0):
+                _decision_ms(other, row)
+            times_ms.append(_decision_ms(other, row))
         round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghost)
         follows = round_s > 0
         if follows.any():
@@ -129,7 +136,7 @@ def play_in(
             started += len(again)
         if on_end is not None:
             on_end(len(ended))
-    return records, np.array(clock.times_ms)
+    return records, np.array(times_ms)
 
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
@@ -172,27 +179,8 @@ def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.fl
     return result
 
 
-class _DecisionClock:
-    """Times single decisions of a policy object of its own, so that the games do not notice."""
-
-    def __init__(self, policy: Policy) -> None:
-        self.times_ms: list[float] = []
-        self._policy = policy
-        self._steps = 0
-
-    def sample(self, situation: Situation, games: NDArray[np.int64]) -> None:
-        """Time the decision in one of ``games``, each in turn, at every fourth call."""
-        step, self._steps = self._steps, self._steps + 1
-        if step % _TIMED_EVERY != 0:
-            return
-        game = int(games[step // _TIMED_EVERY % len(games)])
-        row = situation.rows(slice(game, game + 1))
-        for _ in range(_WARM_UP if step == 0 else 0):
-            self._decide(row)
-        self.times_ms.append(self._decide(row))
-
-    def _decide(self, row: Situation) -> float:
-        self._policy.reset(np.ones(1, dtype=np.bool_))
-        start = time.perf_counter_ns()
-        self._policy.select(row)
-        return (time.perf_counter_ns() - start) / 1e6
+def _decision_ms(policy: Policy, row: Situation) -> float:
+    policy.reset(np.ones(1, dtype=np.bool_))
+    start = time.perf_counter_ns()
+    policy.select(row)
+    return (time.perf_counter_ns() - start) / 1e6

@@ -35,8 +35,7 @@ from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
 from pacman_env.training.export import export_planner, network_of
 from pacman_env.training.games import GhostGames, TrainingGames, make_games, make_ghost_games
-from pacman_env.training.imitation import imitate
-from pacman_env.training.learner import Learner, use_device
+from pacman_env.training.learner import Learner, imitate, use_device
 from pacman_env.training.ppo import HeldOut, facts_of, progress_bar
 
 _PROG = "pacman-env adversary"

@@ -39,8 +39,7 @@ from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.export import export_planner
 from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
-from pacman_env.training.imitation import imitate
-from pacman_env.training.learner import Learner, use_device
+from pacman_env.training.learner import Learner, imitate, use_device
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from

@@ -14,10 +14,9 @@ pytest.importorskip("sb3_contrib")
 import torch
 
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
-from pacman_env.training import imitation
+from pacman_env.training import learner
 from pacman_env.training.games import TrainingGames, dropped, make_games
-from pacman_env.training.imitation import discounted, imitate
-from pacman_env.training.learner import Learner
+from pacman_env.training.learner import Learner, discounted, imitate
 from pacman_env.training.network import Packed
 from tests.training.test_arguments import tiny
 
@@ -67,7 +66,7 @@ def test_returns_of_a_hand_made_sequence() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def labels(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, imitation._Labels]:
+def labels(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, learner._Labels]:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
     observation = games.reset(0)
     column = CANDIDATE_FEATURES.index(kind)
@@ -76,19 +75,19 @@ def labels(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, imi
     met, _ = model.choose(observation)
     slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
     nothing = torch.zeros(len(choices))
-    return met.situations, imitation._Labels(slots, nothing, nothing)
+    return met.situations, learner._Labels(slots, nothing, nothing)
 
 
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
 def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
     kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(imitation, "_ENTROPY", 0.0)
+    monkeypatch.setattr(learner, "_ENTROPY", 0.0)
     games = make_games(tiny(), 0)
     model = pupil(**dropped(tiny(without=("refuges",))))
     before = {name: value.clone() for name, value in model.network.state_dict().items()}
     optimizer = torch.optim.Adam(model.network.parameters(), lr=1e-3)
-    imitation._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
+    learner._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
     same = all(torch.equal(value, before[name]) for name, value in model.network.state_dict().items())
     assert same != learns
 

@@ -28,7 +28,8 @@ from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
 _VIDEO_SUFFIXES = (".mp4", ".gif")
-_BREAK = re.compile(r"\n\s+")
+#: In JSON: a list of plain values, which gets a line of its own, and a break in it; strings have no line breaks.
+_LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -96,7 +97,7 @@ def _compare(arguments: argparse.Namespace) -> None:
         }
         text = json.dumps(result, indent=2, default=str, allow_nan=False)
         with replaced(json_path) as temporary:
-            temporary.write_text(_lists_in_lines(text) + "\n")
+            temporary.write_text(_LIST.sub(lambda found: f"[{_BREAK.sub(' ', found[1])}]", text) + "\n")
     rounds = "endless games" if config.endless else "rounds"
     save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:
@@ -133,11 +134,6 @@ def _rows(
         rows.append(make_row(map_names[block.scenario], names[block.policy], block.config, result, reference))
         first.setdefault(place, result[0])
     return rows
-
-
-def _lists_in_lines(text: str) -> str:
-    """JSON with lists of plain values on a line each; within strings there are no line breaks."""
-    return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", lambda match: f"[{re.sub(_BREAK, ' ', match[1])}]", text)
 
 
 if __name__ == "__main__":

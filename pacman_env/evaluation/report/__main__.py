@@ -90,7 +90,13 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
 
     plan = _plan(arguments)
     report = _header(plan, arguments, command)
-    page, json_path = _outputs(arguments)
+    page, json_path = arguments.out, arguments.json
+    if page.suffix != ".html":
+        raise ValueError(f"--out {page}: must end in .html")
+    if json_path == page:
+        raise ValueError(f"--json {page}: is the page's file too")
+    for path in filter(None, (page, json_path)):
+        prepare(path)
     work = blocks(plan)
     total = sum(len(block.seeds) for block in work.values())
     with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
@@ -144,15 +150,6 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         seeds=episode_seeds(arguments.seed, arguments.episodes),
         endless_seeds=episode_seeds(arguments.seed, arguments.endless),
     )
-
-
-def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
-    page: Path = arguments.out
-    if page.suffix != ".html":
-        raise ValueError(f"--out {page}: must end in .html")
-    if arguments.json == page:
-        raise ValueError(f"--json {page}: is the page's file too")
-    return prepare(page), arguments.json and prepare(arguments.json)
 
 
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
