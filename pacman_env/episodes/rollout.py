@@ -72,9 +72,8 @@ def play(
     Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with ``decide="event"``.
     ``on_end`` is called with the number of rounds that ended in a step.
 
-    Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms that single decisions took
-    on a sample of the situations met, the policy alone, without simulator and observation. An endless game that has all
-    its rounds behind it ends as COMPLETE.
+    Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms of single decisions of the
+    policy alone, in a sample of the situations. An endless game that has all its rounds behind it ends as COMPLETE.
     """
     batch = GameBatch(source, config, min(batch_size, len(seeds)), num_threads)
     return play_in(batch, robot, seeds, on_end=on_end)

@@ -22,7 +22,6 @@ from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
 from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.policies import add_policy_arguments, load_policy, named_policies
 from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.templates import render
 from pacman_env.files import prepare, replaced
@@ -53,7 +52,7 @@ class RecordedGame:
         self.name, self.tick_s = name, config.execution.tick_s
         self.changes: list[Change] = []  # of the goal, so far
         self._batch = GameBatch(source, config, 1)
-        self._policy = load_policy(spec)
+        self._policy = scenarios.load_policy(spec)
         self._last = LastDecision(config)
         self._chosen = -1  # none yet
         self._before_s = 0.0
@@ -203,7 +202,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     seed_help = "of the round, as in 'seeds' of the comparison's JSON"
     parser.add_argument("seed", type=whole_number(0, 2**64 - 1), metavar="SEED", help=seed_help)
-    add_policy_arguments(parser, ("clyde_aware", "nearest"), "from left to right")
+    scenarios.add_policy_arguments(parser, ("clyde_aware", "nearest"), "from left to right")
     scenarios.add_game_arguments(parser, several=False)
     out_help = f"one of {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
     parser.add_argument("--out", type=Path, metavar="FILE", help=out_help)
@@ -212,7 +211,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _replay(arguments: argparse.Namespace) -> None:
     config = scenarios.game_configs(arguments)[0]
-    policies = named_policies(arguments.policies)
+    policies = scenarios.named_policies(arguments.policies)
     wanted = scenarios.from_arguments(arguments)
     if len(wanted) > 1:
         raise ValueError("--levels: not beside --map, a round is played on one of them")

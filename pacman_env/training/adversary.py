@@ -139,7 +139,6 @@ class Alternation:
         self._models, self._decisions = [planner, clyde], [trained_before, 0]
 
     def run(self) -> None:
-        """All rounds, then the newest planner against every Clyde."""
         arguments = self.arguments
         decisions = arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions)
         self._export(_PLANNER, "planner-0")
@@ -212,10 +211,7 @@ class Alternation:
 
 
 def starting_model(arguments: Arguments) -> tuple[Learner, int]:
-    """The planner to begin with, and how many decisions it has been trained for.
-
-    Raises ValueError, with the file's name, if the file has no planner for this version.
-    """
+    """The planner to begin with, and how many decisions it has been trained for."""
     game, path = _games(arguments, _PLANNER), arguments.start
     torch_seed, games_seed = _seeds(arguments, _PLANNER, 0)
     make = partial(Learner, game.hyper, torch_seed, threads=arguments.threads)

@@ -149,7 +149,6 @@ class TrainingGames:
         return np.concatenate([teacher.select(games.env.situation) for games, teacher in teachers])
 
     def close(self) -> None:
-        """Close the games, after the step under way."""
         if self._pool is not None:
             self._pool.shutdown()
         for games in self.batches:
@@ -168,8 +167,7 @@ def _joined(observations: Sequence[Any]) -> Observation:
 def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None) -> TrainingGames:
     """The games of a segment, in houses of its own; ``ghosts`` replace a wandering Clyde.
 
-    The houses of the last sub-batch are twice as wide, its pellets twice as far apart. Raises ValueError for more
-    levels than there are to train on, or a configuration that cannot be played.
+    The houses of the last sub-batch are twice as wide, its pellets twice as far apart.
     """
     hyper = arguments.hyper
     if hyper.levels > VALIDATION_LEVEL:

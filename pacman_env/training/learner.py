@@ -72,10 +72,7 @@ class Learner:
 
     @torch.inference_mode()
     def choose(self, observation: Observation, deterministic: bool = False) -> tuple[Choices, NDArray[np.int64]]:
-        """A choice for each situation, drawn or (``deterministic``) the likeliest, and the chosen candidates' numbers.
-
-        Raises FloatingPointError if the network's outputs are not finite.
-        """
+        """A choice for each situation, drawn or (``deterministic``) the likeliest, and the chosen candidates' numbers."""
         seen = {key: torch.as_tensor(array, device=self.device) for key, array in observation.items()}
         situations, order = self.network.pack(
             seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5
@@ -196,8 +193,8 @@ class Learner:
     ) -> torch.Tensor:
         """Step the optimizer once for each minibatch of ``size`` in all epochs; returns the minibatches' mean measures.
 
-        ``loss_of`` makes the loss of a minibatch from its rows; it is called in threads. ``counts`` (B,) are the
-        candidates that may be chosen in the situations: those with as many go together.
+        ``loss_of`` makes the loss of a minibatch from its rows. ``counts`` (B,) are the candidates that may be chosen
+        in the situations: those with as many go together.
         """
         weights = list(self.network.parameters())
 

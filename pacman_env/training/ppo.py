@@ -83,8 +83,7 @@ def run(arguments: Arguments) -> None:
 def train(arguments: Arguments, after_segment: AfterSegment = lambda record: None) -> tuple[Run, Learner]:
     """All segments that are left; the run's folder and the model as the last one left it.
 
-    ``after_segment`` is called with the record of each segment, those before a resumed run included; what
-    it raises ends the training. Raises ValueError if the run's folder does not fit.
+    ``after_segment`` is called with the record of each segment, also of those before; what it raises ends the training.
     """
     device = use_device(arguments.device)
     folder = Run(arguments)

@@ -19,7 +19,6 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
 from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.scenarios import Scenario
 from pacman_env.evaluation.compare.table import render
@@ -41,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
-    add_policy_arguments(parser, policies, "the first is what the others are compared with")
+    scenarios.add_policy_arguments(parser, policies, "the first is what the others are compared with")
     scenarios.add_game_arguments(parser, several=True)
     rounds = whole_number(1)
     add("--episodes", type=rounds, default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
@@ -65,7 +64,7 @@ def _compare(arguments: argparse.Namespace) -> None:
 
     configs = scenarios.game_configs(arguments)
     config = configs[0]
-    policies = named_policies(arguments.policies)
+    policies = scenarios.named_policies(arguments.policies)
     maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)

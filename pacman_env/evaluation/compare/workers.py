@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import EPISODE, play
-from pacman_env.evaluation.compare.policies import is_checkpoint, load_policy
-from pacman_env.evaluation.compare.scenarios import Levels, Scenario, open_scenario, parts_of_play
+from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.scenarios import Levels, Scenario
 from pacman_env.sim.core import compile_ahead
 
 _LARGEST_PIECE = 500  # rounds; keeps the processes evenly busy
@@ -38,8 +38,8 @@ Played = tuple[NDArray, NDArray[np.float64]]
 
 def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> Played:
     compile_ahead.begin()
-    source = open_scenario(block.scenario, block.config)
-    policy = load_policy(block.policy) if is_checkpoint(block.policy) else block.policy
+    source = scenarios.open_scenario(block.scenario, block.config)
+    policy = scenarios.load_policy(block.policy) if scenarios.is_checkpoint(block.policy) else block.policy
     return play(source, block.config, policy, block.seeds, on_end=on_end, num_threads=block.threads)
 
 
@@ -48,8 +48,7 @@ def play_all(
 ) -> list[Played]:
     """The results of every block, in their order; those on one map should follow one another.
 
-    With more ``workers`` than one, the blocks are played in so many processes. ``on_end`` is called with the number of
-    rounds that have ended since its last call.
+    ``on_end`` is called with the number of rounds that have ended since its last call.
     """
     pieces = _pieces(blocks, workers)
     tasks = [replace(blocks[number], seeds=blocks[number].seeds[rounds]) for number, rounds in pieces]
@@ -81,7 +80,7 @@ def _pieces(blocks: Sequence[Block], workers: int) -> list[tuple[int, NDArray[np
         cut = []
         for number, block in group:
             count = 1 if workers == 1 else max(workers, math.ceil(len(block.seeds) / _LARGEST_PIECE))
-            parts = parts_of_play(scenario, block.config, block.seeds, count)
+            parts = scenarios.parts_of_play(scenario, block.config, block.seeds, count)
             cut += [(part, number, rounds) for part, rounds in enumerate(parts)]
         if isinstance(scenario, Levels):
             cut.sort(key=lambda piece: piece[0])

@@ -23,7 +23,6 @@ from pacman_env.cli.command import Parser, finite_number, run_command, whole_num
 from pacman_env.config import PRESETS, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
 from pacman_env.evaluation.compare.scenarios import Levels, Scenario
 from pacman_env.evaluation.compare.workers import play_all
 from pacman_env.evaluation.report.numbers import Numbers, Results
@@ -51,7 +50,9 @@ def _parser() -> argparse.ArgumentParser:
         " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
         " workers.",
     )
-    add_policy_arguments(parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
+    scenarios.add_policy_arguments(
+        parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page"
+    )
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="the others are compared with it (%(default)s)")
     scenarios.add_scenario_arguments(parser, several=True)
@@ -134,7 +135,7 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         check_single_rounds(variant.config, f"--variant {variant.name}: ")
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
-    policies = named_policies([*arguments.policies, arguments.baseline])
+    policies = scenarios.named_policies([*arguments.policies, arguments.baseline])
     wanted = scenarios.from_arguments(arguments)
     return Plan(
         maps=scenarios.named_scenarios(wanted, [config, *(variant.config for variant in variants)]),
