@@ -72,7 +72,7 @@ class Learner:
 
     @torch.inference_mode()
     def choose(self, observation: Observation, deterministic: bool = False) -> tuple[Choices, NDArray[np.int64]]:
-        """A choice for each situation, drawn or (``deterministic``) the likeliest, and the chosen candidates' numbers."""
+        """A choice for each situation, drawn or (``deterministic``) the likeliest, and the candidates' numbers."""
         seen = {key: torch.as_tensor(array, device=self.device) for key, array in observation.items()}
         situations, order = self.network.pack(
             seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5

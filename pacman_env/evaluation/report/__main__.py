@@ -50,9 +50,8 @@ def _parser() -> argparse.ArgumentParser:
         " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
         " workers.",
     )
-    scenarios.add_policy_arguments(
-        parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page"
-    )
+    policies = ("ppo", "clyde_aware", "lookahead", "nearest", "random")
+    scenarios.add_policy_arguments(parser, policies, "as they stand on the page")
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="the others are compared with it (%(default)s)")
     scenarios.add_scenario_arguments(parser, several=True)
