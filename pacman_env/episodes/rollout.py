@@ -23,7 +23,7 @@ from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 
 BATCH = 64  # more games than this at once are no faster
-MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has his highest speed
+MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has its highest speed
 _TIMED_EVERY = 4  # batch steps per timed decision
 _WARM_UP = 3  # decisions not timed: compilation, caches
 
@@ -51,7 +51,7 @@ def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
 
 
 def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """The choices as the executor takes them: one that is masked or no candidate at all becomes hold."""
+    """The choices as the executor applies them: one that is masked or no candidate at all becomes hold."""
     valid = (choices >= 0) & (choices < situation.mask.shape[1])
     valid &= situation.mask[np.arange(len(choices)), np.where(valid, choices, hold)]
     return np.where(valid, choices, hold)
@@ -69,7 +69,7 @@ def play(
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
-    Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with ``decide="event"``.
+    Where ``config.decisions.when`` is ``event`` the policy decides as in the environment with ``decide="event"``.
     ``on_end`` is called with the number of rounds that ended in a step.
 
     Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms of single decisions of the
@@ -139,7 +139,7 @@ def play_in(
 
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """(N,) the policy's choice for each game; when few still play, it is not asked about the others."""
+    """(N,) the policy's choice for each game; when few still play, it does not choose for the others."""
     nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
     if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
         return policy.select(situation)
@@ -151,10 +151,7 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
 def _step(
     batch: GameBatch, situation: Situation, chosen: NDArray[np.int64], playing: NDArray[np.int64], ghost: Policy | None
 ) -> NDArray[np.float64]:
-    """A decision, and the ticks until the next: one, or in each of the games ``playing`` as many as it takes.
-
-    Returns (N,) how long the round was that was completed in them, s; 0: none was.
-    """
+    """A decision, and the ticks until the next; (N,) how long the round was that was completed in them, s, else 0."""
     choices = allowed(situation, chosen, batch.hold)
     send_ghosts = None if ghost is None else lambda: ghost.select(batch.situation(0))[:, None]
     if batch.config.decisions.when == "event":

@@ -72,7 +72,6 @@ def bare_rate(env: PacManBotVectorEnv, steps: int) -> float:
 
 
 def make_vector(n: int, map_source: str, flat: bool = False, **arguments: Any) -> PacManBotVectorEnv:
-    """The native vector environment, warmed up."""
     kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
     env = gym.make_vec(f"pacman_env/PacManBot{'Flat' if flat else ''}-v0", num_envs=n, **kind).unwrapped
     assert isinstance(env, PacManBotVectorEnv)
@@ -127,7 +126,8 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
     full, bare = np.array([(vector_rate(env, rng, steps), bare_rate(env, steps)) for _ in range(rounds)]).T
     ratios = full / bare
 
-    by_threads = {threads: make_vector(1024, map_source, num_threads=threads) for threads in thread_numbers(cores())}
+    numbers = sorted({1, 2, max(2, cores()), *(2**k for k in range(10) if 2**k <= cores())})
+    by_threads = {threads: make_vector(1024, map_source, num_threads=threads) for threads in numbers}
     many_steps = max(4, int(seconds / rounds * np.median(full) / 1024))
     turns = [[vector_rate(many, rng, many_steps) for many in by_threads.values()] for _ in range(rounds)]
     threads = {str(number): float(rate) for number, rate in zip(by_threads, np.median(turns, axis=0), strict=True)}
@@ -183,11 +183,6 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
         "python": platform.python_version(),
         "processor": platform.processor() or platform.machine(),
     }
-
-
-def thread_numbers(most: int) -> list[int]:
-    """1, 2, 4 ... and the number of cores; two at least."""
-    return sorted({1, 2, max(2, most), *(2**k for k in range(10) if 2**k <= most)})
 
 
 def main(argv: Sequence[str] | None = None) -> int:

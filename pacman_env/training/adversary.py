@@ -124,8 +124,6 @@ def parse(argv: Sequence[str]) -> Arguments:
 
 
 class Alternation:
-    """A run: both networks, the pool of Clydes so far, the table and the record."""
-
     def __init__(self, arguments: Arguments) -> None:
         self.arguments, self.folder, self._began = arguments, arguments.out, time.perf_counter()
         self.record = self.folder / "record.json"
@@ -297,14 +295,12 @@ class Table:
         clydes = list(dict.fromkeys(clyde for row in self.completed.values() for clyde in row))
         lines = [f"| completed of {self._rounds} | {' | '.join(clydes)} |", "|---" * (len(clydes) + 1) + "|"]
         for policy, row in self.completed.items():
-            cells = [_cell(row[clyde]) if clyde in row else "" for clyde in clydes]
+            cells = [""] * len(clydes)
+            for clyde, ended in row.items():
+                low, high = wilson(int(ended.sum()), len(ended))
+                cells[clydes.index(clyde)] = f"{ended.mean():.1%} [{low:.0%}, {high:.0%}]"
             lines.append(f"| {policy} | {' | '.join(cells)} |")
         return "\n".join(lines)
-
-
-def _cell(ended: NDArray[np.bool_]) -> str:
-    low, high = wilson(int(ended.sum()), len(ended))
-    return f"{ended.mean():.1%} [{low:.0%}, {high:.0%}]"
 
 
 def robustness(planner: Path, clyde: Path | None, arguments: GameArguments, rounds: int) -> Table:

@@ -49,7 +49,6 @@ def game_config(arguments: Arguments, fastest_mps: float | None = None) -> Confi
 
 
 def game_settings(arguments: Arguments, fastest_mps: float | None = None) -> dict[str, Any]:
-    """The fields of that game's configuration that differ from its preset's."""
     hyper = arguments.hyper
     low, high = hyper.clyde_speed
     high = high if fastest_mps is None else max(low, min(high, fastest_mps))
@@ -165,10 +164,7 @@ def _joined(observations: Sequence[Any]) -> Observation:
 
 
 def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None) -> TrainingGames:
-    """The games of a segment, in houses of its own; ``ghosts`` replace a wandering Clyde.
-
-    The houses of the last sub-batch are twice as wide, its pellets twice as far apart.
-    """
+    """The games of a segment, in houses of its own, those of the last sub-batch twice as wide and sparse."""
     hyper = arguments.hyper
     if hyper.levels > VALIDATION_LEVEL:
         raise ValueError(f"levels = {hyper.levels}: there are {VALIDATION_LEVEL} to train on")
@@ -197,10 +193,7 @@ def make_games(arguments: Arguments, segment: int, ghosts: Ghosts | None = None)
 
 
 class GhostGames:
-    """Games in which the agent is Clyde, with Clyde's reward; in each a policy of its own, from ``robot``, drives.
-
-    Observations are the planner features from Clyde's side. Seeds are drawn on from one round to the next.
-    """
+    """Games in which the agent is Clyde and sees planner features from its side; ``robot`` makes robots' policies."""
 
     def __init__(self, games: Sequence[PacManBotParallelEnv], robot: Callable[[], Policy], scale: float = 1.0) -> None:
         shapes = {(tuple(game.possible_agents), game.batch.candidates) for game in games}

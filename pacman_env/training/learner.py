@@ -50,8 +50,6 @@ class Choices(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """The B choices that an update learns from."""
-
     choices: Choices
     advantages: torch.Tensor  # (B,)
     returns: torch.Tensor  # (B,)
@@ -145,7 +143,8 @@ class Learner:
     def update(self, rollout: Rollout) -> None:
         """Some epochs over the rollout; raises FloatingPointError if the losses are not finite."""
         hyper, progress = self.hyper, self.hyper.progress(self.decisions)
-        rate, entropy_weight = (_between(pair, progress) for pair in (hyper.learning_rate, hyper.ent_coef))
+        pairs = hyper.learning_rate, hyper.ent_coef
+        rate, entropy_weight = (first + (last - first) * progress for first, last in pairs)
         self.optimizer.param_groups[0]["lr"] = rate
         choices, gains, returns = rollout
 
@@ -301,10 +300,7 @@ def discounted(
 def advantages(
     rewards: torch.Tensor, values: torch.Tensor, dones: torch.Tensor, gamma: float, gae_lambda: float
 ) -> torch.Tensor:
-    """(T, N) generalized advantages (Schulman et al., 2016); ``values`` (T + 1, N) has one more, after the last step.
-
-    ``rewards`` and ``dones`` are (T, N): 1 where the round ended with the step.
-    """
+    """(T, N) generalized advantages (Schulman et al., 2016) of (T, N) rewards, (T + 1, N) values and (T, N) dones."""
     found, running = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
     for t in reversed(range(len(rewards))):
         going = gamma * (1 - dones[t])
@@ -331,7 +327,3 @@ def use_device(name: str) -> str:
 def _check(numbers: torch.Tensor) -> None:
     if not torch.isfinite(numbers).all():
         raise FloatingPointError("the training has diverged: logits are no numbers any more")
-
-
-def _between(pair: tuple[float, float], progress: float) -> float:
-    return pair[0] + (pair[1] - pair[0]) * progress

@@ -101,7 +101,6 @@ def baselines(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, float]:
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    """All curves; the file of figures is written anew after every point."""
     torch.set_num_threads(1)  # networks this small are fastest on one core
     for combination in options.combinations:
         environment(combination, options.map).close()  # an error before the first has learned

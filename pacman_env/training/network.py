@@ -51,7 +51,6 @@ class Row:
         self._all: Packed | None = None
 
     def clear(self) -> None:
-        """Remove all; their memory is used again."""
         self._count = 0
 
     def add(self, part: Packed) -> None:

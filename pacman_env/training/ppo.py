@@ -159,10 +159,7 @@ def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, seconds: flo
 
 
 class HeldOut:
-    """Rounds for evaluation: games as in training on validation or test levels, with a decision each tick.
-
-    ``clyde`` is its behaviour if it does not wander. The levels stay prepared from one evaluation to the next.
-    """
+    """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations."""
 
     def __init__(self, arguments: Arguments, rounds: int, *, test: bool = False, clyde: str = "wander") -> None:
         self._config = game_config(arguments).with_fields(**{"decisions.when": "tick", "clyde.ghosts": (clyde,)})
@@ -217,7 +214,6 @@ class Run:
         return self.folder / f"segment-{segment}.zip"
 
     def write(self, model: Learner, result: dict[str, Any]) -> None:
-        """A finished segment: its checkpoint first, then the record that names it."""
         segment = result["segment"]
         before = max((old["completed"] for old in self.segments), default=-1.0)
         self.segments.append(result)

@@ -39,7 +39,7 @@ SPACE: dict[str, BaseDistribution] = {
     "reward_scale": FloatDistribution(0.05, 0.5, log=True),
     "imitation": CategoricalDistribution((0.0, 0.5, 1.0, 2.0)),  # times the section's
 }
-_STARTUP = 5  # trials before any is given up, and before proposals learn from those behind
+_STARTUP = 5  # trials before any is pruned, and before proposals depend on earlier ones
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,6 @@ def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Argu
 
 
 def _plain(settings: Study, section: Hyperparameters) -> dict[str, Any]:
-    """The settings that decide the trials, as JSON has them."""
     kept = {name: getattr(settings, name) for name in ("decisions", "segments", "evaluation", "seed")}
     return dict(json.loads(json.dumps({**kept, "hyper": dataclasses.asdict(section)})))
 

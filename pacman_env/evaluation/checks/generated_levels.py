@@ -76,7 +76,6 @@ def judge(level: int, folder: Path) -> tuple[int, str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Judge; the exit status is 1 if a level is not playable."""
     parser = Parser(prog="pacman-env houses", description=__doc__)
     parser.add_argument("--levels", type=whole_number(1), default=200, help="half of them from the test split")
     parser.add_argument("--start", type=whole_number(0), default=0, help="the first, counted in either split")

@@ -60,7 +60,6 @@ VARIANTS = (
 
 
 def run(source: str, episodes: int, seed: int, workers: int) -> list[tuple[Variant, Row]]:
-    """Play every variant; the paired difference is to the first one."""
     seeds = episode_seeds(seed, episodes)
     blocks = [
         Block(source, make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}), v.policy, seeds)

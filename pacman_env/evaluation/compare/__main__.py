@@ -31,7 +31,7 @@ _VIDEO_SUFFIXES = (".mp4", ".gif")
 _LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
 
 
-def _parser() -> argparse.ArgumentParser:
+def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="pacman-env compare",
         description="Let policies play the same rounds and compare them. Decision times are those of the"
@@ -50,11 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
     add("--video", type=Path, metavar="OUT", help="film (.mp4, .gif) of the first map's first round")
-    return parser
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    return run_command(_parser(), argv, _compare)
+    return run_command(parser, argv, _compare)
 
 
 def _compare(arguments: argparse.Namespace) -> None:

@@ -99,11 +99,10 @@ def _ends(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
     for key, label, colour in _ENDS:
         share = np.array([row[key] for row in band])
         axes.barh(y, 100 * share, 0.6, left=100 * start, color=colour, label=label, edgecolor="white", lw=0.8)
-        dark = colour in ("#0072B2", "#D55E00")
+        text_colour = "white" if colour in ("#0072B2", "#D55E00") else "black"
         for position, value, left in zip(y, share, start, strict=True):
             if value >= _ROOM_FOR_TEXT:
                 centre = 100 * (left + value / 2)
-                colour_of_text = "white" if dark else "black"
-                axes.text(centre, position, f"{100 * value:.1f}", va="center", ha="center", color=colour_of_text)
+                axes.text(centre, position, f"{100 * value:.1f}", va="center", ha="center", color=text_colour)
         start += share
     axes.set_xlim(0, 100)

@@ -41,13 +41,8 @@ class Levels:
     start: int | None = None  # number of the first level, None: that of the split
     count: int = LEVELS_PLAYED
 
-    @property
-    def name(self) -> str:
-        """As an environment's ``map`` argument has it."""
-        return f"generated:{self.split}"
-
     def open(self, config: Config) -> GeneratedMaps:
-        return _KeptMaps.named(self.name, config, self.start, self.count)
+        return _KeptMaps.named(f"generated:{self.split}", config, self.start, self.count)
 
 
 #: A map's name or YAML file, or levels.
@@ -77,8 +72,7 @@ def open_scenario(scenario: Scenario, config: Config) -> LevelSource:
 def parts_of_play(scenario: Scenario, config: Config, seeds: NDArray[np.uint64], parts: int) -> list[NDArray[np.int64]]:
     """The rounds' numbers in parts to be played one after the other, ``parts`` of them or more.
 
-    On levels, rounds of one level lie next to one another, and a part has no more levels than are kept. The result of a
-    round does not depend on it.
+    On levels, rounds of one level are neighbours, and a part has no more levels than are kept; results do not change.
     """
     order = np.arange(len(seeds))
     if isinstance(scenario, Levels):
@@ -89,7 +83,6 @@ def parts_of_play(scenario: Scenario, config: Config, seeds: NDArray[np.uint64],
 
 
 def named_scenarios(wanted: Sequence[Scenario], configs: Sequence[Config]) -> dict[str, Scenario]:
-    """Scenarios by name, all of which can be played on under each of the configurations."""
     named: dict[str, Scenario] = {}
     for scenario in wanted:
         name, *_ = [scenario_name(scenario, config) for config in configs]
@@ -101,7 +94,7 @@ def named_scenarios(wanted: Sequence[Scenario], configs: Sequence[Config]) -> di
 
 def scenario_name(scenario: Scenario, config: Config) -> str:
     first = open_scenario(scenario, config).first
-    return scenario.name if isinstance(scenario, Levels) else first.occupancy.name
+    return f"generated:{scenario.split}" if isinstance(scenario, Levels) else first.occupancy.name
 
 
 def describe_scenario(name: str, scenario: Scenario, config: Config) -> dict[str, Any]:
@@ -180,7 +173,6 @@ def check_goals(config: Config) -> None:
 
 
 def game_configs(arguments: argparse.Namespace) -> list[Config]:
-    """One configuration per speed of Clyde's, from the arguments of ``add_game_arguments``."""
     changes = rule_changes(arguments)
     for name, value in (
         ("clyde.spawn", arguments.clyde_spawn),
@@ -237,5 +229,5 @@ def named_policies(specs: Sequence[str]) -> dict[str, str]:
 def result_names(specs: Sequence[str]) -> dict[str, str]:
     """By spec, a name that no other has: the spec, of a file its stem unless another is called that too."""
     short = {spec: Path(spec).stem if Path(spec).suffix in _POLICY_FILES else spec for spec in specs}
-    taken = list(short.values())
-    return {spec: name if taken.count(name) == 1 or name == spec else spec for spec, name in short.items()}
+    names = list(short.values())
+    return {spec: name if names.count(name) == 1 or name == spec else spec for spec, name in short.items()}

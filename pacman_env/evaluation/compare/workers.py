@@ -46,10 +46,7 @@ def play_block(block: Block, on_end: Callable[[int], object] | None = None) -> P
 def play_all(
     blocks: Sequence[Block], workers: int = 1, on_end: Callable[[int], object] = lambda ended: None
 ) -> list[Played]:
-    """The results of every block, in their order; those on one map should follow one another.
-
-    ``on_end`` is called with the number of rounds that have ended since its last call.
-    """
+    """The results of every block, in their order; ``on_end`` is called with the number of rounds that have ended."""
     pieces = _pieces(blocks, workers)
     tasks = [replace(blocks[number], seeds=blocks[number].seeds[rounds]) for number, rounds in pieces]
     if workers == 1:

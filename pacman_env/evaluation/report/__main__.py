@@ -42,7 +42,7 @@ _NO_REFUGES = "without refuges=refuges.spread=0,refuges.nooks=0"
 _LONGEST_FACT = 80  # characters
 
 
-def _parser() -> argparse.ArgumentParser:
+def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="pacman-env report",
         description="Let policies play the same rounds and write one HTML page about them: completion per map and over"
@@ -74,13 +74,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
     add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
-    return parser
-
-
-def main(argv: Sequence[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     command = shlex.join(["pacman-env", "report", *argv])
-    return run_command(_parser(), argv, lambda arguments: _report(arguments, command))
+    return run_command(parser, argv, lambda arguments: _report(arguments, command))
 
 
 def _report(arguments: argparse.Namespace, command: str) -> None:

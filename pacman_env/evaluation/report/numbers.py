@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.episodes import statistics
+from pacman_env.episodes.rollout import EPISODE
 from pacman_env.evaluation.compare.workers import Played
 from pacman_env.evaluation.report.plan import ENDLESS_GAMES, ROUNDS, Cell, Plan, Variant, replay_command
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
@@ -37,7 +38,10 @@ class Results:
             "pair": self._pair(),
             "variants": [self._variant(variant, policy) for variant in plan.variants for policy in policies],
             "decisions": [self._decisions(policy) for policy in policies],
-            "rounds": [_raw(cell, result[0]) for cell, result in self._played.items()],
+            "rounds": [  # in the order of the seeds
+                cell._asdict() | {name: records[name].tolist() for name in EPISODE.names or () if name != "seed"}
+                for cell, (records, _) in self._played.items()
+            ],
         }
 
     def _rng(self) -> np.random.Generator:
@@ -165,7 +169,3 @@ def _outcome(record: Any) -> Numbers:
         "pellets": int(record["spawned"]),
         "time_s": float(record["time_s"]),
     }
-
-
-def _raw(cell: Cell, records: NDArray) -> Numbers:
-    return {**cell._asdict(), **{name: records[name].tolist() for name in records.dtype.names or () if name != "seed"}}
