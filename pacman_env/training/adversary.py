@@ -278,7 +278,6 @@ class Table:
         self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
 
     def play(self, policy: str, clydes: Sequence[str]) -> None:
-        """Fill a row where it is empty yet: a policy's name or file against behaviours or learned Clydes."""
         row = self.completed.setdefault(policy, {})
         for clyde in clydes:
             if clyde not in row:

@@ -216,8 +216,6 @@ class Learner:
 
 
 class _Labels(NamedTuple):
-    """The teacher's choices in situations, and the returns."""
-
     slots: torch.Tensor  # (B,) its choices, as the situations have them
     returns: torch.Tensor  # (B,) discounted
     known: torch.Tensor  # (B,) 1 where the return is known: the round ended in time

@@ -13,16 +13,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from numpy.typing import NDArray
-
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios
-from pacman_env.evaluation.compare.rows import Row, make_row
-from pacman_env.evaluation.compare.scenarios import Scenario
+from pacman_env.evaluation.compare.rows import make_row
 from pacman_env.evaluation.compare.table import render
-from pacman_env.evaluation.compare.workers import Block, Played, play_all
+from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
@@ -64,19 +61,20 @@ def _compare(arguments: argparse.Namespace) -> None:
     maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
-    blocks = [
-        Block(scenario, one, policy, seeds, arguments.threads)
-        for scenario, one, policy in itertools.product(maps.values(), configs, policies)
-    ]
+    work = list(itertools.product(maps.items(), configs, policies.items()))
+    blocks = [Block(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
     unit = "game" if config.endless else "episode"
     with tqdm(total=len(blocks) * len(seeds), unit=unit, mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(blocks, arguments.workers, bar.update)
-    rows = _rows(blocks, played, {scenario: name for name, scenario in maps.items()}, policies)
+    rows = []
+    for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
+        first = k - k % len(policies)  # the first policy in the same rounds
+        rows.append(make_row(place, policy, one, result, played[first][0] if k != first else None))
     settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     settings = ", ".join([settings, *arguments.set])
     print(f"{settings}\n\n{render(rows)}")
     if json_path is not None:
-        result = {  # all that is needed to get the rows again
+        content = {  # all that is needed to get the rows again
             "schema": SCHEMA,
             "version": __version__,
             "kind": "endless" if config.endless else "round",
@@ -90,7 +88,7 @@ def _compare(arguments: argparse.Namespace) -> None:
             "config": config.as_dict(),
             "rows": rows,
         }
-        text = json.dumps(result, indent=2, default=str, allow_nan=False)
+        text = json.dumps(content, indent=2, default=str, allow_nan=False)
         with replaced(json_path) as temporary:
             temporary.write_text(_LIST.sub(lambda found: f"[{_BREAK.sub(' ', found[1])}]", text) + "\n")
     rounds = "endless games" if config.endless else "rounds"
@@ -116,19 +114,6 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
     if arguments.json == plot:
         raise ValueError(f"--json {plot}: is the plot's file too")
     return arguments.json and prepare(arguments.json), prepare(plot), video and prepare(video)
-
-
-def _rows(
-    blocks: Sequence[Block], played: Sequence[Played], map_names: dict[Scenario, str], names: dict[str, str]
-) -> list[Row]:
-    rows = []
-    first: dict[tuple[Scenario, float], NDArray] = {}
-    for block, result in zip(blocks, played, strict=True):
-        place = (block.scenario, block.config.clyde.speed_mps)
-        reference = first.get(place)
-        rows.append(make_row(map_names[block.scenario], names[block.policy], block.config, result, reference))
-        first.setdefault(place, result[0])
-    return rows
 
 
 if __name__ == "__main__":

@@ -50,8 +50,6 @@ Scenario = str | Levels
 
 
 class _KeptMaps(GeneratedMaps):
-    """Generated levels, of which the last ones prepared in this process are kept."""
-
     @property
     def first(self) -> MapAssets:
         return self.prepare(self.start_level)

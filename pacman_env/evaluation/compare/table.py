@@ -32,7 +32,6 @@ def group_title(row: Row) -> str:
 
 
 def render(rows: Sequence[Row]) -> str:
-    """The table, one block per map and speed, and what the columns mean; all rows are of one kind."""
     endless = rows[0]["kind"] == "endless"
     columns = _ENDLESS if endless else _ROUND
     header = (*columns, "difference")
