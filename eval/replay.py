@@ -1,6 +1,6 @@
 """Play one round again, filmed: ``python eval/replay.py --help``."""
 
-from pacman_env.evaluation.replay.__main__ import main
+from pacman_env.evaluation.replay import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -42,7 +42,7 @@ ONLY_IN = {
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     **{package: {"web"} for package in ("starlette", "uvicorn", "websockets", "segno")},
-    "torch": {"training", "evaluation.compare.policies"},
+    "torch": {"training", "evaluation.compare.scenarios"},
     "stable_baselines3": {"sb3", "training"},
     "sb3_contrib": {"training"},
     "ray": set(),
@@ -143,7 +143,7 @@ def test_a_module_is_loaded_by_name_in_known_places_alone() -> None:
     assert users == {
         "",  # the modules of public names
         "cli.main",  # commands
-        "evaluation.compare.policies",  # a checkpoint of training
+        "evaluation.compare.scenarios",  # a checkpoint of training
         "plugins",
         "ros.lock_step.game",  # the nodes of the table of processes
         "ros.topics",  # message types

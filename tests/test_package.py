@@ -100,7 +100,7 @@ def test_the_wheel_holds_the_package_evaluation_training_maps_planner_page_and_n
     wheel, _ = built
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
-    package |= {f"pacman_env/evaluation/templates/{page}.html.j2" for page in ("report", "replay")}
+    package |= {f"pacman_env/evaluation/templates/{page}.j2" for page in ("report.html", "replay.html", "chart.svg")}
     package |= {"pacman_env/training/hyperparameters/PacManBot-v0.yaml"}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {f"pacman_env/policies/pretrained/ppo.{kind}" for kind in ("onnx", "json")}

@@ -6,6 +6,7 @@ The records depend on map, configuration, policy and seeds alone, not on the bat
 from __future__ import annotations
 
 import copy
+import itertools
 import time
 from collections.abc import Callable
 
@@ -22,7 +23,7 @@ from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 
 BATCH = 64  # more games than this at once are no faster
-MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has his highest speed
+MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has its highest speed
 _TIMED_EVERY = 4  # batch steps per timed decision
 _WARM_UP = 3  # decisions not timed: compilation, caches
 
@@ -42,11 +43,7 @@ EPISODE = np.dtype(
 
 
 def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
-    """(episodes,) the seed of each round; round k of a seed is the same however many there are.
-
-    Raises:
-        ValueError: a negative seed.
-    """
+    """(episodes,) the seed of each round; round k of a seed is the same however many there are."""
     if seed < 0:
         raise ValueError(f"seed = {seed}: must be at least 0")
     sequences = (np.random.SeedSequence(seed, spawn_key=(k,)) for k in range(episodes))
@@ -54,7 +51,7 @@ def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
 
 
 def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """The choices as the executor takes them: one that is masked or no candidate at all becomes hold."""
+    """The choices as the executor applies them: one that is masked or no candidate at all becomes hold."""
     valid = (choices >= 0) & (choices < situation.mask.shape[1])
     valid &= situation.mask[np.arange(len(choices)), np.where(valid, choices, hold)]
     return np.where(valid, choices, hold)
@@ -67,31 +64,19 @@ def play(
     seeds: NDArray[np.uint64],
     *,
     batch_size: int = BATCH,
-    ghost: Policy | None = None,
     on_end: Callable[[int], object] | None = None,
     num_threads: int = 1,
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy; under ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
     Where ``config.decisions.when`` is ``event`` the policy is asked as in the environment with that setting.
+    ``on_end`` is called with the number of rounds that ended in a step.
 
-    Args:
-        source: the map, or levels of which each seed draws one.
-        config: the game.
-        robot: the policy, or what ``make_policy`` makes it from.
-        seeds: (E,) at least one.
-        batch_size: at most so many games at once.
-        ghost: the policy of the only ghost, whose behaviour is ``policy``.
-        on_end: called with the number of rounds that ended in a step.
-        num_threads: that share the games; 0: one for each core.
-
-    Returns:
-        (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms that single decisions
-        took on a sample of the situations met, the policy alone, without simulator and observation. An endless game
-        that has all its rounds behind it ends as COMPLETE.
+    Returns (E,) records of type ``EPISODE`` in the order of the seeds, and (T,) times in ms of single decisions of the
+    policy alone, in a sample of the situations. An endless game that has all its rounds behind it ends as COMPLETE.
     """
     batch = GameBatch(source, config, min(batch_size, len(seeds)), num_threads)
-    return play_in(batch, robot, seeds, ghost=ghost, on_end=on_end)
+    return play_in(batch, robot, seeds, on_end=on_end)
 
 
 def play_in(
@@ -103,18 +88,12 @@ def play_in(
     on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """What :func:`play` does, in games that are there already: the levels that they hold are not prepared again.
-
-    Without ``timed`` no decision is timed.
-
-    Raises:
-        ValueError: more games than seeds.
-    """
+    """:func:`play` in existing games, whose levels are kept; ``ghost`` is the ghost if its behaviour is ``policy``."""
     n = batch.n
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
     policy, other = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
-    clock = _DecisionClock(other, batch.config)
+    times_ms: list[float] = []  # of ``other``, so that the games do not notice
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # which one each slot plays, -1: none is left
     before_s = np.zeros(n)  # the rounds before the one that a slot plays
@@ -123,11 +102,17 @@ def play_in(
     for player in players:
         player.reset(np.ones(n, dtype=np.bool_), batch.config)
     started = n
-    while (episode >= 0).any():
-        situation = batch.situation()
+    for step in itertools.count():
         playing = np.flatnonzero(episode >= 0)
-        if timed:
-            clock.look(situation, playing)
+        if len(playing) == 0:
+            break
+        situation = batch.situation()
+        if timed and step % _TIMED_EVERY == 0:
+            game = int(playing[step // _TIMED_EVERY % len(playing)])
+            row = situation.rows(slice(game, game + 1))
+            for _ in range(_WARM_UP if step == 0 else 0):
+                _decision_ms(other, row, batch.config)
+            times_ms.append(_decision_ms(other, row, batch.config))
         round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghost)
         follows = round_s > 0
         if follows.any():
@@ -150,11 +135,11 @@ def play_in(
             started += len(again)
         if on_end is not None:
             on_end(len(ended))
-    return records, np.array(clock.times_ms)
+    return records, np.array(times_ms)
 
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """(N,) the policy's choice for each game; when few still play, it is not asked about the others."""
+    """(N,) the policy's choice for each game; when few still play, it does not choose for the others."""
     nothing_to_forget = getattr(type(policy), "reset", None) is BasePolicy.reset
     if len(playing) == len(situation) or not nothing_to_forget:  # a policy with a state must see all games
         return policy.select(situation)
@@ -164,33 +149,19 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
 
 
 def _step(
-    batch: GameBatch,
-    situation: Situation,
-    chosen: NDArray[np.int64],
-    playing: NDArray[np.int64],
-    ghost: Policy | None,
+    batch: GameBatch, situation: Situation, chosen: NDArray[np.int64], playing: NDArray[np.int64], ghost: Policy | None
 ) -> NDArray[np.float64]:
-    """A decision, and the ticks until the next: one, or in each of the games ``playing`` as many as it takes.
-
-    Returns (N,) how long the round was that was completed in them, s; 0: none was.
-    """
+    """A decision, and the ticks until the next; (N,) how long the round was that was completed in them, s, else 0."""
     choices = allowed(situation, chosen, batch.hold)
-
-    def send_ghosts() -> NDArray[np.int64]:
-        assert ghost is not None
-        return ghost.select(batch.situation(0))[:, None]
-
+    send_ghosts = None if ghost is None else lambda: ghost.select(batch.situation(0))[:, None]
     if batch.config.decisions.when == "event":
-        who = np.zeros(batch.n, dtype=np.bool_)
-        who[playing] = True
-        batch.step_until_due(choices, choices != chosen, None if ghost is None else send_ghosts, who)
+        batch.step_until_due(choices, choices != chosen, send_ghosts, np.isin(np.arange(batch.n), playing))
     else:
-        batch.step(choices, None if ghost is None else send_ghosts())
+        batch.step(choices, None if send_ghosts is None else send_ghosts())
     return batch.completed_s.copy()
 
 
 def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:
-    """The records of the games ``index``."""
     games = batch.games[index]
     result = np.zeros(len(index), dtype=EPISODE)
     result["seed"] = games["episode_seed"]
@@ -204,27 +175,8 @@ def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.fl
     return result
 
 
-class _DecisionClock:
-    """Times single decisions of a policy object of its own, so that the games do not notice."""
-
-    def __init__(self, policy: Policy, config: Config) -> None:
-        self.times_ms: list[float] = []
-        self._policy, self._config = policy, config
-        self._steps = 0
-
-    def look(self, situation: Situation, games: NDArray[np.int64]) -> None:
-        """Perhaps time the decision in one of ``games``, each in turn."""
-        step, self._steps = self._steps, self._steps + 1
-        if step % _TIMED_EVERY != 0:
-            return
-        game = int(games[step // _TIMED_EVERY % len(games)])
-        row = situation.rows(slice(game, game + 1))
-        for _ in range(_WARM_UP if step == 0 else 0):
-            self._decide(row)
-        self.times_ms.append(self._decide(row))
-
-    def _decide(self, row: Situation) -> float:
-        self._policy.reset(np.ones(1, dtype=np.bool_), self._config)
-        start = time.perf_counter_ns()
-        self._policy.select(row)
-        return (time.perf_counter_ns() - start) / 1e6
+def _decision_ms(policy: Policy, row: Situation, config: Config) -> float:
+    policy.reset(np.ones(1, dtype=np.bool_), config)
+    start = time.perf_counter_ns()
+    policy.select(row)
+    return (time.perf_counter_ns() - start) / 1e6

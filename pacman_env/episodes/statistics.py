@@ -1,4 +1,4 @@
-"""Estimates and their confidence intervals. What is counted is decided by whoever reports it."""
+"""Estimates and their confidence intervals."""
 
 from __future__ import annotations
 
@@ -28,29 +28,6 @@ def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
     low = 0.0 if successes == 0 else (centre - half) / scale
     high = 1.0 if successes == trials else (centre + half) / scale
     return low, high
-
-
-def difference(successes: int, trials: int, others: int, of: int, z: float = Z95) -> tuple[float, Interval]:
-    """Difference of two proportions seen on different trials, the first minus the second, with its interval.
-
-    The interval is method 10 of Newcombe, "Interval estimation for the difference between independent proportions",
-    Statistics in Medicine 17 (1998): Wilson's limits of both proportions, joined.
-
-    Args:
-        successes: of ``trials``, of the first.
-        trials: of the first.
-        others: successes of ``of`` trials, of the second.
-        of: trials of the second.
-        z: standard deviations.
-
-    Raises:
-        ValueError: as :func:`wilson`.
-    """
-    (low, high), (other_low, other_high) = wilson(successes, trials, z), wilson(others, of, z)
-    one, other = successes / trials, others / of
-    below = math.hypot(one - low, other_high - other)
-    above = math.hypot(high - one, other - other_low)
-    return one - other, (one - other - below, one - other + above)
 
 
 def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: float = Z95) -> tuple[float, Interval]:
@@ -104,17 +81,10 @@ def interquartile_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def improvement(
     ours: NDArray[np.float64], theirs: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Probability that one of our scores is above one of theirs, ties counting half: Mann and Whitney's U / n^2.
+    """(R,) probability that one of our (n,) scores is above one of theirs in the same trials, ties counting half.
 
-    Agarwal et al. 2021, "probability of improvement", on one task.
-
-    Args:
-        ours: (n,) scores.
-        theirs: (n,) scores in the same trials.
-        weights: (R, n) how often each trial counts, for both; each row sums to n.
-
-    Returns:
-        (R,) one estimate per row of the weights.
+    Mann and Whitney's U / n^2; Agarwal et al. 2021, "probability of improvement", on one task. ``weights`` (R, n) are
+    how often each trial counts, for both; each row sums to n.
     """
     levels = np.unique(np.concatenate([ours, theirs]))
     our_count, their_count = (weights @ (scores[:, None] == levels) for scores in (ours, theirs))
@@ -123,11 +93,7 @@ def improvement(
 
 
 def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = REPLICATES) -> NDArray[np.float64]:
-    """(R, n) how often each of n trials is drawn in n draws with replacement.
-
-    Raises:
-        ValueError: no trials.
-    """
+    """(R, n) how often each of n trials is drawn in n draws with replacement."""
     if trials < 1:
         raise ValueError(f"{trials} trials")
     return rng.multinomial(trials, np.full(trials, 1 / trials), size=replicates).astype(np.float64)
@@ -140,16 +106,9 @@ def percentiles95(values: NDArray[np.float64]) -> Interval:
 
 
 def bootstrapped_mean(tasks: Sequence[NDArray[np.float64]], rng: np.random.Generator) -> tuple[float, Interval]:
-    """Mean over tasks of their mean scores, with its stratified bootstrap interval (percentiles; Efron 1979).
+    """Mean over tasks of their (n,) scores' means, with its stratified bootstrap interval (percentiles; Efron 1979).
 
-    Of paired scores give the differences: pairs are then drawn together.
-
-    Args:
-        tasks: per task the (n,) scores of its trials; trials are drawn anew within each task.
-        rng: draws.
-
-    Raises:
-        ValueError: a task without trials.
+    Trials are drawn anew within each task. For paired scores pass the differences: pairs are then drawn together.
     """
     drawn = _drawn_means(tasks, rng).mean(axis=1)
     return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
@@ -171,15 +130,7 @@ def bootstrapped_improvement(
 ) -> tuple[float, Interval]:
     """Mean over tasks of the probability of :func:`improvement`, with its stratified bootstrap interval.
 
-    Trials are pairs: one that is drawn is drawn for both sides.
-
-    Args:
-        ours: per task our (n,) scores.
-        theirs: per task their (n,) scores in the same trials.
-        rng: draws.
-
-    Raises:
-        ValueError: not the same numbers of trials, or none.
+    ``ours`` and ``theirs`` are (n,) scores per task; trials are pairs: one that is drawn is drawn for both sides.
     """
     drawn, values = [], []
     for our, their in zip(ours, theirs, strict=True):

@@ -15,7 +15,8 @@ import argparse
 import platform
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +56,7 @@ def single_rate(env: PacManBotEnv, rng: np.random.Generator, steps: int) -> floa
 
 
 def bare_rate(env: PacManBotVectorEnv, steps: int) -> float:
-    """Decisions per second if a decision were physics steps and nothing else, from where the games are now.
-
-    All robots are in one space of Chipmunk's, stepped from Python, as with pymunk alone.
-    """
+    """Decisions per second if a decision were only physics: all robots in one space of Chipmunk's, from Python."""
     robot = env.config.robot
     step = bare_stepper(
         env.batch.assets.grid.walls,
@@ -74,7 +72,6 @@ def bare_rate(env: PacManBotVectorEnv, steps: int) -> float:
 
 
 def make_vector(n: int, map_source: str, flat: bool = False, **arguments: Any) -> PacManBotVectorEnv:
-    """The native vector environment, warmed up."""
     kind = {"vectorization_mode": "vector_entry_point", "map": map_source, **arguments}
     env = gym.make_vec(f"pacman_env/PacManBot{'Flat' if flat else ''}-v0", num_envs=n, **kind).unwrapped
     assert isinstance(env, PacManBotVectorEnv)
@@ -96,15 +93,17 @@ def event_rates(env: PacManBotVectorEnv, steps: int) -> tuple[float, float]:
     return steps * env.num_envs / took, simulated / took
 
 
+def milliseconds(action: Callable[[], Any]) -> float:
+    began = time.perf_counter()
+    action()
+    return 1000 * (time.perf_counter() - began)
+
+
 def make_again_ms(map_source: str, repeats: int) -> float:
     """Milliseconds of a ``gymnasium.make`` of a map that was made before."""
-    gym.make("pacman_env/PacManBot-v0", map=map_source)
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        gym.make("pacman_env/PacManBot-v0", map=map_source)
-        times.append(1000 * (time.perf_counter() - began))
-    return float(np.median(times))
+    make = partial(gym.make, "pacman_env/PacManBot-v0", map=map_source)
+    make()
+    return float(np.median([milliseconds(make) for _ in range(repeats)]))
 
 
 def new_level_ms(env: PacManBotVectorEnv, episodes: int) -> float:
@@ -112,74 +111,66 @@ def new_level_ms(env: PacManBotVectorEnv, episodes: int) -> float:
 
     Slots are used before: memory that the system has to find first is not what a level costs.
     """
-    batch = env.batch
     seeds = np.random.default_rng(0).integers(2**63, size=64 + episodes, dtype=np.uint64)
-    times = []
-    for k, seed in enumerate(seeds):
-        began = time.perf_counter()
-        batch.reset(np.array([k % 64]), np.array([seed]))
-        times.append(1000 * (time.perf_counter() - began))
-    return float(np.mean(times[64:]))
+    starts = [(np.array([k % 64]), np.array([seed])) for k, seed in enumerate(seeds)]
+    return float(np.mean([milliseconds(partial(env.batch.reset, *start)) for start in starts][64:]))
 
 
 def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """All figures; ``seconds`` is roughly what each figure may take.
-
-    Raises:
-        ValueError: a map that cannot be played on.
-    """
+    """All figures; ``seconds`` is roughly what each figure may take."""
     rng = np.random.default_rng(0)
     env = make_vector(64, map_source)
     houses = make_vector(64, "generated")
     level_ms = new_level_ms(houses, max(8, round(50 * seconds)))
     steps = max(HELD, int(seconds / rounds * vector_rate(env, rng, 4 * HELD) / 64))
-    full, empty = [], []
-    for _ in range(rounds):
-        full.append(vector_rate(env, rng, steps))
-        empty.append(bare_rate(env, steps))
-    ratios = np.array(full) / np.array(empty)
+    full, bare = np.array([(vector_rate(env, rng, steps), bare_rate(env, steps)) for _ in range(rounds)]).T
+    ratios = full / bare
 
-    by_threads = {threads: make_vector(1024, map_source, num_threads=threads) for threads in thread_numbers(cores())}
+    numbers = sorted({1, 2, max(2, cores()), *(2**k for k in range(10) if 2**k <= cores())})
+    by_threads = {threads: make_vector(1024, map_source, num_threads=threads) for threads in numbers}
     many_steps = max(4, int(seconds / rounds * np.median(full) / 1024))
-    turns = [
-        {threads: vector_rate(many, rng, many_steps) for threads, many in by_threads.items()} for _ in range(rounds)
-    ]
-    threads = {str(number): float(np.median([turn[number] for turn in turns])) for number in by_threads}
+    turns = [[vector_rate(many, rng, many_steps) for many in by_threads.values()] for _ in range(rounds)]
+    threads = {str(number): float(rate) for number, rate in zip(by_threads, np.median(turns, axis=0), strict=True)}
     for many in by_threads.values():
         many.close()
-    del by_threads
+    del by_threads, many
+
+    def median(measure: Callable[[], Any]) -> Any:
+        return np.median([measure() for _ in range(rounds)], axis=0).tolist()
 
     featured = make_vector(64, map_source, observation="planner")
     same_houses = make_vector(64, "generated", settings={"num_levels": 64})
     more_steps = max(4, steps // 4)
-    features = [vector_rate(featured, rng, more_steps) for _ in range(rounds)]
-    at_once = [vector_rate(same_houses, rng, more_steps) / vector_rate(env, rng, more_steps) for _ in range(rounds)]
+    features = median(lambda: vector_rate(featured, rng, more_steps))
+    at_once = median(lambda: vector_rate(same_houses, rng, more_steps) / vector_rate(env, rng, more_steps))
     new_houses = make_vector(64, "generated", num_threads=2)
     house_steps = max(4, steps // 20)
     vector_rate(new_houses, rng, house_steps)
-    per_episode = [vector_rate(new_houses, rng, house_steps) for _ in range(rounds)]
-
+    per_episode = median(lambda: vector_rate(new_houses, rng, house_steps))
     by_events = make_vector(64, map_source, flat=True)
-    event_steps = max(4, steps // 8)
-    decisions, simulated = np.median([event_rates(by_events, event_steps) for _ in range(rounds)], axis=0).tolist()
+    decisions, simulated = median(lambda: event_rates(by_events, max(4, steps // 8)))
 
     single = gym.make("pacman_env/PacManBot-v0", map=map_source).unwrapped
     assert isinstance(single, PacManBotEnv)
     single.reset(seed=0)
     single_rate(single, rng, 4 * HELD)
     single_steps = max(HELD, int(seconds / rounds * 8000))
-    one_rate = float(np.median([single_rate(single, rng, single_steps) for _ in range(rounds)]))
+    rate = float(np.median(full))
     return {
-        "decisions_per_s": {"1": one_rate, "64": float(np.median(full)), "1024": threads["1"]},
+        "decisions_per_s": {
+            "1": median(lambda: single_rate(single, rng, single_steps)),
+            "64": rate,
+            "1024": threads["1"],
+        },
         "threads": threads,
-        "houses_64": float(np.median(at_once)) * float(np.median(full)),
-        "houses_64_ratio": float(np.median(at_once)),
-        "new_house_per_episode": float(np.median(per_episode)),
-        "features_64": float(np.median(features)),
+        "houses_64": at_once * rate,
+        "houses_64_ratio": at_once,
+        "new_house_per_episode": per_episode,
+        "features_64": features,
         "event_decisions_per_s_64": decisions,
         "event_simulated_s_per_s_64": simulated,
-        "tick_simulated_s_per_s_64": float(np.median(full)) * env.config.execution.tick_s,
-        "bare_decisions_per_s_64": float(np.median(empty)),
+        "tick_simulated_s_per_s_64": rate * env.config.execution.tick_s,
+        "bare_decisions_per_s_64": float(np.median(bare)),
         "bare_ratio_64": float(np.median(ratios)),
         "bare_ratio_64_range": [float(ratios.min()), float(ratios.max())],
         "make_again_ms": make_again_ms(map_source, rounds),
@@ -192,11 +183,6 @@ def run(map_source: str, rounds: int, seconds: float) -> dict[str, Any]:
         "python": platform.python_version(),
         "processor": platform.processor() or platform.machine(),
     }
-
-
-def thread_numbers(most: int) -> list[int]:
-    """1, 2, 4 ... and the number of cores; two at least."""
-    return sorted({1, 2, max(2, most), *(2**k for k in range(10) if 2**k <= most)})
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -212,25 +198,28 @@ def _report(arguments: argparse.Namespace) -> None:
     if arguments.json:
         prepare(arguments.json)
     figures = run(arguments.map, arguments.rounds, arguments.seconds)
-    rates = figures["decisions_per_s"]
-    print(f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread unless a number is given")
-    for n in ("1", "64", "1024"):
-        print(f"  N = {n:>4}: {rates[n]:9,.0f} decisions/s")
-    low, high = figures["bare_ratio_64_range"]
-    print(f"  bare Chipmunk, 64 bodies: {figures['bare_decisions_per_s_64']:9,.0f} decisions/s")
-    print(f"  ratio to bare at 64: {figures['bare_ratio_64']:.3f} ({low:.3f} to {high:.3f})")
-    print(f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}")
-    print(f"  64 houses: {figures['houses_64']:9,.0f} decisions/s, {figures['houses_64_ratio']:.2f} of one house")
-    print(f"  planner's features, 64: {figures['features_64']:9,.0f} decisions/s")
-    for number, rate in figures["threads"].items():
-        print(f"  1,024 games, {number:>2} threads: {rate:9,.0f} decisions/s, {rate / rates['1024']:.2f} of one")
-    print(f"  a new house per episode, 64 games, 2 threads: {figures['new_house_per_episode']:9,.0f} decisions/s")
-    print(f"  decided by events, planner's numbers, 64: {figures['event_decisions_per_s_64']:9,.0f} decisions/s,")
+    rates, (low, high) = figures["decisions_per_s"], figures["bare_ratio_64_range"]
     simulated, ticks = figures["event_simulated_s_per_s_64"], figures["tick_simulated_s_per_s_64"]
-    print(f"    {simulated:,.0f} simulated s/s; at every tick {ticks:,.0f}")
-    print(f"  gymnasium.make of the same map again: {figures['make_again_ms']:.1f} ms")
-    print(f"  generated houses, a new one per episode: {figures['new_level_ms']:.1f} ms each at 64 games,")
-    print(f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once")
+    print(
+        f"map {figures['map']}, {figures['wall_segments']} wall segments, one thread unless a number is given",
+        *(f"  N = {n:>4}: {rates[n]:9,.0f} decisions/s" for n in ("1", "64", "1024")),
+        f"  bare Chipmunk, 64 bodies: {figures['bare_decisions_per_s_64']:9,.0f} decisions/s",
+        f"  ratio to bare at 64: {figures['bare_ratio_64']:.3f} ({low:.3f} to {high:.3f})",
+        f"  N = 1,024 against 64: {rates['1024'] / rates['64']:.2f}",
+        f"  64 houses: {figures['houses_64']:9,.0f} decisions/s, {figures['houses_64_ratio']:.2f} of one house",
+        f"  planner's features, 64: {figures['features_64']:9,.0f} decisions/s",
+        *(
+            f"  1,024 games, {number:>2} threads: {rate:9,.0f} decisions/s, {rate / rates['1024']:.2f} of one"
+            for number, rate in figures["threads"].items()
+        ),
+        f"  a new house per episode, 64 games, 2 threads: {figures['new_house_per_episode']:9,.0f} decisions/s",
+        f"  decided by events, planner's numbers, 64: {figures['event_decisions_per_s_64']:9,.0f} decisions/s,",
+        f"    {simulated:,.0f} simulated s/s; at every tick {ticks:,.0f}",
+        f"  gymnasium.make of the same map again: {figures['make_again_ms']:.1f} ms",
+        f"  generated houses, a new one per episode: {figures['new_level_ms']:.1f} ms each at 64 games,",
+        f"    with them {figures['generated_decisions_per_s_64']:,.0f} decisions/s in 64 houses at once",
+        sep="\n",
+    )
     if arguments.json:
         write_json(arguments.json, figures)
 

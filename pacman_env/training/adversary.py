@@ -1,11 +1,11 @@
 """Planner and Clyde trained against each other in turns: ``pacman-env adversary``.
 
-Arguments, the rounds in order, the table of completion for each pair, and the record. Clyde's games are in
-``ghost_games``, the planner's opponents in ``opponents``.
+Arguments, the rounds in order, the planner's opponents, the table of completion for each pair, and the record.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sys
 import time
@@ -16,27 +16,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.utils import set_random_seed
+import torch
+from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
+from pacman_env.episodes.statistics import wilson
 from pacman_env.files import write_json
+from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
+from pacman_env.policies.opponents import BehaviourOpponent, Opponents
+from pacman_env.policies.registry import make_policy
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
 from pacman_env.training.arguments import Arguments as GameArguments
-from pacman_env.training.checkpoint import facts_path, load_network, read_facts
+from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
 from pacman_env.training.export import export_planner, network_of
-from pacman_env.training.games import TrainingGames, make_games
-from pacman_env.training.ghost_games import make_ghost_games
-from pacman_env.training.imitation import imitate
-from pacman_env.training.learner import Learner, new_model, use_device
-from pacman_env.training.opponents import BUILT_IN, RULES, Table, make_pool, robustness
-from pacman_env.training.run import LearningRate, TrainingCallback, facts_of, progress_bar, restore
+from pacman_env.training.games import GhostGames, TrainingGames, make_games, make_ghost_games
+from pacman_env.training.learner import Learner, imitate, use_device
+from pacman_env.training.ppo import HeldOut, facts_of, progress_bar
 
 _PROG = "pacman-env adversary"
+BUILT_IN = ("wander", "arcade", "chase")  # behaviours of the environment
+RULES = ("lookahead", "clyde_aware")
 _PLANNER, _CLYDE = 0, 1  # streams of random numbers
 
 
@@ -114,61 +118,40 @@ def _run(arguments: Arguments) -> None:
 
 
 def parse(argv: Sequence[str]) -> Arguments:
-    """Arguments of the command line over those of ``--quick`` or the defaults.
-
-    Raises:
-        ValueError: a value is out of range.
-        SystemExit: after ``--help`` and bad arguments.
-    """
     parser = Parser(prog=_PROG, description=Arguments.__doc__, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
     return parse_options(parser, argv, QUICK if "--quick" in argv else Arguments())
 
 
 class Alternation:
-    """A run: both networks, the pool of Clydes so far, the table and the record."""
-
     def __init__(self, arguments: Arguments) -> None:
-        """Make the folder.
-
-        Raises:
-            ValueError: there is a run in it already.
-        """
-        self.arguments, self.folder = arguments, arguments.out
+        self.arguments, self.folder, self._began = arguments, arguments.out, time.perf_counter()
         self.record = self.folder / "record.json"
         if self.record.exists():
             raise ValueError(f"{self.folder}: there is a run already; give another --out")
         self.folder.mkdir(parents=True, exist_ok=True)
         self.table = Table(_games(arguments, _PLANNER), arguments.evaluation)
         self.rounds: list[dict[str, Any]] = []
-        self._decisions = [0, 0]
-        self._models: list[Learner | None] = [None, None]
+        clyde = Learner(_games(arguments, _CLYDE).hyper, _seeds(arguments, _CLYDE, 1)[0], threads=arguments.threads)
+        planner, trained_before = starting_model(arguments)
+        self._models, self._decisions = [planner, clyde], [trained_before, 0]
 
     def run(self) -> None:
-        """All rounds, then the newest planner against every Clyde.
-
-        Raises:
-            ValueError: the file to begin with holds no planner for this version.
-        """
-        arguments, began = self.arguments, time.perf_counter()
+        arguments = self.arguments
         decisions = arguments.rounds * (arguments.clyde_decisions + arguments.planner_decisions)
+        self._export(_PLANNER, "planner-0")
+        self.table.play("planner-0", BUILT_IN)
         with progress_bar(decisions, arguments.progress) as bar:
-            games = make_games(_games(arguments, _PLANNER), 0)
-            self._models[_PLANNER], self._decisions[_PLANNER] = starting_model(arguments, games)
-            games.close()
-            self._export(_PLANNER, "planner-0")
-            self.table.play("planner-0", BUILT_IN)
             for number in range(1, arguments.rounds + 1):
                 self._round(number, bar)
                 bar.write(f"round {number}\n\n{self.table.render()}\n", file=sys.stderr)
-        newest = f"planner-{arguments.rounds}"
-        self.table.play(newest, [f"clyde-{number}" for number in range(1, arguments.rounds + 1)])
+        newest, clydes = f"planner-{arguments.rounds}", [f"clyde-{k}" for k in range(1, arguments.rounds + 1)]
+        self.table.play(newest, clydes)
         self._write()
-        print(f"seed {arguments.seed}, {time.perf_counter() - began:.0f} s\n\n{self.table.render()}\n")
-        print(f"written: {self.record}, {self._path(newest)}, {self._path(f'clyde-{arguments.rounds}')}")
+        print(f"seed {arguments.seed}, {time.perf_counter() - self._began:.0f} s\n\n{self.table.render()}\n")
+        print(f"written: {self.record}, {self._path(newest)}, {self._path(clydes[-1])}")
 
     def _round(self, number: int, bar: Any) -> None:
-        """A Clyde against the planner, the planner against the pool, and their results."""
         before, clyde, after = f"planner-{number - 1}", f"clyde-{number}", f"planner-{number}"
         robot = partial(LearnedPlanner, self._path(before))
         games = make_ghost_games(_games(self.arguments, _CLYDE), number - 1, robot)
@@ -196,31 +179,24 @@ class Alternation:
         self._export(_CLYDE, clyde, {f"completed_{name}": shares[name][clyde] for name in (before, after, *RULES)})
         self._write()
 
-    def _learn(self, side: int, number: int, games: TrainingGames, bar: Any) -> float:
+    def _learn(self, side: int, number: int, games: TrainingGames | GhostGames, bar: Any) -> float:
         """PPO of one side in its games; returns how long it took, s."""
-        hyper = _games(self.arguments, side).hyper
-        seeds = _seeds(self.arguments, side, number)
-        model = self._models[side] or new_model(hyper, games, seeds[0])
-        self._models[side], model.threads = model, self.arguments.threads
-        model.lr_schedule = rate = LearningRate(hyper.learning_rate)
-        model.set_env(games)
-        set_random_seed(seeds[0])
-        games.seed(seeds[1])
+        model, (torch_seed, games_seed) = self._models[side], _seeds(self.arguments, side, number)
+        torch.manual_seed(torch_seed)
+        model.decisions = 0  # of this round: its rates begin anew
         began = time.perf_counter()
-        model.learn(hyper.decisions, TrainingCallback(hyper, rate, bar))
-        games.close()
-        self._decisions[side] += int(model.num_timesteps)
+        with contextlib.closing(games):
+            model.learn(games, model.hyper.decisions, games_seed, bar)
+        self._decisions[side] += model.decisions
         return time.perf_counter() - began
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.onnx"
 
     def _export(self, side: int, name: str, metrics: dict[str, float] | None = None) -> None:
-        model, arguments = self._models[side], _games(self.arguments, side)
-        assert model is not None
-        facts = facts_of(arguments, self._decisions[side], metrics or {})
-        export_planner(model.policy.network, self._path(name), facts)
-        self.table.add(name, self._path(name))
+        facts = facts_of(_games(self.arguments, side), self._decisions[side], metrics or {})
+        export_planner(self._models[side].network, self._path(name), facts)
+        self.table.files[name] = self._path(name)
 
     def _write(self) -> None:
         content = {
@@ -232,34 +208,25 @@ class Alternation:
         write_json(self.record, content)
 
 
-def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner, int]:
-    """The planner to begin with, ready to be trained in ``games``, and how many decisions it has been trained for.
-
-    Raises:
-        ValueError: the file holds no planner for this version; the message names it.
-    """
-    hyper, path = _games(arguments, _PLANNER).hyper, arguments.start
-    seeds = _seeds(arguments, _PLANNER, 0)
+def starting_model(arguments: Arguments) -> tuple[Learner, int]:
+    """The planner to begin with, and how many decisions it has been trained for."""
+    game, path = _games(arguments, _PLANNER), arguments.start
+    torch_seed, games_seed = _seeds(arguments, _PLANNER, 0)
+    make = partial(Learner, game.hyper, torch_seed, threads=arguments.threads)
     if path is None:
-        model = new_model(hyper, games, seeds[0])
+        model = make()
         if arguments.imitation > 0:
-            games.seed(seeds[1])
-            model.threads = arguments.threads
-            imitate(model, games, "lookahead", arguments.imitation, seeds[0])
+            with contextlib.closing(make_games(game, 0)) as games:
+                imitate(model, games, arguments.imitation, games_seed=games_seed, seed=torch_seed)
         return model, 0
     if path.suffix == ".onnx":
         network = network_of(path)
-        shown = np.flatnonzero(network.shown.numpy() == 0).tolist()
-        sizes: dict[str, Any] = {
-            "width": network.width,
-            "dropped_features": tuple(shown),
-            "dropped_kinds": network.dropped_kinds,
-        }
-        model = new_model(hyper, games, seeds[0], **sizes)
-        model.policy.network.load_state_dict(network.state_dict())
+        hidden = tuple(np.flatnonzero(network.shown.numpy() == 0).tolist())
+        model = make(width=network.width, dropped_features=hidden, dropped_kinds=network.dropped_kinds)
+        model.network.load_state_dict(network.state_dict())
         return model, read_planner(path)[0].training.decisions
-    model = new_model(hyper, games, seeds[0], width=load_network(path).width)
-    restore(model, path)
+    model = make(width=load_network(path).width)
+    restore(path, model.network, model.optimizer)
     facts = facts_path(path)
     return model, read_facts(facts).training.decisions if facts.exists() else 0
 
@@ -267,20 +234,21 @@ def starting_model(arguments: Arguments, games: TrainingGames) -> tuple[Learner,
 def _games(arguments: Arguments, side: int) -> GameArguments:
     """The arguments of the games and the learning of a side."""
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
-    own = side == _CLYDE
-    count = arguments.clyde_games if own else arguments.games
-    rollout = count * hyper.n_steps
+    if side == _CLYDE:
+        games, decisions, rate = arguments.clyde_games, arguments.clyde_decisions, arguments.clyde_learning_rate
+    else:
+        games, decisions, rate = arguments.games, arguments.planner_decisions, arguments.learning_rate
+    rollout = games * hyper.n_steps
     hyper = dataclasses.replace(
         hyper,
-        games=count,
-        decisions=arguments.clyde_decisions if own else arguments.planner_decisions,
+        games=games,
+        decisions=decisions,
         segment=rollout,
         batch_size=rollout // 2,
-        learning_rate=arguments.clyde_learning_rate if own else arguments.learning_rate,
+        learning_rate=rate,
         levels=arguments.levels,
+        clyde_speed=arguments.clyde_speed or hyper.clyde_speed,
     )
-    if arguments.clyde_speed is not None:
-        hyper = dataclasses.replace(hyper, clyde_speed=arguments.clyde_speed)
     return GameArguments(hyper=hyper, seed=arguments.seed, threads=arguments.threads)
 
 
@@ -289,5 +257,55 @@ def _seeds(arguments: Arguments, side: int, number: int) -> list[int]:
     return np.random.SeedSequence(arguments.seed, spawn_key=(number, side)).generate_state(2).tolist()
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def make_pool(learned: Sequence[Policy], wander: float) -> Opponents:
+    """Wander with this share of the rounds; the rules and the learned Clydes share the others equally."""
+    others: list[Policy] = [BehaviourOpponent("chase"), BehaviourOpponent("arcade"), *learned]
+    return Opponents([BehaviourOpponent("wander"), *others], [wander, *[(1.0 - wander) / len(others)] * len(others)])
+
+
+def completed_against(policy: Policy, clyde: str | Policy, arguments: GameArguments, rounds: int) -> NDArray[np.bool_]:
+    """Which of ``rounds`` on validation levels the robot's policy completes against a behaviour or Clyde's policy."""
+    ghost, behaviour = (None, clyde) if isinstance(clyde, str) else (clyde, "policy")
+    return HeldOut(arguments, rounds, clyde=behaviour).completed(policy, ghost)
+
+
+class Table:
+    """Share of validation rounds that a policy completes against a Clyde; every pair is played once."""
+
+    def __init__(self, arguments: GameArguments, rounds: int) -> None:
+        self._arguments, self._rounds = arguments, rounds
+        self.files: dict[str, Path] = {}  # of planners and learned Clydes, by name
+        self.completed: dict[str, dict[str, NDArray[np.bool_]]] = {}  # by policy, by Clyde
+
+    def play(self, policy: str, clydes: Sequence[str]) -> None:
+        row = self.completed.setdefault(policy, {})
+        for clyde in clydes:
+            if clyde not in row:
+                robot = make_policy(str(self.files.get(policy, policy)))
+                rival = make_policy(str(self.files[clyde])) if clyde in self.files else clyde
+                row[clyde] = completed_against(robot, rival, self._arguments, self._rounds)
+
+    def shares(self) -> dict[str, dict[str, float]]:
+        completed = self.completed.items()
+        return {policy: {clyde: float(ended.mean()) for clyde, ended in row.items()} for policy, row in completed}
+
+    def render(self) -> str:
+        """As Markdown, with Wilson's intervals; empty where a pair has not been played."""
+        clydes = list(dict.fromkeys(clyde for row in self.completed.values() for clyde in row))
+        lines = [f"| completed of {self._rounds} | {' | '.join(clydes)} |", "|---" * (len(clydes) + 1) + "|"]
+        for policy, row in self.completed.items():
+            cells = [""] * len(clydes)
+            for clyde, ended in row.items():
+                low, high = wilson(int(ended.sum()), len(ended))
+                cells[clydes.index(clyde)] = f"{ended.mean():.1%} [{low:.0%}, {high:.0%}]"
+            lines.append(f"| {policy} | {' | '.join(cells)} |")
+        return "\n".join(lines)
+
+
+def robustness(planner: Path, clyde: Path | None, arguments: GameArguments, rounds: int) -> Table:
+    """The table of one planner and the rules, for a model card; ``clyde`` is a learned one to be in it too."""
+    table = Table(arguments, rounds)
+    table.files |= {"planner": planner} | ({} if clyde is None else {"clyde": clyde})
+    for policy in ("planner", *RULES):
+        table.play(policy, BUILT_IN if clyde is None else (*BUILT_IN, "clyde"))
+    return table

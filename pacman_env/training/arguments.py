@@ -75,13 +75,13 @@ class Hyperparameters(Checked):
 
     @property
     def segments(self) -> int:
-        """Number of segments: they have at least ``decisions`` decisions."""
+        """Number of segments, which have at least ``decisions`` decisions."""
         return -(-self.decisions // self.segment)
 
 
 @dataclass(frozen=True)
 class Arguments(Checked):
-    """Train a planner with MaskablePPO on generated houses."""
+    """Train a planner with PPO on generated houses."""
 
     hyper: Hyperparameters
     out: Path = Path("results/ppo")
@@ -109,11 +109,7 @@ class Arguments(Checked):
 
 
 def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
-    """Read a section of a YAML file.
-
-    Raises:
-        ValueError: the file or the section does not fit; the message names them.
-    """
+    """A section of a YAML file; ValueError names the file and the section that do not fit."""
     try:
         content = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -125,11 +121,6 @@ def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
 
 
 def from_values(values: dict[str, Any], where: str) -> Hyperparameters:
-    """Hyperparameters from plain data.
-
-    Raises:
-        ValueError: a name is unknown or missing, or a value is of another kind or out of range.
-    """
     known = kinds(Hyperparameters)
     if set(values) != set(known):
         unknown, missing = sorted(map(str, set(values) - set(known))), sorted(set(known) - set(values))

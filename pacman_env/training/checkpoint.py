@@ -1,7 +1,7 @@
-"""Trained planners as Stable-Baselines3 saves them: the zip, the facts beside it, and both as a policy.
+"""Trained planners on disk, the zip with the facts beside it, and both as a policy.
 
-Such a zip holds pickled objects too, which would run any code when they are loaded: nothing here loads them, tensors
-and plain JSON are enough. What a planner becomes without torch is in ``export``.
+A checkpoint is laid out as the zips of Stable-Baselines3, which earlier versions wrote. Those hold pickled objects too,
+which would run any code when they are loaded: only tensors and plain JSON are read here.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOB
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
 
+_PREFIX = "network."  # of the weights' names
+
 
 class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Facts about a planner that only its training knows."""
@@ -41,22 +43,12 @@ def facts_path(checkpoint: Path) -> Path:
 
 
 def write_facts(path: Path, facts: Facts) -> None:
-    """Write them, whole or not at all.
-
-    Raises:
-        ValueError: a field of another type, found before anything is written.
-    """
     text = dump(facts, path)
     with replaced(path) as temporary:
         temporary.write_text(text)
 
 
 def read_facts(path: Path) -> Facts:
-    """Read what ``write_facts`` wrote.
-
-    Raises:
-        ValueError: there is no such file, or something else in it.
-    """
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -64,43 +56,52 @@ def read_facts(path: Path) -> Facts:
     return parse(Facts, text, path)
 
 
-def read_tensors(path: Path, name: str) -> dict[str, Any]:
+def save_checkpoint(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer) -> None:
+    weights = {_PREFIX + name: tensor for name, tensor in network.state_dict().items()}
+    sizes = {"width": network.width, "dropped_kinds": network.dropped_kinds}
+    with replaced(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        archive.writestr("data", json.dumps({"policy_kwargs": sizes}))
+        for name, content in (("policy", weights), ("policy.optimizer", optimizer.state_dict())):
+            with archive.open(f"{name}.pth", "w") as file:
+                torch.save(content, file)
+
+
+def _tensors(path: Path, name: str) -> dict[str, Any]:
     """One part of a checkpoint, ``policy`` or ``policy.optimizer``; nothing but tensors and numbers is read."""
     with zipfile.ZipFile(path) as archive:
-        content: dict[str, Any] = torch.load(
-            io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu"
-        )
-    return content
+        content = torch.load(io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu")
+    return {key.removeprefix(_PREFIX): value for key, value in content.items()}
+
+
+def restore(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer) -> None:
+    """Read network and optimizer from a checkpoint; raises ValueError if it cannot be read or has another network."""
+    try:
+        weights, state = _tensors(path, "policy"), _tensors(path, "policy.optimizer")
+        network.load_state_dict(weights)
+        optimizer.load_state_dict(state)
+    except Exception as error:  # a torn or foreign file may fail anywhere
+        raise ValueError(f"{path}: cannot be restored: {error}") from None
 
 
 def load_network(path: Path) -> EntityNetwork:
-    """The network of a MaskablePPO zip, trained with :class:`.policy.EntityPolicy`; no code in the file is run.
-
-    Raises:
-        ValueError: no such file, or no planner for this version's features.
-    """
+    """The network of a checkpoint; raises ValueError if there is none for this version's features."""
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
     try:
-        state = {name.removeprefix("network."): tensor for name, tensor in read_tensors(path, "policy").items()}
+        state = _tensors(path, "policy")
         with zipfile.ZipFile(path) as archive:
             sizes = json.loads(archive.read("data"))["policy_kwargs"]
         width, inputs = state["encode_candidate.weight"].shape
         own = len(state["shown"])
         network = EntityNetwork(own, inputs - own, width, dropped_kinds=sizes.get("dropped_kinds", ()))
         network.load_state_dict(state)
-    except Exception as error:  # whatever a file may hold that is no checkpoint
+    except Exception as error:  # a torn or foreign file may fail anywhere
         raise ValueError(f"{path}: no planner that can be loaded: {error}") from None
     check_sizes(network, path)
     return network.eval()
 
 
 def check_sizes(network: EntityNetwork, path: Path) -> None:
-    """Refuse a network for other features.
-
-    Raises:
-        ValueError: it reads another number of them.
-    """
     own = network.candidate_features
     found, expected = (own, network.encode_candidate.in_features - own), (len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES))
     if found != expected:
@@ -108,36 +109,22 @@ def check_sizes(network: EntityNetwork, path: Path) -> None:
 
 
 class TorchPlanner(BasePolicy):
-    """A network as a policy, run by torch; what is deployed is its export.
-
-    Args:
-        name: as results show it.
-        network: on the CPU.
-        robot_speed_mps: with which the features are built.
-    """
+    """A network on the CPU as a policy; what is deployed is its export."""
 
     def __init__(self, name: str, network: EntityNetwork, robot_speed_mps: float) -> None:
         self.name, self.network, self.robot_speed_mps = name, network, robot_speed_mps
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """(N, C) logits, -inf for what may not be chosen.
-
-        Raises:
-            ValueError: the situation has no maps.
-        """
+        """(N, C) logits, -inf for what may not be chosen."""
         candidates, whole = planner_features(situation, self.robot_speed_mps)
         with torch.no_grad():
-            logits, _ = self.network.packed(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
+            logits, _ = self.network(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
         found = logits.numpy().astype(np.float64)
         return np.where(found > FORBIDDEN / 10, found, -np.inf)
 
 
 def load_planner(path: Path) -> TorchPlanner:
-    """The policy of a checkpoint, with the robot's speed of its facts or, without them, the measured one.
-
-    Raises:
-        ValueError: no such file, or no planner for this version's features.
-    """
+    """The policy of a checkpoint, with the robot's speed of its facts or, without them, the measured one."""
     network = load_network(path)
     facts = facts_path(path)
     speed = read_facts(facts).robot_speed_mps if facts.exists() else make_config("robot").robot.speed_mps

@@ -11,7 +11,6 @@ import copy
 import hashlib
 import os
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -55,17 +54,17 @@ class _Graph:
         self.nodes.append(helper.make_node(operator, inputs, [name], **attributes))
         return name
 
-    def product(self, inputs: str, weight: NDArray[np.float32]) -> str:
-        return self.add("MatMul", inputs, self.constant(weight.T))
+    def product(self, inputs: str, weight: NDArray[np.float32], bias: torch.Tensor | None = None) -> str:
+        result = self.add("MatMul", inputs, self.constant(weight.T))
+        return result if bias is None else self.add("Add", result, self.constant(_array(bias)))
 
     def linear(self, layer: nn.Linear, inputs: str) -> str:
-        return self.add("Add", self.product(inputs, _array(layer.weight)), self.constant(_array(layer.bias)))
+        return self.product(inputs, _array(layer.weight), layer.bias)
 
     def halves(self, layer: nn.Linear, own: str, context: str, shown: NDArray[np.float32]) -> str:
         """ReLU of a layer over [own numbers (B, C, n), context (B, m)]; ``shown`` (n,) scales the own numbers."""
         weight, count = _array(layer.weight), len(shown)
-        part = self.add("Add", self.product(context, weight[:, count:]), self.constant(_array(layer.bias)))
-        part = self.add("Unsqueeze", part, self.axes(1))
+        part = self.add("Unsqueeze", self.product(context, weight[:, count:], layer.bias), self.axes(1))
         return self.add("Relu", self.add("Add", self.product(own, weight[:, :count] * shown), part))
 
     def axes(self, *axes: int) -> str:
@@ -73,8 +72,7 @@ class _Graph:
 
 
 def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
-    found: NDArray[np.float32] = tensor.detach().numpy()
-    return found
+    return tensor.detach().numpy()
 
 
 def model_bytes(network: EntityNetwork) -> bytes:
@@ -100,32 +98,21 @@ def model_bytes(network: EntityNetwork) -> bytes:
 
     whole = network.encode_candidate.in_features - network.candidate_features
     real, value = TensorProto.FLOAT, helper.make_tensor_value_info
-    graph = helper.make_graph(
-        g.nodes,
-        "planner",
-        [
-            value("candidates", real, ["games", "count", network.candidate_features]),
-            value("globals", real, ["games", whole]),
-            value("mask", TensorProto.BOOL, ["games", "count"]),
-        ],
-        [value("logits", real, ["games", "count"]), value("values", real, ["games"])],
-        g.constants,
-    )
-    model = helper.make_model(
-        graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="pacman_env"
-    )
+    inputs = [
+        value("candidates", real, ["games", "count", network.candidate_features]),
+        value("globals", real, ["games", whole]),
+        value("mask", TensorProto.BOOL, ["games", "count"]),
+    ]
+    outputs = [value("logits", real, ["games", "count"]), value("values", real, ["games"])]
+    graph = helper.make_graph(g.nodes, "planner", inputs, outputs, g.constants)
+    opset = [helper.make_opsetid("", OPSET)]
+    model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="pacman_env")
     onnx.checker.check_model(model, full_check=True)
-    content: bytes = model.SerializeToString(deterministic=True)
-    return content
+    return bytes(model.SerializeToString(deterministic=True))
 
 
 def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
-    """Write ``path`` (.onnx) and its metadata; both are compared with torch before either replaces an old one.
-
-    Raises:
-        ValueError: a network for other features, another suffix, facts of another type, a file that cannot be
-            written, or one that does not compute what the network computes.
-    """
+    """Write ``path`` (.onnx) and its metadata; both are compared with torch before either replaces an old one."""
     if path.suffix != ".onnx":
         raise ValueError(f"{path}: must end in .onnx")
     check_sizes(network, path)
@@ -149,8 +136,8 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
     )
     beside = metadata_path(path)
     text = dump(metadata, beside)
-    prepare(path)
-    prepare(beside)
+    for file in (path, beside):
+        prepare(file)
     with replaced(path) as new_model, replaced(beside) as new_metadata:
         new_model.write_bytes(content)
         new_metadata.write_text(text)
@@ -158,12 +145,8 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
 
 
 def network_of(path: Path) -> EntityNetwork:
-    """The network that :func:`export_planner` wrote to an ONNX file.
-
-    Raises:
-        ValueError: no planner for this version, or a graph that :func:`export_planner` does not write.
-    """
-    LearnedPlanner(path)  # refuses weights in other files, and what does not run
+    """The network that :func:`export_planner` wrote to an ONNX file; ValueError if it is another graph."""
+    LearnedPlanner(path)  # refuses weights in other files, and graphs that do not run
     metadata, content = read_planner(path)
     network = EntityNetwork(
         len(CANDIDATE_FEATURES),
@@ -207,20 +190,17 @@ def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
 
 def _commit() -> str:
     """The commit of these sources, with "+" after it where files have changed since."""
-    root = Path(__file__).resolve().parents[2]
-
-    def git(*command: str) -> str:
-        return subprocess.run(["git", *command], cwd=root, capture_output=True, text=True, check=True).stdout.strip()
-
+    command = ["git", "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
     try:
-        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+        done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
+    return done.stdout.strip()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="pacman-env export", description=__doc__)
-    parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="as Stable-Baselines3 saved it")
+    parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT.zip", help="of a training, such as last.zip")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="its metadata goes beside it")
     parser.add_argument("--facts", type=Path, metavar="FILE.json", help="default: CHECKPOINT.facts.json")
     return run_command(parser, argv, _export, "train")
@@ -231,7 +211,3 @@ def _export(arguments: argparse.Namespace) -> None:
     facts = read_facts(arguments.facts or facts_path(arguments.checkpoint))
     export_planner(network, arguments.out, facts)
     print(f"written: {arguments.out}, {metadata_path(arguments.out)}, {os.path.getsize(arguments.out) / 1e3:.0f} kB")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

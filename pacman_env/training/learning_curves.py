@@ -7,7 +7,6 @@ the model plays the same rounds, which the policies ``nearest`` and ``random`` h
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,7 +17,6 @@ import numpy as np
 import sb3_contrib
 import stable_baselines3
 import torch
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked
@@ -34,35 +32,27 @@ from pacman_env.files import prepare, replaced, write_json
 from pacman_env.game.execution import COMPLETE
 from pacman_env.sb3 import PacManBotVecEnv
 
-#: By kind of observation: the arguments of the environment, and the policy of the learner.
-OBSERVATIONS: dict[str, tuple[dict[str, Any], str]] = {
+_KINDS: dict[str, tuple[dict[str, Any], str]] = {
     "planner": ({}, "MlpPolicy"),
     "features": ({"observation": ("features", "flat")}, "MlpPolicy"),
     # Stable-Baselines3 scales pictures itself.
     "grid": ({"observation": ("features", "grid"), "settings": {"observation.normalize": False}}, "MultiInputPolicy"),
 }
-DECIDE = ("event", "tick")
-LEARNERS = {
-    "maskable_ppo": (sb3_contrib.MaskablePPO, evaluate_masked),
-    "ppo": (stable_baselines3.PPO, evaluate_policy),
+#: By name: the arguments of the environment, and the policy of the learner.
+COMBINATIONS = {
+    f"{kind}/{decide}": ({**given, "settings": {**given.get("settings", {}), "decisions.when": decide}}, policy)
+    for kind, (given, policy) in _KINDS.items()
+    for decide in ("event", "tick")
 }
+LEARNERS = {"maskable_ppo": (sb3_contrib.MaskablePPO, evaluate_masked), "ppo": (stable_baselines3.PPO, evaluate_policy)}
 GAMES = 8  # at once
 _TEST_SEED = 1_000_000  # of the games that are played to see how good a model is
 
 
 def environment(combination: str, map_name: str) -> PacManBotVecEnv:
-    """The games of ``planner/event`` and its like.
-
-    Raises:
-        ValueError: no such combination, or a map that cannot be played on.
-    """
-    kind, _, decide = combination.partition("/")
-    if kind not in OBSERVATIONS or decide not in DECIDE:
-        known = " ".join(f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE)
-        raise ValueError(f"combination {combination!r}: choose among {known}")
-    given: dict[str, Any] = {"settings": {}, **OBSERVATIONS[kind][0]}
-    given["settings"] = {**given["settings"], "decisions.when": decide}
-    return PacManBotVecEnv(GAMES, flat=True, map=map_name, **given)
+    if combination not in COMBINATIONS:
+        raise ValueError(f"combination {combination!r}: choose among {' '.join(COMBINATIONS)}")
+    return PacManBotVecEnv(GAMES, flat=True, map=map_name, **COMBINATIONS[combination][0])
 
 
 def rounds_played(model: Any, learner: str, test: PacManBotVecEnv, rounds: int) -> dict[int, bool]:
@@ -78,27 +68,31 @@ def rounds_played(model: Any, learner: str, test: PacManBotVecEnv, rounds: int) 
     return played
 
 
-def curve(
-    combination: str, options: argparse.Namespace, seed: int
-) -> Iterator[tuple[int, float, dict[int, bool], float]]:
-    """After every update: decisions, the training rounds' mean return, rounds of the test, and s spent on learning."""
+def curve(combination: str, options: argparse.Namespace, seed: int) -> Iterator[tuple[dict[str, Any], dict[int, bool]]]:
+    """After every update: figures for the file, and rounds of the test."""
     env, test = environment(combination, options.map), environment(combination, options.test)
-    kind = combination.partition("/")[0]
     steps = {"n_steps": options.n_steps} if options.n_steps else {}
     make = LEARNERS[options.learner][0]
-    model = make(OBSERVATIONS[kind][1], env, seed=seed, device="cpu", **steps)
+    model = make(COMBINATIONS[combination][1], env, seed=seed, device="cpu", **steps)
     spent = 0.0
     while model.num_timesteps < options.decisions:
         began = time.perf_counter()
         model.learn(1, reset_num_timesteps=False)  # up to the next update
         spent += time.perf_counter() - began
         returns = [episode["r"] for episode in model.ep_info_buffer or ()]
-        mean = float(np.mean(returns)) if returns else float("nan")
-        yield model.num_timesteps, mean, rounds_played(model, options.learner, test, options.rounds), spent
+        played = rounds_played(model, options.learner, test, options.rounds)
+        won = sum(played.values())
+        point = {
+            "decisions": model.num_timesteps,
+            "return": float(np.mean(returns)) if returns else float("nan"),
+            "completed": won / len(played),
+            "interval": wilson(won, len(played)),
+            "learning_s": spent,
+        }
+        yield point, played
 
 
 def baselines(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, float]:
-    """The share of the rounds that each policy completes."""
     arguments = EnvArguments(map=map_name)
     config, _ = arguments.make_config()
     source = arguments.make_source(config)
@@ -108,11 +102,6 @@ def baselines(map_name: str, seeds: NDArray[np.uint64]) -> dict[str, float]:
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    """All curves; the file of figures is written anew after every point.
-
-    Raises:
-        ValueError: a combination or a map that is not there.
-    """
     torch.set_num_threads(1)  # networks this small are fastest on one core
     for combination in options.combinations:
         environment(combination, options.map).close()  # an error before the first has learned
@@ -127,25 +116,21 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         for seed in options.seeds:
             entry: dict[str, Any] = {"combination": combination, "seed": seed, "points": []}
             figures["curves"].append(entry)
-            for decisions, mean, played, spent in curve(combination, options, seed):
+            for point, played in curve(combination, options, seed):
                 if "baselines" not in figures:
                     figures["baselines"] = baselines(options.test, np.array([*played], dtype=np.uint64))
-                won = sum(played.values())
-                point = {"decisions": decisions, "return": mean, "completed": won / len(played)}
-                entry["points"].append(point | {"interval": wilson(won, len(played)), "learning_s": spent})
-                print(f"{combination} seed {seed}: {decisions} decisions, {100 * won / len(played):.1f} %", flush=True)
+                entry["points"].append(point)
+                done = f"{point['decisions']} decisions, {100 * point['completed']:.1f} %"
+                print(f"{combination} seed {seed}: {done}", flush=True)
                 write_json(options.json, figures)
     return figures
 
 
 def draw(figures: dict[str, Any], path: Path) -> None:
-    """The curves as a PNG: rounds completed over decisions, a colour per combination, a line per seed."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    colours = {
-        name: f"C{k}" for k, name in enumerate(dict.fromkeys(entry["combination"] for entry in figures["curves"]))
-    }
+    names = dict.fromkeys(entry["combination"] for entry in figures["curves"])
+    colours = {name: f"C{k}" for k, name in enumerate(names)}
     for entry in figures["curves"]:
         name, points = entry["combination"], entry["points"]
         label = name if entry["seed"] == figures["settings"]["seeds"][0] else None
@@ -163,20 +148,18 @@ def draw(figures: dict[str, Any], path: Path) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="pacman-env learning-curves", description=__doc__)
-    known = [f"{kind}/{decide}" for kind in OBSERVATIONS for decide in DECIDE]
-    parser.add_argument("--combinations", nargs="+", default=["planner/event"], metavar="NAME", help=" ".join(known))
-    parser.add_argument("--learner", choices=[*LEARNERS], default="maskable_ppo")
-    parser.add_argument("--map", default="generated", metavar="FILE_OR_NAME", help="to learn on (%(default)s)")
-    parser.add_argument("--test", default="generated:test", metavar="FILE_OR_NAME", help="to play on (%(default)s)")
-    parser.add_argument("--decisions", type=whole_number(1), default=200_000, metavar="N", help="(%(default)s)")
-    parser.add_argument("--seeds", type=whole_number(0), nargs="+", default=[0], metavar="S", help="of learners (0)")
-    parser.add_argument("--rounds", type=whole_number(1), default=100, metavar="N", help="after each update (100)")
-    parser.add_argument(
-        "--n-steps", type=whole_number(2), metavar="N", help="decisions per game and update (SB3's own)"
-    )
-    parser.add_argument("--json", type=Path, default=Path("results/learning_curves.json"), metavar="OUT")
-    parser.add_argument("--plot", type=Path, default=Path("results/learning_curves.png"), metavar="OUT")
-    parser.add_argument("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds")
+    add = parser.add_argument
+    add("--combinations", nargs="+", default=["planner/event"], metavar="NAME", help=" ".join(COMBINATIONS))
+    add("--learner", choices=[*LEARNERS], default="maskable_ppo")
+    add("--map", default="generated", metavar="FILE_OR_NAME", help="to learn on (%(default)s)")
+    add("--test", default="generated:test", metavar="FILE_OR_NAME", help="to play on (%(default)s)")
+    add("--decisions", type=whole_number(1), default=200_000, metavar="N", help="(%(default)s)")
+    add("--seeds", type=whole_number(0), nargs="+", default=[0], metavar="S", help="of learners (0)")
+    add("--rounds", type=whole_number(1), default=100, metavar="N", help="after each update (100)")
+    add("--n-steps", type=whole_number(2), metavar="N", help="decisions per game and update (SB3's own)")
+    add("--json", type=Path, default=Path("results/learning_curves.json"), metavar="OUT")
+    add("--plot", type=Path, default=Path("results/learning_curves.png"), metavar="OUT")
+    add("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds")
     return run_command(parser, argv, _report, "train")
 
 
@@ -189,7 +172,3 @@ def _report(options: argparse.Namespace) -> None:
     draw(figures, options.plot)
     print(*(f"{name}: {100 * share:.1f} %" for name, share in figures["baselines"].items()), sep="\n")
     print(f"written: {options.json} and {options.plot}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

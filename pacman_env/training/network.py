@@ -2,12 +2,13 @@
 
 The order of candidates does not matter, and what may not be chosen has no influence: candidates are encoded alike,
 pooled by mean and maximum over those that may be chosen (Zaheer et al., "Deep Sets", 2017), and each is judged by its
-own encoding beside the pool. What SB3 adds around it is in :mod:`pacman_env.training.policy`.
+own encoding beside the pool.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -36,33 +37,23 @@ class Packed(NamedTuple):
     counts: torch.Tensor  # (B,) candidates that may be chosen
 
     def of(self, rows: torch.Tensor | slice) -> Packed:
-        """Some of the situations, with as many candidates as the fullest of them needs."""
+        """Some of the situations, with only as many candidates as the fullest of them needs."""
         counts = self.counts[rows]
         most = max(int(counts.max()), 1)
         return Packed(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)
 
 
 class Row:
-    """Situations one behind the other, in memory that is taken once: large blocks that come and go cost a step's time.
-
-    Args:
-        room: for so many.
-    """
+    """Situations one behind the other, in memory that is allocated once: large blocks that come and go cost time."""
 
     def __init__(self, room: int) -> None:
         self._room, self._count = room, 0
         self._all: Packed | None = None
 
     def clear(self) -> None:
-        """Begin anew; what was given out before is written over."""
         self._count = 0
 
     def add(self, part: Packed) -> None:
-        """Behind the others.
-
-        Raises:
-            RuntimeError: there is no room left, or they are of other candidates.
-        """
         if self._all is None:
             self._all = Packed(*(torch.empty(self._room, *a.shape[1:], dtype=a.dtype, device=a.device) for a in part))
         last = self._count + len(part.counts)
@@ -71,13 +62,8 @@ class Row:
         self._count = last
 
     def situations(self) -> Packed:
-        """All of them, not copied.
-
-        Raises:
-            RuntimeError: there is none.
-        """
-        if self._all is None:
-            raise RuntimeError("no situations were met")
+        """All of them, not copied."""
+        assert self._all is not None, "no situations were met"
         return Packed(*(array[: self._count] for array in self._all))
 
 
@@ -100,18 +86,14 @@ class _Maximum(torch.autograd.Function):
 class EntityNetwork(nn.Module):
     """Logits and value of situations from their planner features (``pacman_env.sim.observation.planner_features``).
 
-    Args:
-        candidate_features: F, numbers per candidate.
-        global_features: H, numbers of the whole.
-        width: of every hidden layer.
-        dropped_features: columns of the candidates that it is not shown, for ablations.
-        dropped_kinds: columns of the candidates that mark kinds it may not choose, for ablations.
+    For ablations, ``dropped_features`` are columns of the candidates that have no influence, and ``dropped_kinds``
+    columns that mark kinds which may not be chosen.
     """
 
     def __init__(
         self,
-        candidate_features: int,
-        global_features: int,
+        candidate_features: int,  # F, per candidate
+        global_features: int,  # H, of the whole situation
         width: int = 64,
         dropped_features: Sequence[int] = (),
         dropped_kinds: Sequence[int] = (),
@@ -132,37 +114,16 @@ class EntityNetwork(nn.Module):
     def forward(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (B, C), -1e8 where masked, and values (B,).
-
-        Args:
-            candidates: (B, C, F) float32.
-            whole: (B, H) float32.
-            mask: (B, C) bool, may be chosen.
-        """
-        mask = self._without_dropped(candidates, mask)
-        own, context = self._halves(self.encode_candidate, self.candidate_features, self.shown)
-        encoded = functional.relu(own(candidates) + context(whole)[:, None])
-        encoded = functional.relu(self.encode(encoded))
-        shown = encoded * mask[:, :, None]
-        mean = shown.sum(dim=1) / mask.sum(dim=1, keepdim=True).clamp(min=1)
-        pooled = torch.cat([mean, shown.amax(dim=1)], dim=1)  # encodings are at least 0
-        own, context = self._halves(self.judge_candidate, self.width)
-        logits = self.judge(functional.relu(own(encoded) + context(pooled)[:, None]))[:, :, 0]
-        values = self.critic(torch.cat([pooled, whole], dim=1))[:, 0]
-        return torch.where(mask, logits, torch.full_like(logits, FORBIDDEN)), values
-
-    def packed(
-        self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same as ``forward``, computed for hardly more than the candidates that may be chosen."""
+        """Logits (B, C), -1e8 where ``mask`` (B, C) is False, and values (B,); of (B, C, F) and (B, H)."""
         situations, order = self.pack(candidates, whole, mask)
         logits, values = self.judge_packed(situations.of(slice(None)))
         padded = torch.full(mask.shape, FORBIDDEN, dtype=logits.dtype, device=logits.device)
         return padded.scatter(1, order[:, : logits.shape[1]], logits), values
 
     def pack(self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor) -> tuple[Packed, torch.Tensor]:
-        """What ``forward`` reads, laid out so that little is computed for nothing; (B, C) the candidates' new order."""
-        mask = self._without_dropped(candidates, mask)
+        """The inputs laid out so that little is computed for nothing, and (B, C) the candidates' new order."""
+        for kind in self.dropped_kinds:
+            mask = mask & (candidates[:, :, kind] < 0.5)
         counts, order = mask.sum(dim=1), torch.argsort(mask, dim=1, descending=True, stable=True)
         inside = torch.arange(mask.shape[1], device=mask.device) < counts[:, None]
         source = torch.where(inside, order, order[:, :1])
@@ -183,16 +144,8 @@ class EntityNetwork(nn.Module):
         values = self.critic(torch.cat([pooled, whole], dim=1))[:, 0]
         return torch.where(share > 0, logits, FORBIDDEN), values
 
-    def _without_dropped(self, candidates: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        for kind in self.dropped_kinds:
-            mask = mask & (candidates[:, :, kind] < 0.5)
-        return mask
-
     @staticmethod
     def _halves(layer: nn.Linear, inputs: int, shown: torch.Tensor | float = 1.0):  # type: ignore[no-untyped-def]
         """A layer over [own numbers, context] as two: the context's part is computed once per situation."""
         own, context = layer.weight[:, :inputs] * shown, layer.weight[:, inputs:]
-        return (
-            lambda x: functional.linear(x, own),
-            lambda x: functional.linear(x, context, layer.bias),
-        )
+        return partial(functional.linear, weight=own), partial(functional.linear, weight=context, bias=layer.bias)

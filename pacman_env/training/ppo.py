@@ -1,4 +1,8 @@
-"""Train a planner: ``pacman-env train``. Arguments, the segments in order, the report at the end."""
+"""Train a planner: ``pacman-env train``. Arguments, the segments in order, their record, the report at the end.
+
+A segment begins with new games and with random numbers of its own, drawn from the run's seed and the segment's
+number. So an interrupted run continues from its last checkpoint with the same curve, bit for bit.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ import contextlib
 import copy
 import dataclasses
 import functools
+import json
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -14,25 +19,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.utils import set_random_seed
+from tqdm import tqdm
 
+from pacman_env import __version__
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
 from pacman_env.episodes.rollout import episode_seeds, play_in
 from pacman_env.episodes.statistics import paired_difference, wilson
+from pacman_env.files import write_json
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.base import Policy
+from pacman_env.policies.metadata import Training
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.generated import GeneratedMaps
+from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.checkpoint import TorchPlanner, facts_path, read_facts
 from pacman_env.training.export import export_planner
-from pacman_env.training.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
-from pacman_env.training.imitation import imitate
-from pacman_env.training.learner import Learner, new_model, use_device
-from pacman_env.training.run import LearningRate, Run, TrainingCallback, progress_bar, restore
+from pacman_env.training.games import VALIDATION_LEVEL, clyde_limit, dropped, game_config, make_games
+from pacman_env.training.learner import Learner, imitate, use_device
 
 AfterSegment = Callable[[dict[str, Any]], None]
 _HELD_OUT = 128  # levels that rounds for validation, and for the report, are drawn from
@@ -46,17 +53,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parse(argv: Sequence[str]) -> Arguments:
-    """Arguments over the hyperparameters of a file's section.
-
-    Raises:
-        ValueError: the file or a value does not fit.
-        SystemExit: after ``--help`` and bad arguments.
-    """
+    """Arguments over the hyperparameters of a file's section; raises ValueError if the file or a value does not fit."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--quick", action="store_true", help="about a minute on two cores")
-    first.add_argument(
-        "--config", type=Path, default=FOLDER / "PacManBot-v0.yaml", help="hyperparameters (%(default)s)"
-    )
+    file = FOLDER / "PacManBot-v0.yaml"
+    first.add_argument("--config", type=Path, default=file, help="hyperparameters (%(default)s)")
     chosen, rest = first.parse_known_args(argv)
     scratch = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     scratch.add_argument("--imitation")
@@ -70,142 +71,80 @@ def parse(argv: Sequence[str]) -> Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """All segments that are left, then planner.onnx of the last one, and the report.
-
-    Raises:
-        ValueError: the run's folder does not fit, or a value is out of range.
-    """
     started = time.perf_counter()
     folder, model = train(arguments)
     planner = _planner(arguments, model)
     print(_report(arguments, planner, time.perf_counter() - started))
     out = arguments.out / "planner.onnx"
-    export_planner(planner.network, out, read_facts(facts_path(folder.last)))
+    export_planner(planner.network, out, checkpoint.read_facts(checkpoint.facts_path(folder.last)))
     print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
 
 
-def train(arguments: Arguments, after_segment: AfterSegment | None = None) -> tuple[Run, Learner]:
+def train(arguments: Arguments, after_segment: AfterSegment = lambda record: None) -> tuple[Run, Learner]:
     """All segments that are left; the run's folder and the model as the last one left it.
 
-    ``after_segment`` is called with the record of each segment, those before a resumed run included; what
-    it raises ends the training.
-
-    Raises:
-        ValueError: the run's folder does not fit, or a value is out of range.
+    ``after_segment`` is called with the record of each segment, also of those before; what it raises ends the training.
     """
     device = use_device(arguments.device)
     folder = Run(arguments)
-    hyper = arguments.hyper
-    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, len(folder.segments) * hyper.segment)
-    after_segment = after_segment or (lambda record: None)
+    hyper, begun = arguments.hyper, len(folder.segments)
+    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, begun * hyper.segment)
     for record in folder.segments:
         after_segment(record)
-    rate = LearningRate(hyper.learning_rate)
-    begun = len(folder.segments)
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(bar)
-        games = make_games(arguments, begun)
-        model = new_model(hyper, games, arguments.seed, device, **dropped(arguments))
-        model.lr_schedule, model.threads = rate, arguments.threads
+    with bar:
+        model = Learner(hyper, arguments.seed, device, arguments.threads, **dropped(arguments))
         if begun > 0:
-            restore(model, folder.checkpoint(begun - 1))
-        model.set_logger(configure(str(arguments.out), ["tensorboard"]))
-        stack.callback(model.logger.close)
-        validation = _HeldOut(arguments, test=False)
-        for segment in range(begun, hyper.segments):
-            if segment > begun:
-                games.close()
-                games = make_games(arguments, segment)
-            _segment(arguments, folder, model, games, validation, rate, bar)
-            after_segment(folder.segments[-1])
-        games.close()
+            checkpoint.restore(folder.checkpoint(begun - 1), model.network, model.optimizer)
+        model.logger = configure(str(arguments.out), ["tensorboard"])
+        with contextlib.closing(model.logger):
+            validation = HeldOut(arguments, arguments.evaluation)
+            for segment in range(begun, hyper.segments):
+                _segment(folder, segment, model, validation, bar)
+                after_segment(folder.segments[-1])
     return folder, model
 
 
-def _segment(
-    arguments: Arguments,
-    folder: Run,
-    model: Learner,
-    games: TrainingGames,
-    validation: _HeldOut,
-    rate: LearningRate,
-    bar: Any,
-) -> None:
-    """Learn in the games of the next segment, validate, write down."""
-    hyper, segment = arguments.hyper, len(folder.segments)
-    seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3)
+def _segment(folder: Run, segment: int, model: Learner, validation: HeldOut, bar: Any) -> None:
+    arguments, hyper = folder.arguments, model.hyper
+    seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
     began = time.perf_counter()
-    model.set_env(games)  # which begin anew
-    set_random_seed(int(seeds[0]))
-    games.seed(int(seeds[1]))
-    imitation = {}
-    if segment == 0 and hyper.imitation > 0:
-        imitation = imitate(model, games, "lookahead", hyper.imitation, int(seeds[2]))
-        imitation["imitated"] = validation.share(_planner(arguments, model))
-        bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
-        games.seed(int(seeds[1]))
-    model.num_timesteps = segment * hyper.segment
-    callback = TrainingCallback(hyper, rate, bar)
-    learning = time.perf_counter()
-    model.learn(hyper.segment, callback, reset_num_timesteps=False)
-    ended = time.perf_counter()
+    with contextlib.closing(make_games(arguments, segment)) as games:
+        torch.manual_seed(seeds[0])
+        imitation = {}
+        if segment == 0 and hyper.imitation > 0:
+            imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
+            imitation["imitated"] = validation.share(_planner(arguments, model))
+            bar.write(f"lookahead imitated: {imitation['imitated']:.1%} of validation rounds completed")
+        model.decisions = segment * hyper.segment
+        learning = time.perf_counter()
+        model.learn(games, hyper.segment, seeds[1], bar)
+        ended = time.perf_counter()
     share = validation.share(_planner(arguments, model))
     speed = hyper.segment / (ended - learning)
-    folder.write(
-        model,
-        {
-            "segment": segment,
-            "decisions": int(model.num_timesteps),
-            "completed": share,
-            "clyde_limit_mps": clyde_limit(arguments, segment),
-            "seconds": round(ended - began, 1),
-            "decisions_per_s": round(speed),
-            **imitation,
-        },
-    )
+    result = {
+        "segment": segment,
+        "decisions": model.decisions,
+        "completed": share,
+        "clyde_limit_mps": clyde_limit(arguments, segment),
+        "seconds": round(ended - began, 1),
+        "decisions_per_s": round(speed),
+    }
+    folder.write(model, result | imitation)
     model.logger.record("validation/completed", share)
-    model.logger.dump(model.num_timesteps)
-    bar.write(f"{model.num_timesteps} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
+    model.logger.dump(model.decisions)
+    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed ({speed:.0f}/s)")
 
 
-def _planner(arguments: Arguments, model: Learner) -> TorchPlanner:
-    return TorchPlanner("ppo", copy.deepcopy(model.policy.network).cpu(), game_config(arguments).robot.speed_mps)
+def _planner(arguments: Arguments, model: Learner) -> checkpoint.TorchPlanner:
+    return checkpoint.TorchPlanner("ppo", copy.deepcopy(model.network).cpu(), game_config(arguments).robot.speed_mps)
 
 
-class _HeldOut:
-    """Rounds in which planners are evaluated: games as in training on other levels, with a decision each tick.
-
-    The levels stay prepared from one evaluation to the next.
-    """
-
-    def __init__(self, arguments: Arguments, test: bool) -> None:
-        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
-        self._test, self._threads = test, arguments.threads
-        self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, arguments.evaluation)
-
-    @functools.cached_property
-    def _games(self) -> GameBatch:
-        config = self._config
-        validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
-        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
-        return GameBatch(source, config, min(_BATCH, len(self.seeds)), self._threads)
-
-    def completed(self, policy: str | Policy) -> NDArray[np.bool_]:
-        """(E,) the rounds that ended with all pellets collected and the robot at home."""
-        return np.asarray(play_in(self._games, policy, self.seeds, timed=False)[0]["end"] == COMPLETE)
-
-    def share(self, policy: str | Policy) -> float:
-        """Of the rounds that ended so; 0 if there are none."""
-        return float(self.completed(policy).mean()) if len(self.seeds) > 0 else 0.0
-
-
-def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
-    """The planner against the rules in the same rounds on test levels, as a table."""
+def _report(arguments: Arguments, planner: checkpoint.TorchPlanner, seconds: float) -> str:
     hyper = arguments.hyper
     lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
     if arguments.evaluation == 0:
         return lines[0]
-    test = _HeldOut(arguments, test=True)
+    test = HeldOut(arguments, arguments.evaluation, test=True)
     compared: dict[str, str | Policy] = {planner.name: planner, **{rule: rule for rule in _RULES}}
     played = {name: test.completed(policy) for name, policy in compared.items()}
     low, high = hyper.clyde_speed
@@ -217,6 +156,117 @@ def _report(arguments: Arguments, planner: TorchPlanner, seconds: float) -> str:
         against = "" if name == planner.name else f"{difference:+.1%} [{low:+.1%}, {high:+.1%}]"
         lines.append(f"| {name} | {ended.mean():.1%} [{first:.1%}, {last:.1%}] | {against} |")
     return "\n".join(lines)
+
+
+class HeldOut:
+    """Validation or test rounds, as in training with a decision each tick; levels stay prepared between evaluations."""
+
+    def __init__(self, arguments: Arguments, rounds: int, *, test: bool = False, clyde: str = "wander") -> None:
+        self._config = game_config(arguments).with_fields(**{"decisions.when": "tick", "clyde.ghosts": (clyde,)})
+        self._test, self._threads = test, arguments.threads
+        self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
+
+    @functools.cached_property
+    def _games(self) -> GameBatch:
+        config = self._config
+        validation = GeneratedMaps(config, VALIDATION_LEVEL, _HELD_OUT)
+        source = GeneratedMaps.named("generated:test", config, None, _HELD_OUT) if self._test else validation
+        return GameBatch(source, config, min(_BATCH, len(self.seeds)), self._threads)
+
+    def completed(self, policy: str | Policy, ghost: Policy | None = None) -> NDArray[np.bool_]:
+        """(E,) the rounds that were completed; ``ghost`` is Clyde if its behaviour is ``policy``."""
+        return np.asarray(play_in(self._games, policy, self.seeds, ghost=ghost, timed=False)[0]["end"] == COMPLETE)
+
+    def share(self, policy: str | Policy) -> float:
+        """Of the rounds that were completed; 0 without rounds."""
+        return float(self.completed(policy).mean()) if len(self.seeds) > 0 else 0.0
+
+
+class Run:
+    """A run in a folder: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
+
+    def __init__(self, arguments: Arguments) -> None:
+        self.arguments = arguments
+        self.folder = arguments.out
+        self.segments: list[dict[str, Any]] = []
+        self.record = self.folder / "run.json"
+        self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
+        if arguments.resume:
+            self._read()
+        elif self.record.exists():
+            raise ValueError(f"{self.folder}: there is a run already; give --resume or another --out")
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def _read(self) -> None:
+        try:
+            known = json.loads(self.record.read_text())
+            before = known["arguments"]
+            self.segments = list(known["segments"])
+            numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
+            if [number for number, _ in numbers] != list(range(len(numbers))):
+                raise ValueError("its segments are not in order")
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{self.record}: no run to go on with: {error}") from None
+        check_same(self.record, before, _plain(self.arguments))
+
+    def checkpoint(self, segment: int) -> Path:
+        """The file of the state after a segment, until the next one is written."""
+        return self.folder / f"segment-{segment}.zip"
+
+    def write(self, model: Learner, result: dict[str, Any]) -> None:
+        segment = result["segment"]
+        before = max((old["completed"] for old in self.segments), default=-1.0)
+        self.segments.append(result)
+        self._save(model, self.checkpoint(segment))
+        self._save(model, self.last)
+        if result["completed"] >= before:
+            self._save(model, self.best)
+        content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}
+        write_json(self.record, content)
+        self.checkpoint(segment - 1).unlink(missing_ok=True)
+        checkpoint.facts_path(self.checkpoint(segment - 1)).unlink(missing_ok=True)
+
+    def _save(self, model: Learner, path: Path) -> None:
+        checkpoint.save_checkpoint(path, model.network, model.optimizer)
+        last = self.segments[-1]
+        numbers = {name: float(value) for name, value in last.items() if isinstance(value, (int, float))}
+        checkpoint.write_facts(checkpoint.facts_path(path), facts_of(self.arguments, model.decisions, numbers))
+
+
+def _plain(arguments: Arguments) -> dict[str, Any]:
+    """The arguments that decide the curve, as JSON has them."""
+    plain = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
+    for name in ("out", "resume", "progress", "threads"):
+        del plain[name]
+    return dict(plain)
+
+
+def check_same(record: Path, before: Any, ours: dict[str, Any]) -> None:
+    """Raise ValueError with the first field, nested ones included, that differs from ``ours``."""
+    for name, value in ours.items():
+        known = before.get(name) if isinstance(before, dict) else None
+        if isinstance(value, dict):
+            check_same(record, known, value)
+        elif known != value:
+            raise ValueError(f"{record}: was started with {name} = {known}, not {value}")
+
+
+def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> checkpoint.Facts:
+    training = Training(
+        clyde_speeds_mps=arguments.hyper.clyde_speed,
+        robot_speeds_mps=arguments.hyper.robot_speed,
+        levels=f"generated:train below {VALIDATION_LEVEL}",
+        preset=arguments.preset,
+        execution=arguments.execution,
+        decisions=decisions,
+        seed=arguments.seed,
+    )
+    return checkpoint.Facts(game_config(arguments).robot.speed_mps, training, metrics)
+
+
+def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
+    kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
+    return tqdm(total=decisions, initial=done, disable=not shown, **kind)
 
 
 if __name__ == "__main__":

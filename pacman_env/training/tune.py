@@ -1,6 +1,5 @@
 """Search for hyperparameters: ``pacman-env tune``. Short trainings, judged by validation rounds completed.
 
-What is searched, the study in its folder and the file it ends in live here; a training is :func:`ppo.train`.
 Every trial trains from the same seed and its proposal depends on the trials before it alone, so a study that was
 interrupted goes on to the same trials.
 """
@@ -9,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,15 +17,14 @@ import numpy as np
 import optuna
 import yaml
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
-from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
+from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from pacman_env.cli.command import Parser, guarded
 from pacman_env.cli.options import parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count
 from pacman_env.files import prepare, replaced
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
-from pacman_env.training.ppo import train
-from pacman_env.training.run import check_same
+from pacman_env.training.ppo import check_same, train
 
 #: Rates are those at the beginning of a run, and fall in the proportion of the section that is tuned.
 SPACE: dict[str, BaseDistribution] = {
@@ -42,12 +39,12 @@ SPACE: dict[str, BaseDistribution] = {
     "reward_scale": FloatDistribution(0.05, 0.5, log=True),
     "imitation": CategoricalDistribution((0.0, 0.5, 1.0, 2.0)),  # times the section's
 }
-_STARTUP = 5  # trials before any is given up, and before proposals learn from those behind
+_STARTUP = 5  # trials before any is pruned, and before proposals depend on earlier ones
 
 
 @dataclass(frozen=True)
 class Study(Checked):
-    """Search for hyperparameters of MaskablePPO with Optuna."""
+    """Search for hyperparameters of PPO with Optuna."""
 
     out: Path = Path("results/tune")
     """Folder of the study: trials.jsonl, best.yaml, a training run per trial."""
@@ -74,20 +71,16 @@ class Study(Checked):
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="pacman-env tune", description=Study.__doc__)
-    return guarded(parser.prog, lambda: _search(parse_options(parser, argv, Study())), "train")
 
+    def run() -> None:
+        best = search(parse_options(parser, argv, Study()))
+        print(f"written: {best} (to train with it: pacman-env train --config {best})")
 
-def _search(study: Study) -> None:
-    best = search(study)
-    print(f"written: {best} (to train with it: pacman-env train --config {best})")
+    return guarded(parser.prog, run, "train")
 
 
 def search(settings: Study) -> Path:
-    """Run the trials that are left; the file of the best one's hyperparameters, written after each trial.
-
-    Raises:
-        ValueError: the study's folder or its section does not fit, or no trial could be finished.
-    """
+    """Run the trials that are left; the file of the best one's hyperparameters, written after each trial."""
     section = load_hyperparameters(settings.config, settings.section)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     pruner = optuna.pruners.MedianPruner(n_startup_trials=_STARTUP, n_warmup_steps=1)
@@ -109,12 +102,7 @@ def search(settings: Study) -> Path:
 
 
 def hyperparameters(section: Hyperparameters, params: dict[str, Any]) -> Hyperparameters:
-    """A section with a trial's proposal in it.
-
-    Args:
-        section: what is not searched.
-        params: a value for each name of ``SPACE``.
-    """
+    """A section with a trial's proposal in it, a value for each name of ``SPACE``."""
     values = {name: params[name] for name in SPACE if name not in ("discount", "imitation")}
     for name in ("learning_rate", "ent_coef"):
         first, last = getattr(section, name)
@@ -128,8 +116,15 @@ def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number
     study.sampler = optuna.samplers.TPESampler(n_startup_trials=_STARTUP, seed=int(seed))
     trial = study.ask(SPACE)
     chosen = _arguments(settings, hyperparameters(section, trial.params), number)
+
+    def judge(result: dict[str, Any]) -> None:
+        trial.report(result["completed"], result["segment"])
+        if trial.should_prune():
+            share, decisions = result["completed"], result["decisions"]
+            raise optuna.TrialPruned(f"{share:.1%} of validation rounds after {decisions} decisions")
+
     try:
-        folder, _ = train(chosen, lambda result: _judge(trial, result))
+        folder, _ = train(chosen, judge)
     except optuna.TrialPruned as pruned:
         study.tell(trial, state=TrialState.PRUNED)
         result = f"given up: {pruned}"
@@ -143,34 +138,17 @@ def _play(settings: Study, section: Hyperparameters, study: optuna.Study, number
     print(f"trial {number}: {result}")
 
 
-def _judge(trial: Trial, result: dict[str, Any]) -> None:
-    trial.report(result["completed"], result["segment"])
-    if trial.should_prune():
-        raise optuna.TrialPruned(
-            f"{result['completed']:.1%} of validation rounds after {result['decisions']} decisions"
-        )
-
-
 def _arguments(settings: Study, hyper: Hyperparameters, number: int = 0) -> Arguments:
     """Of a trial's training: short, in a folder of its own; one that was interrupted goes on."""
-    rollouts = max(settings.decisions // settings.segments // hyper.rollout, 1)
-    segment = rollouts * hyper.rollout
+    segment = max(settings.decisions // settings.segments // hyper.rollout, 1) * hyper.rollout
+    hyper = dataclasses.replace(hyper, decisions=segment * settings.segments, segment=segment)
     out = settings.out / f"trial-{number}"
-    return Arguments(
-        hyper=dataclasses.replace(hyper, decisions=segment * settings.segments, segment=segment),
-        out=out,
-        seed=settings.seed,
-        resume=(out / "run.json").exists(),
-        threads=settings.threads,
-        evaluation=settings.evaluation,
-        progress=settings.progress,
-    )
+    same = {name: getattr(settings, name) for name in ("seed", "threads", "evaluation", "progress")}
+    return Arguments(hyper, out, resume=(out / "run.json").exists(), **same)
 
 
 def _plain(settings: Study, section: Hyperparameters) -> dict[str, Any]:
-    """The settings that decide the trials, as JSON has them."""
-    names = ("decisions", "segments", "evaluation", "seed")
-    kept = {name: getattr(settings, name) for name in names}
+    kept = {name: getattr(settings, name) for name in ("decisions", "segments", "evaluation", "seed")}
     return dict(json.loads(json.dumps({**kept, "hyper": dataclasses.asdict(section)})))
 
 
@@ -186,7 +164,6 @@ def _write(record: Path, head: dict[str, Any], trials: list[FrozenTrial]) -> Non
 
 
 def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
-    """The trials of a study with the same settings."""
     try:
         before, *lines = (json.loads(line) for line in record.read_text().splitlines())
     except (OSError, ValueError) as error:
@@ -211,7 +188,7 @@ def _read(record: Path, head: dict[str, Any]) -> list[FrozenTrial]:
 
 
 def _write_best(path: Path, settings: Study, section: Hyperparameters, study: optuna.Study) -> bool:
-    """The section with the best trial's values, to be read by ``pacman_env.training.ppo``; False: there is none yet."""
+    """The section with the best trial's values, for ``pacman-env train``; False if no trial has finished."""
     if TrialState.COMPLETE not in {trial.state for trial in study.trials}:
         return False
     values = dataclasses.asdict(hyperparameters(section, study.best_params))
@@ -221,7 +198,3 @@ def _write_best(path: Path, settings: Study, section: Hyperparameters, study: op
     with replaced(path) as temporary:
         temporary.write_text(head + yaml.safe_dump({"headline": plain}, sort_keys=False))
     return True
-
-
-if __name__ == "__main__":
-    sys.exit(main())

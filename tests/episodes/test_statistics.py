@@ -11,12 +11,12 @@ from pacman_env.episodes.statistics import (
     bootstrapped_improvement,
     bootstrapped_iqm,
     bootstrapped_mean,
-    difference,
     improvement,
     interquartile_mean,
     paired_difference,
     wilson,
 )
+from tests.system.campaign.statistics import difference
 
 
 def test_the_difference_of_independent_shares_has_the_published_limits() -> None:

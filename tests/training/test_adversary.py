@@ -19,12 +19,11 @@ import pacman_env
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.policies.registry import make_policy
-from pacman_env.training.adversary import Arguments, main, new_model, parse, starting_model
+from pacman_env.training.adversary import Arguments, main, parse, starting_model
 from pacman_env.training.arguments import FOLDER, load_hyperparameters
-from pacman_env.training.arguments import Arguments as GameArguments
-from pacman_env.training.checkpoint import facts_path, write_facts
+from pacman_env.training.checkpoint import facts_path, save_checkpoint, write_facts
 from pacman_env.training.export import model_bytes, network_of
-from pacman_env.training.games import TrainingGames, make_games
+from pacman_env.training.learner import Learner
 from tests.training.planners import FACTS, random_network, random_planner
 
 TINY = (
@@ -53,12 +52,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("run")
     assert main([*TINY, "--out", str(out)]) == 0
     return out
-
-
-@pytest.fixture(scope="module")
-def games() -> TrainingGames:
-    hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
-    return make_games(GameArguments(hyper=hyper), 0)
 
 
 def test_a_run_writes_planners_clydes_and_who_completes_against_whom(run: Path) -> None:
@@ -136,23 +129,23 @@ def test_a_graph_of_other_make_is_refused(tmp_path: Path) -> None:
         network_of(path)
 
 
-def test_a_planner_file_is_begun_with(games: TrainingGames, tmp_path: Path) -> None:
+def test_a_planner_file_is_begun_with(tmp_path: Path) -> None:
     path = random_planner(tmp_path, seed=5, width=24)
-    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), games)
+    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)))
     assert decisions == FACTS.training.decisions
-    assert model_bytes(model.policy.network) == path.read_bytes()
+    assert model_bytes(model.network) == path.read_bytes()
 
 
-def test_a_checkpoint_is_begun_with(games: TrainingGames, tmp_path: Path) -> None:
+def test_a_checkpoint_is_begun_with(tmp_path: Path) -> None:
     hyper = load_hyperparameters(FOLDER / "PacManBot-v0.yaml", "headline")
     path = tmp_path / "best.zip"
-    saved = new_model(hyper, games, 7, width=24)
-    saved.save(path)
+    saved = Learner(hyper, 7, width=24)
+    save_checkpoint(path, saved.network, saved.optimizer)
     write_facts(facts_path(path), FACTS)
-    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)), games)
+    model, decisions = starting_model(tiny(tmp_path, "--start", str(path)))
     assert decisions == FACTS.training.decisions
-    for name, tensor in saved.policy.network.state_dict().items():
-        assert torch.equal(model.policy.network.state_dict()[name], tensor)
+    for name, tensor in saved.network.state_dict().items():
+        assert torch.equal(model.network.state_dict()[name], tensor)
 
 
 @pytest.mark.parametrize("name", ["absent.onnx", "absent.zip", "text.onnx", "text.zip"])

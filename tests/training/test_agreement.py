@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from pacman_env.sim.maps.generated import GeneratedMaps
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.checkpoint import TorchPlanner
-from tests.training.planners import FACTS, random_network, random_planner
+from tests.training.planners import FACTS, plain, random_network, random_planner
 
 GAMES, TICKS, LOOKS = 100, 200, 50  # 100 games, looked at 50 times within 100 s, in each of two places
 CONFIG = make_config()
@@ -58,7 +59,7 @@ def test_torch_the_file_and_the_policy_agree_on_five_thousand_situations(source:
         features = planner_features(situation, FACTS.robot_speed_mps)
         logits, values = planner.run(*features, situation.mask)
         tensors = [torch.tensor(array) for array in (*features, situation.mask)]
-        for judge in (network.forward, network.packed):
+        for judge in (partial(plain, network), network):
             with torch.no_grad():
                 expected = judge(*tensors)
             np.testing.assert_allclose(logits, expected[0].numpy(), atol=1e-5, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Of Stable-Baselines3 files tensors are read and nothing is run, with the facts beside them."""
+"""Of checkpoints, earlier versions' too, tensors are read and nothing is run, with the facts beside them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,23 @@ pytest.importorskip("sb3_contrib")
 
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
-from pacman_env.training.checkpoint import Facts, TorchPlanner, facts_path, load_planner, read_facts, write_facts
+from pacman_env.sb3 import PacManBotVecEnv
+from pacman_env.training.checkpoint import (
+    Facts,
+    TorchPlanner,
+    facts_path,
+    load_planner,
+    read_facts,
+    restore,
+    save_checkpoint,
+    write_facts,
+)
 from pacman_env.training.export import main
+from pacman_env.training.learner import Learner
 from tests.policies.contract import random_situation
 from tests.training.planners import FACTS, random_network
+from tests.training.stock import stock_model
+from tests.training.test_arguments import tiny
 
 
 def test_facts_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -102,16 +115,20 @@ def test_a_network_is_a_policy() -> None:
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A real one, as it is before the first decision is learned from."""
-    policy = pytest.importorskip("pacman_env.training.policy")
-    from sb3_contrib import MaskablePPO
-
-    from pacman_env.sb3 import PacManBotVecEnv
-
+    """One of an earlier version, saved by Stable-Baselines3 before the first decision is learned from."""
     env = PacManBotVecEnv(2, map="house", observation="planner")
     path = tmp_path_factory.mktemp("run") / "run.zip"
-    MaskablePPO(policy.EntityPolicy, env, n_steps=4, batch_size=8, seed=0, device="cpu").save(path)
+    stock_model(env, tiny().hyper, dropped_kinds=(1,)).save(path)
     return path
+
+
+def test_a_checkpoint_of_an_earlier_version_is_gone_on_with(checkpoint: Path, tmp_path: Path) -> None:
+    model = Learner(tiny().hyper, 1, dropped_kinds=(1,))
+    restore(checkpoint, model.network, model.optimizer)
+    save_checkpoint(tmp_path / "run.zip", model.network, model.optimizer)
+    ours, theirs = load_planner(tmp_path / "run.zip").network, load_planner(checkpoint).network
+    assert ours.dropped_kinds == theirs.dropped_kinds == (1,)
+    assert all((ours.state_dict()[name] == value).all() for name, value in theirs.state_dict().items())
 
 
 def test_a_checkpoint_is_a_policy_at_the_speed_of_its_facts(checkpoint: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.training.export import OPSET, export_planner, main, model_bytes
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
-from tests.training.planners import FACTS, random_network, random_planner
+from tests.training.planners import FACTS, plain, random_network, random_planner
 
 SIZES = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES)
 
@@ -39,7 +40,7 @@ def test_it_computes_what_torch_computes(arguments: dict[str, Any], games: int, 
     planner = LearnedPlanner(random_planner(tmp_path, **arguments))
     logits, values = planner.run(candidates, whole, mask)
     network = random_network(**arguments)
-    for judge in (network.forward, network.packed):
+    for judge in (partial(plain, network), network):
         with torch.no_grad():
             expected = judge(torch.tensor(candidates), torch.tensor(whole), torch.tensor(mask))
         np.testing.assert_allclose(logits, expected[0].numpy(), atol=1e-5, rtol=1e-6)

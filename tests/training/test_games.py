@@ -1,8 +1,11 @@
-"""The games that a planner is trained on: rewards scaled, no ending excused, houses that nobody is judged on."""
+"""The games that a planner is trained on, the same however they are divided and stepped, in houses of their own."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
+from contextlib import closing
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,11 +20,14 @@ from pacman_env.training.arguments import Arguments
 from pacman_env.training.games import VALIDATION_LEVEL, TrainingGames, clyde_limit, dropped, game_config, make_games
 from pacman_env.training.ppo import parse
 from tests.envs.helpers import QUICK
+from tests.training.stock import random_choices
 from tests.training.test_arguments import tiny
+
+SOME = partial(PacManBotVecEnv, map="house", settings=QUICK, observation=("features", "planner"))
 
 
 def parts_of(arguments: Arguments, segment: int = 0) -> list[PacManBotVecEnv]:
-    return make_games(arguments, segment).venv.games  # type: ignore[attr-defined]
+    return make_games(arguments, segment).batches
 
 
 def levels(arguments: Arguments, segment: int) -> range:
@@ -35,11 +41,11 @@ def levels(arguments: Arguments, segment: int) -> range:
 
 def test_rewards_are_scaled_and_all_else_is_left() -> None:
     plain, scaled = (PacManBotVecEnv(4, map="house", settings=QUICK) for _ in range(2))
-    games = TrainingGames(scaled, 0.2)
+    games = TrainingGames([scaled], 0.2)
     rng = np.random.default_rng(0)
-    for env in (plain, games):
-        env.seed(5)
-        env.reset()
+    plain.seed(5)
+    plain.reset()
+    games.reset(5)
     ended = 0
     for _ in range(60):
         actions = rng.integers(plain.action_space.n, size=4)  # type: ignore[attr-defined]
@@ -52,20 +58,14 @@ def test_rewards_are_scaled_and_all_else_is_left() -> None:
     assert ended > 0
 
 
-def test_a_time_out_is_an_ending_without_a_value_after_it() -> None:
-    plain, limited = (PacManBotVecEnv(3, map="house", settings={"time_limit_s": 1.0}) for _ in range(2))
-    games = TrainingGames(limited, 1.0)
-    for env in (plain, games):
-        env.seed(1)
-        env.reset()
+def test_a_time_out_is_an_ending() -> None:
+    games = TrainingGames([PacManBotVecEnv(3, map="house", settings={"time_limit_s": 1.0})])
+    games.reset(1)
+    hold = np.full(3, games.batches[0].env.batch.hold)
     for _ in range(2):
-        hold = np.full(3, plain.action_space.n - 1)  # type: ignore[attr-defined]
-        excused, ours = plain.step(hold), games.step(hold)
-    for row, other in zip(excused[3], ours[3], strict=True):
-        assert row["outcome"] == other["outcome"] == "timeout"
-        assert row["TimeLimit.truncated"]
-        assert not other["TimeLimit.truncated"]
-    assert ours[2].all()
+        _, _, dones, infos = games.step(hold)
+    assert dones.all()
+    assert [info["outcome"] for info in infos] == ["timeout"] * 3
 
 
 def test_segments_are_played_on_levels_of_their_own() -> None:
@@ -92,9 +92,8 @@ def test_more_levels_than_there_are_to_train_on_are_refused() -> None:
 
 def test_games_are_met_with_the_speeds_asked_for() -> None:
     games = make_games(tiny(games=64, n_steps=1, levels=1, clyde_speed=[0.3, 0.4], robot_speed=[0.25, 0.28]), 0)
-    games.seed(0)
-    games.reset()
-    env = games.venv.games[0].env  # type: ignore[attr-defined]
+    games.reset(0)
+    env = games.batches[0].env
     speeds = env.batch.games["clyde_speed"]
     assert 0.3 <= speeds.min() < speeds.max() <= 0.4
     assert env.config.randomize.speed_mps == (0.25, 0.28)
@@ -147,3 +146,93 @@ def test_a_quarter_of_the_games_is_played_in_wide_houses() -> None:
 def test_fewer_games_or_levels_than_parts_make_fewer_parts() -> None:
     assert [part.num_envs for part in parts_of(tiny(games=2, n_steps=16, levels=9))] == [1, 1]
     assert [part.num_envs for part in parts_of(tiny(games=4, levels=1))] == [4]
+
+
+def sub_batched(threads: int = 1) -> TrainingGames:
+    return TrainingGames([SOME(count, num_threads=threads) for count in (3, 1, 2)], background=threads > 1)
+
+
+@pytest.fixture
+def games() -> Iterator[TrainingGames]:
+    with closing(sub_batched(2)) as made:
+        yield made
+
+
+def test_games_in_sub_batches_are_the_same_games(games: TrainingGames) -> None:
+    """As many in one environment, in sub-batches, and in sub-batches that several threads step."""
+    every = [TrainingGames([SOME(6)]), sub_batched(), games]
+    rng = np.random.default_rng(0)
+    ended = 0
+    seen = [env.reset(7) for env in every]
+    for _ in range(60):
+        for other in seen[1:]:
+            assert set(other) == set(seen[0])
+            assert all((other[key] == seen[0][key]).all() for key in other)
+        actions = random_choices(seen[0]["action_mask"], rng)
+        results = [env.step(actions) for env in every]
+        seen = [result[0] for result in results]
+        for _, rewards, dones, infos in results[1:]:
+            assert (rewards == results[0][1]).all()
+            assert (dones == results[0][2]).all()
+            for info, same in zip(infos, results[0][3], strict=True):
+                assert {k: v for k, v in info.items() if k not in ("episode", "terminal_observation")} == {
+                    k: v for k, v in same.items() if k not in ("episode", "terminal_observation")
+                }
+                assert info.get("episode", {}).get("r") == same.get("episode", {}).get("r")
+        ended += int(results[0][2].sum())
+    assert ended > 0
+    for env in every:
+        env.close()
+
+
+def test_groups_are_stepped_one_while_another_is_chosen_for(games: TrainingGames) -> None:
+    """The same games as when all are stepped at once; what is sent first need not be received first."""
+    together = sub_batched()
+    assert games.groups == [slice(0, 3), slice(3, 6)]
+    rng = np.random.default_rng(0)
+    for env in (together, games):
+        env.reset(7)
+    for step in range(40):
+        actions = rng.integers(together.batches[0].env.batch.candidates, size=6)
+        expected = together.step(actions)
+        for k, rows in enumerate(games.groups):
+            games.send(k, actions[rows])
+        for k in rng.permutation(2):
+            rows = games.groups[k]
+            observations, rewards, dones, infos = games.receive(k)
+            assert all((observations[key] == expected[0][key][rows]).all() for key in expected[0])
+            assert (rewards == expected[1][rows]).all()
+            assert (dones == expected[2][rows]).all()
+            assert [info["outcome"] for info in infos] == [info["outcome"] for info in expected[3][rows]], step
+
+
+def test_a_rule_chooses_in_every_game_as_in_one_environment(games: TrainingGames) -> None:
+    whole = TrainingGames([SOME(6)])
+    for env in (games, whole):
+        env.reset(3)
+    for _ in range(10):
+        choices = games.choices("lookahead")
+        assert (choices == whole.choices("lookahead")).all()
+        games.step(choices)
+        whole.step(choices)
+    assert choices.shape == (6,)
+
+
+def test_sub_batches_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match="no games"):
+        TrainingGames([])
+    with pytest.raises(ValueError, match="must be as many in each"):
+        TrainingGames([SOME(1), PacManBotVecEnv(1, map="maze")])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_failure_in_a_step_is_raised_and_the_games_go_on(threads: int) -> None:
+    games = sub_batched(threads)
+    games.reset(0)
+    games.send(0, np.full(3, 99))
+    with pytest.raises(ValueError, match="choice 99 of game 0"):
+        games.receive(0)
+    with pytest.raises(RuntimeError, match="no actions were sent"):
+        games.receive(0)
+    assert games.step(np.zeros(6, dtype=np.int64))[1].shape == (6,)
+    games.close()

@@ -1,7 +1,8 @@
-"""Clyde's games are the PettingZoo environment's, and are what Stable-Baselines3 expects."""
+"""Clyde's games are the PettingZoo environment's."""
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 from typing import Any
 
@@ -10,18 +11,12 @@ import pytest
 
 pytest.importorskip("sb3_contrib")
 
-import dataclasses
-
-import gymnasium as gym
-from stable_baselines3.common.vec_env import DummyVecEnv
-
 import pacman_env
 from pacman_env.envs.pettingzoo_env import PACMAN, PacManBotParallelEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.games import game_settings
-from pacman_env.training.ghost_games import CLYDE, ghost_games, make_ghost_games
+from pacman_env.training.games import CLYDE, GhostGames, Step, game_settings, make_ghost_games
 
 GAMES, SCALE = 3, 0.5
 HYPER = dataclasses.replace(
@@ -40,14 +35,22 @@ def quick(**changes: Any) -> PacManBotParallelEnv:
     return pacman_env.parallel_env(**({"map": "house", "settings": {"time_limit_s": 6.0}} | changes))
 
 
-def begun(envs: list[PacManBotParallelEnv], seed: int = 5) -> DummyVecEnv:
-    games = ghost_games(envs, ROBOT)
-    games.seed(seed)
-    games.reset()
+def begun(envs: list[PacManBotParallelEnv], seed: int = 5) -> GhostGames:
+    games = GhostGames(envs, ROBOT)
+    games.reset(seed)
     return games
 
 
-def test_every_game_is_the_environment_with_the_policy_in_the_robots_seat() -> None:
+def step(games: GhostGames, choices: np.ndarray) -> Step:
+    games.send(0, choices)
+    return games.receive(0)
+
+
+def count(games: GhostGames) -> int:
+    return games.games[0].batch.candidates
+
+
+def test_every_game_is_the_environment_in_which_the_policy_drives_the_robot() -> None:
     games = begun([quick() for _ in range(GAMES)])
     twins, robots = [quick() for _ in range(GAMES)], [ROBOT() for _ in range(GAMES)]
     for i, twin in enumerate(twins):
@@ -55,81 +58,70 @@ def test_every_game_is_the_environment_with_the_policy_in_the_robots_seat() -> N
     rng = np.random.default_rng(0)
     ends = 0
     for _ in range(30):
-        choices = rng.integers(games.action_space.n, size=GAMES)  # type: ignore[attr-defined]
-        observations, rewards, dones, infos = games.step(choices)
+        choices = rng.integers(count(games), size=GAMES)
+        observations, rewards, dones, infos = step(games, choices)
         for i, (twin, robot) in enumerate(zip(twins, robots, strict=True)):
             goal = robot.select(twin.batch.situation())[0]
-            _, reward, _, truncated, info = twin.step({PACMAN: goal, CLYDE: choices[i]})
+            _, reward, _, _, info = twin.step({PACMAN: goal, CLYDE: choices[i]})
             assert rewards[i] == np.float32(-reward[PACMAN])
             assert dones[i] == (not twin.agents)
             assert infos[i]["outcome"] == info[CLYDE]["outcome"]
-            seen = planner_features(twin.batch.situation(0), twin.config.robot.speed_mps)
             if dones[i]:
                 ends += 1
-                np.testing.assert_array_equal(infos[i]["terminal_observation"]["planner_candidates"], seen[0][0])
-                assert infos[i]["TimeLimit.truncated"] == truncated[CLYDE]
                 twin.reset()
-                seen = planner_features(twin.batch.situation(0), twin.config.robot.speed_mps)
-            np.testing.assert_array_equal(observations["planner_candidates"][i], seen[0][0])  # type: ignore[index]
-            np.testing.assert_array_equal(observations["planner_globals"][i], seen[1][0])  # type: ignore[index]
-            mask = twin.batch.situation(0).mask[0]
-            np.testing.assert_array_equal(observations["action_mask"][i], mask)  # type: ignore[index]
-            np.testing.assert_array_equal(games.env_method("action_masks", indices=i)[0], mask)
+            seen = planner_features(twin.batch.situation(0), twin.config.robot.speed_mps)
+            np.testing.assert_array_equal(observations["planner_candidates"][i], seen[0][0])
+            np.testing.assert_array_equal(observations["planner_globals"][i], seen[1][0])
+            np.testing.assert_array_equal(observations["action_mask"][i], twin.batch.situation(0).mask[0])
     assert ends >= 2 * GAMES
 
 
-def test_observations_are_in_the_space_and_not_reused() -> None:
+def test_observations_are_not_reused() -> None:
     games = begun([quick() for _ in range(2)])
-    first = games.step(np.zeros(2, dtype=np.int64))[0]
-    copy = {key: array.copy() for key, array in first.items()}  # type: ignore[union-attr]
-    games.step(np.ones(2, dtype=np.int64))
+    first = step(games, np.zeros(2, dtype=np.int64))[0]
+    copy = {key: array.copy() for key, array in first.items()}
+    step(games, np.ones(2, dtype=np.int64))
     for key, array in copy.items():
-        np.testing.assert_array_equal(first[key], array)  # type: ignore[index]
-    for i in range(2):
-        assert games.observation_space.contains({key: array[i] for key, array in copy.items()})
+        np.testing.assert_array_equal(first[key], array)
 
 
 def test_training_games_are_zero_sum_scaled_and_end_at_the_time_limit() -> None:
     games = make_ghost_games(ARGUMENTS, 0, ROBOT)
-    world: DummyVecEnv = games.venv  # type: ignore[assignment]
-    for env in world.envs:
-        env.game._core.config = env.game.config.with_fields(max_cycles=12)  # type: ignore[attr-defined]
     paid: list[float] = []
-    step = PacManBotParallelEnv.step
+    original = PacManBotParallelEnv.step
 
     class Paid(PacManBotParallelEnv):
         def step(self, actions: dict[str, Any]) -> Any:
-            result = step(self, actions)
+            result = original(self, actions)
             paid.append(result[1][PACMAN])
             return result
 
-    for env in world.envs:
-        env.game.__class__ = Paid  # type: ignore[attr-defined]
-    games.seed(0)
-    games.reset()
+    for game in games.games:
+        game._core.config = game.config.with_fields(max_cycles=12)
+        game.__class__ = Paid
+    games.reset(0)
     truncated = 0
     for _ in range(26):
         paid.clear()
-        _, rewards, dones, infos = games.step(np.full(GAMES, games.action_space.n - 1))  # type: ignore[attr-defined]
+        _, rewards, dones, infos = step(games, np.full(GAMES, count(games) - 1))
         np.testing.assert_allclose(rewards, -SCALE * np.array(paid), rtol=1e-6)
         truncated += int(sum(info["outcome"] == "running" for info, done in zip(infos, dones, strict=True) if done))
-        assert not any(info["TimeLimit.truncated"] for info in infos)
     assert truncated > 0
 
 
 def test_each_game_has_houses_of_its_own_and_each_segment_others() -> None:
     def levels(segment: int) -> list[tuple[int, int]]:
-        world: DummyVecEnv = make_ghost_games(ARGUMENTS, segment, ROBOT).venv  # type: ignore[assignment]
-        return [(env.game.batch.source.start_level, env.game.batch.source.num_levels) for env in world.envs]  # type: ignore[attr-defined]
+        sources: list[Any] = [game.batch.source for game in make_ghost_games(ARGUMENTS, segment, ROBOT).games]
+        return [(source.start_level, source.num_levels) for source in sources]
 
     assert levels(0) == [(0, 2), (2, 2), (4, 2)]
     assert levels(1) == [(6, 2), (8, 2), (10, 2)]
 
 
 def test_the_game_is_the_one_the_planner_is_trained_on() -> None:
-    world: DummyVecEnv = make_ghost_games(ARGUMENTS, 0, ROBOT).venv  # type: ignore[assignment]
+    game = make_ghost_games(ARGUMENTS, 0, ROBOT).games[0]
     for name in ("clyde_speed_mps", "speed_mps"):
-        assert getattr(world.envs[0].game.config.randomize, name) == game_settings(ARGUMENTS)[f"randomize.{name}"]
+        assert getattr(game.config.randomize, name) == game_settings(ARGUMENTS)[f"randomize.{name}"]
 
 
 def test_the_same_seed_gives_the_same_bits() -> None:
@@ -138,24 +130,12 @@ def test_the_same_seed_gives_the_same_bits() -> None:
         rng = np.random.default_rng(1)
         seen = b""
         for _ in range(20):
-            observations, rewards, _, _ = games.step(rng.integers(games.action_space.n, size=2))  # type: ignore[attr-defined]
-            seen += rewards.tobytes() + observations["planner_candidates"].tobytes()  # type: ignore[index,call-overload]
+            observations, rewards, _, _ = step(games, rng.integers(count(games), size=2))
+            seen += rewards.tobytes() + observations["planner_candidates"].tobytes()
         return seen
 
     assert play(3) == play(3)
     assert play(3) != play(4)
-
-
-def test_masks_and_attributes_are_found_by_the_names_that_are_asked_for() -> None:
-    games = begun([quick() for _ in range(2)])
-    assert games.has_attr("action_masks")
-    assert not games.has_attr("no_such_thing")
-    assert [game.config.zero_sum for game in games.get_attr("game")] == [True, True]
-    games.set_attr("render_mode", "ansi", indices=1)
-    assert games.get_attr("render_mode") == [None, "ansi"]
-    assert len(games.env_method("action_masks")) == 2
-    assert games.env_is_wrapped(gym.Wrapper) == [False, False]
-    games.close()
 
 
 @pytest.mark.parametrize(
@@ -170,4 +150,4 @@ def test_masks_and_attributes_are_found_by_the_names_that_are_asked_for() -> Non
 )
 def test_games_that_do_not_fit_are_refused(envs: list[dict[str, Any]]) -> None:
     with pytest.raises(ValueError, match="agents and candidates of the games"):
-        ghost_games([quick(**changes) for changes in envs], ROBOT)
+        GhostGames([quick(**changes) for changes in envs], ROBOT)

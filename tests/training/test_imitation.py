@@ -14,32 +14,29 @@ pytest.importorskip("sb3_contrib")
 import torch
 
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
-from pacman_env.training import imitation
+from pacman_env.training import learner
 from pacman_env.training.games import TrainingGames, dropped, make_games
-from pacman_env.training.imitation import discounted, imitate
-from pacman_env.training.learner import Learner, new_model
+from pacman_env.training.learner import Learner, discounted, imitate
 from pacman_env.training.network import Packed
 from tests.training.test_arguments import tiny
 
 
-def pupil(games: TrainingGames, **changes: Any) -> Learner:
-    return new_model(tiny(width=16, n_steps=8, batch_size=32).hyper, games, 0, **changes)
+def pupil(**changes: Any) -> Learner:
+    return Learner(tiny(width=16, n_steps=8, batch_size=32).hyper, 0, **changes)
 
 
 def taught(decisions: int, seed: int = 1) -> tuple[Learner, dict[str, float]]:
     games = make_games(tiny(games=8, n_steps=8, levels=4), 0)
-    model = pupil(games)
-    games.seed(3)
-    return model, imitate(model, games, "lookahead", decisions, seed)
+    model = pupil()
+    return model, imitate(model, games, decisions, games_seed=3, seed=seed)
 
 
 def agreement(model: Learner) -> float:
     """With the rule, in situations that the rule meets in other houses."""
     games, found = make_games(tiny(games=8, n_steps=8, levels=4), 1), []
-    games.seed(4)
-    observation = games.reset()
+    observation = games.reset(4)
     for _ in range(60):
-        choices = games.venv.choices("lookahead")  # type: ignore[attr-defined]
+        choices = games.choices("lookahead")
         _, own = model.choose(observation, deterministic=True)
         found.append((own == choices).mean())
         observation, *_ = games.step(choices)
@@ -48,13 +45,13 @@ def agreement(model: Learner) -> float:
 
 def test_an_imitator_agrees_with_the_rule_more_often_than_an_untrained_network() -> None:
     model, result = taught(4096)
-    before, after = agreement(pupil(make_games(tiny(games=8, n_steps=8, levels=4), 0))), agreement(model)
+    before, after = agreement(pupil()), agreement(model)
     assert after > before + 0.25
     assert 0.0 < result["agreement"] <= 1.0
 
 
 def test_the_same_seed_teaches_the_same_bits_and_another_others() -> None:
-    one, same, other = (taught(512, seed)[0].policy.state_dict() for seed in (1, 1, 2))
+    one, same, other = (taught(512, seed)[0].network.state_dict() for seed in (1, 1, 2))
     assert all(torch.equal(one[name], same[name]) for name in one)
     assert not all(torch.equal(one[name], other[name]) for name in one)
 
@@ -69,33 +66,32 @@ def test_returns_of_a_hand_made_sequence() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def labels(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, list[imitation._Labels]]:
+def labels(model: Learner, games: TrainingGames, kind: str) -> tuple[Packed, learner._Labels]:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
-    observation = games.reset()
+    observation = games.reset(0)
     column = CANDIDATE_FEATURES.index(kind)
     choices = (observation["planner_candidates"][:, :, column] * observation["action_mask"]).argmax(axis=1)
     assert (observation["planner_candidates"][np.arange(len(choices)), choices, column] == 1).all()
     met, _ = model.choose(observation)
     slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
     nothing = torch.zeros(len(choices))
-    return met.situations, [imitation._Labels(slots, nothing, nothing)]
+    return met.situations, learner._Labels(slots, nothing, nothing)
 
 
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
 def test_choices_that_an_ablation_may_not_make_teach_it_nothing(
     kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(imitation, "_ENTROPY", 0.0)
+    monkeypatch.setattr(learner, "_ENTROPY", 0.0)
     games = make_games(tiny(), 0)
-    games.seed(0)
-    model = pupil(games, **dropped(tiny(without=("refuges",))))
-    before = {name: value.clone() for name, value in model.policy.state_dict().items()}
-    optimizer = torch.optim.Adam(model.policy.parameters(), lr=1e-3)
-    imitation._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
-    same = all(torch.equal(value, before[name]) for name, value in model.policy.state_dict().items())
+    model = pupil(**dropped(tiny(without=("refuges",))))
+    before = {name: value.clone() for name, value in model.network.state_dict().items()}
+    optimizer = torch.optim.Adam(model.network.parameters(), lr=1e-3)
+    learner._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
+    same = all(torch.equal(value, before[name]) for name, value in model.network.state_dict().items())
     assert same != learns
 
 
 def test_imitation_leaves_the_optimizer_of_ppo_fresh(tmp_path: Path) -> None:
     model, _ = taught(64)
-    assert model.policy.optimizer.state_dict()["state"] == {}
+    assert model.optimizer.state_dict()["state"] == {}

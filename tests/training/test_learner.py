@@ -1,8 +1,10 @@
-"""The learner learns what stock MaskablePPO learns from the same decisions, however it is shared out."""
+"""The learner learns what stock MaskablePPO learns from the same decisions, whatever the number of threads."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,44 +17,38 @@ import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.logger import Logger
+from tqdm import tqdm
 
+from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.training import learner
+from pacman_env.training.checkpoint import load_network, restore, save_checkpoint
 from pacman_env.training.games import TrainingGames, make_games
-from pacman_env.training.learner import Choices, Learner, Rollout, advantages, new_model
-from pacman_env.training.policy import EntityPolicy
+from pacman_env.training.learner import Choices, Learner, Rollout, advantages
+from pacman_env.training.network import Row
+from tests.training.stock import random_choices, stock_model
 from tests.training.test_arguments import tiny
 
-HYPER = tiny(games=6, n_steps=20, batch_size=50, segment=120, n_epochs=3, levels=4, width=16).hyper
+SMALL: dict[str, Any] = {"games": 6, "n_steps": 20, "batch_size": 50, "segment": 120, "n_epochs": 3, "levels": 4}
+HYPER = tiny(width=16, **SMALL).hyper
+NO_BAR = tqdm(disable=True)
 
 
 def games(threads: int = 1) -> TrainingGames:
-    arguments = tiny(games=6, n_steps=20, batch_size=50, segment=120, levels=4)
-    made = make_games(dataclasses.replace(arguments, threads=threads), 0)
-    made.seed(3)
-    return made
+    return make_games(dataclasses.replace(tiny(**SMALL), threads=threads), 0)
 
 
-def stock(env: TrainingGames, **sizes: Any) -> MaskablePPO:
-    same = {name: getattr(HYPER, name) for name in ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda")}
-    kwargs = {"width": HYPER.width, **sizes}
-    made = MaskablePPO(EntityPolicy, env, 3e-3, ent_coef=0.005, policy_kwargs=kwargs, device="cpu", seed=0, **same)
-    made.set_logger(Logger(None, []))
-    return made
-
-
-def same_rollout(ours: Learner, other: MaskablePPO) -> None:
-    """Give our learner what the other's buffer holds, in that order."""
+def rollout_of(other: MaskablePPO, network: Any) -> Rollout:
+    """The content of the other's buffer, as our learner has it."""
     buffer: Any = other.rollout_buffer
     rows = {key: torch.from_numpy(buffer.swap_and_flatten(array)) for key, array in buffer.observations.items()}
     flat = {
         name: torch.from_numpy(buffer.swap_and_flatten(getattr(buffer, name))[:, 0])
         for name in ("actions", "log_probs", "values", "advantages", "returns")
     }
-    network = ours.policy.network
     packed, order = network.pack(rows["planner_candidates"], rows["planner_globals"], rows["action_mask"] > 0.5)
     slots = (order == flat["actions"][:, None]).byte().argmax(dim=1)
     choices = Choices(packed, order, slots, flat["log_probs"], flat["values"])
-    ours.rollout_buffer = Rollout(choices, flat["advantages"], flat["returns"])
+    return Rollout(choices, flat["advantages"], flat["returns"])
 
 
 @pytest.mark.parametrize("sizes", [{}, {"dropped_kinds": (1,), "dropped_features": (4,)}])
@@ -62,76 +58,119 @@ def test_an_update_is_that_of_stable_baselines(
 ) -> None:
     """From the same rollout, with minibatches of the same rows and pieces that do not divide them."""
     monkeypatch.setattr(learner, "_PIECE", 17)
-    env = games()
-    other = stock(env, **sizes)
-    ours = new_model(HYPER, env, 1, **sizes)
-    ours.lr_schedule, ours.ent_coef, ours.threads = other.lr_schedule, other.ent_coef, threads
-    ours.policy.load_state_dict(other.policy.state_dict())
-    ours.set_logger(Logger(None, []))
+    hyper = dataclasses.replace(HYPER, learning_rate=(3e-3, 3e-3), ent_coef=(0.005, 0.005))
+    env = PacManBotVecEnv(6, map="generated", num_levels=4, observation="planner")
+    other = stock_model(env, hyper, **sizes)
+    ours = Learner(hyper, 1, threads=threads, **sizes)
+    ours.network.load_state_dict(other.policy.network.state_dict())
     _, callback = other._setup_learn(240, None)
     other.collect_rollouts(env, callback, other.rollout_buffer, HYPER.n_steps)
-    same_rollout(ours, other)
+    rollout = rollout_of(other, ours.network)
     orders = [np.random.default_rng(k).permutation(HYPER.rollout) for k in range(HYPER.n_epochs)]
     for module, kind in ((np.random, np.asarray), (torch, torch.from_numpy)):
         left = iter(orders)
         name = "permutation" if module is np.random else "randperm"
-        monkeypatch.setattr(module, name, lambda _, left=left, kind=kind: kind(next(left)))
-    before = {name: value.clone() for name, value in ours.policy.state_dict().items()}
+        monkeypatch.setattr(module, name, lambda _, left=left, kind=kind, generator=None: kind(next(left)))
+    before = copy.deepcopy(ours.network.state_dict())
     other.train()
-    ours.train()
+    ours.decisions = HYPER.rollout
+    ours.update(rollout)
     moved = 0.0
-    for name, value in ours.policy.state_dict().items():
-        if name == "network.judge.bias":  # one number on all logits changes no choice: its gradient is rounding alone
+    for name, value in ours.network.state_dict().items():
+        if name == "judge.bias":  # one number on all logits changes no choice: its gradient is rounding alone
             continue
-        torch.testing.assert_close(value, other.policy.state_dict()[name], atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(value, other.policy.network.state_dict()[name], atol=1e-5, rtol=1e-5)
         moved = max(moved, float((value - before[name]).abs().max()))
     assert moved > 1e-2
     for name in ("train/value_loss", "train/policy_gradient_loss", "train/entropy_loss", "train/clip_fraction"):
         assert ours.logger.name_to_value[name] == pytest.approx(other.logger.name_to_value[name], abs=1e-5, rel=1e-3)
 
 
-def rollout(threads: int, seed: int = 5) -> tuple[Learner, Rollout]:
-    env = games(threads)
-    model = new_model(HYPER, env, seed)
-    model.threads = threads
-    model.set_logger(Logger(None, []))
-    model.learn(HYPER.rollout)
+def learned(threads: int, monkeypatch: pytest.MonkeyPatch, **sizes: Any) -> tuple[Learner, Rollout]:
+    """One rollout and an update from it."""
+    kept: list[Rollout] = []
+    update = Learner.update
+    monkeypatch.setattr(Learner, "update", lambda self, rollout: (kept.append(rollout), update(self, rollout)))
+    env, model = games(threads), Learner(HYPER, 5, threads=threads, **sizes)
+    model.learn(env, HYPER.rollout, 3, NO_BAR)
     env.close()
-    return model, model.rollout_buffer
+    monkeypatch.undo()
+    return model, kept[0]
 
 
 @pytest.mark.parametrize("threads", [0, 2, 3])
-def test_threads_do_not_change_a_bit(threads: int) -> None:
-    (one, kept), (other, same) = rollout(1), rollout(threads)
+def test_threads_do_not_change_a_bit(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    (one, kept), (other, same) = learned(1, monkeypatch), learned(threads, monkeypatch)
     for a, b in zip(kept.choices.situations, same.choices.situations, strict=True):
         assert torch.equal(a, b)
     assert torch.equal(kept.returns, same.returns)
-    for name, value in one.policy.state_dict().items():
-        assert torch.equal(value, other.policy.state_dict()[name]), name
+    for name, value in one.network.state_dict().items():
+        assert torch.equal(value, other.network.state_dict()[name]), name
 
 
-def test_what_is_kept_of_a_rollout_is_what_was_met() -> None:
+def test_what_is_kept_of_a_rollout_is_what_was_met(monkeypatch: pytest.MonkeyPatch) -> None:
     """Situations as the games had them, choices that may be made, their log-probabilities and the values."""
-    model, (choices, gains, returns) = rollout(1)
-    fresh = new_model(HYPER, games(), 5)  # before the update
+    model, (choices, gains, returns) = learned(1, monkeypatch)
     situations = choices.situations
-    logits, values = fresh.policy.network.judge_packed(situations.of(slice(None)))
+    fresh = Learner(HYPER, 5)  # before the update
+    logits, values = fresh.network.judge_packed(situations.of(slice(None)))
     assert (choices.slots < situations.counts).all()
-    assert len(choices.slots) == HYPER.rollout == model.num_timesteps
+    assert len(choices.slots) == HYPER.rollout == model.decisions
     expected = logits.log_softmax(dim=1).gather(1, choices.slots[:, None])[:, 0]
     torch.testing.assert_close(choices.log_probs, expected, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(choices.values, values, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(returns, gains + values, atol=1e-5, rtol=1e-5)
 
 
+def test_one_update_changes_all_weights_and_nothing_that_is_no_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, _ = learned(1, monkeypatch, dropped_features=(4,))
+    before = Learner(HYPER, 5, dropped_features=(4,)).network.state_dict()
+    for name, value in model.network.state_dict().items():
+        assert torch.isfinite(value).all(), name
+        assert torch.equal(value, before[name]) == name.endswith("shown"), name
+
+
+@pytest.fixture(scope="module")
+def met() -> Observation:
+    """Observations of many games on their way."""
+    rng, env = np.random.default_rng(0), games()
+    seen = [env.reset(0)]
+    for _ in range(30):
+        seen.append(env.step(random_choices(seen[-1]["action_mask"], rng))[0])
+    return {key: np.concatenate([one[key] for one in seen]) for key in seen[0]}
+
+
+def test_masked_choices_are_never_taken(met: Observation) -> None:
+    """Neither drawn nor as the likeliest."""
+    model = Learner(HYPER, 0)
+    allowed = met["action_mask"] > 0.5
+    narrow = allowed & (np.cumsum(allowed, axis=1) == 2)  # the second of each
+    assert not allowed.all()
+    for _ in range(20):
+        for deterministic in (False, True):
+            _, chosen = model.choose(met, deterministic)
+            assert allowed[np.arange(len(allowed)), chosen].all()
+    _, chosen = model.choose({**met, "action_mask": narrow})
+    assert (chosen == narrow.argmax(axis=1)).all()
+
+
+def test_the_likeliest_choice_has_the_highest_logit(met: Observation) -> None:
+    model = Learner(HYPER, 0)
+    seen = {key: torch.tensor(array) for key, array in met.items()}
+    with torch.no_grad():
+        logits, values = model.network(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
+    choices, chosen = model.choose(met, deterministic=True)
+    assert (chosen == logits.argmax(dim=1).numpy()).all()
+    torch.testing.assert_close(choices.values, values)
+
+
 def test_choices_are_drawn_as_often_as_the_network_says() -> None:
-    env = games()
-    model = new_model(HYPER, env, 0)
-    observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in env.reset().items()}
-    model.policy.network.judge.weight.data.mul_(100.0)
+    model = Learner(HYPER, 0)
+    observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in games().reset(3).items()}
+    model.network.judge.weight.data.mul_(100.0)
     choices, actions = model.choose(observation)
     with torch.no_grad():
-        logits, _ = model.policy.network.judge_packed(choices.situations.of(slice(0, 1)))
+        logits, _ = model.network.judge_packed(choices.situations.of(slice(0, 1)))
     odds = np.zeros(observation["action_mask"].shape[1])
     order = choices.order[0, : logits.shape[1]].numpy()
     odds[order] = logits.softmax(dim=1)[0].numpy()
@@ -139,11 +178,58 @@ def test_choices_are_drawn_as_often_as_the_network_says() -> None:
     np.testing.assert_allclose(np.bincount(actions, minlength=len(odds)) / 20000, odds, atol=0.02)
 
 
+def test_a_network_that_has_diverged_is_an_error(met: Observation) -> None:
+    model = Learner(HYPER, 0)
+    with torch.no_grad():
+        model.network.judge.weight.fill_(torch.nan)
+    with pytest.raises(FloatingPointError, match="the training has diverged"):
+        model.choose(met)
+
+
+def test_it_saves_and_loads_and_learns_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = {"dropped_kinds": (1,), "dropped_features": (4, 5)}
+    model, _ = learned(1, monkeypatch, **sizes)
+    save_checkpoint(tmp_path / "run.zip", model.network, model.optimizer)
+    loaded = Learner(HYPER, 6, **sizes)
+    restore(tmp_path / "run.zip", loaded.network, loaded.optimizer)
+    loaded.decisions = model.decisions
+    for found in (loaded.network, load_network(tmp_path / "run.zip")):
+        assert found.dropped_kinds == (1,)
+        assert all(torch.equal(v, found.state_dict()[k]) for k, v in model.network.state_dict().items())
+    for one in (model, loaded):
+        torch.manual_seed(0)
+        one.learn(games(), HYPER.rollout, 4, NO_BAR)
+    assert torch.equal(loaded.network.judge.weight, model.network.judge.weight)
+    assert not torch.equal(load_network(tmp_path / "run.zip").judge.weight, model.network.judge.weight)
+
+
+def test_a_rollout_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Learner(HYPER, 0)
+    monkeypatch.setattr(Logger, "dump", lambda self, step=0: None)  # which would forget them
+    model.learn(games(), 20 * HYPER.rollout, 0, NO_BAR)
+    names = {"rollout/completed", "rollout/timed_out", "rollout/ep_rew_mean", "rollout/ep_len_mean", "time/fps"}
+    assert names <= set(model.logger.name_to_value)
+    assert 1 <= model.logger.name_to_value["rollout/ep_len_mean"] <= 20 * HYPER.n_steps
+
+
+def test_a_rollout_goes_on_from_the_observations_of_the_last() -> None:
+    model, env = Learner(HYPER, 0), games()
+    first = env.reset(0)
+    seen = [{key: array[rows] for key, array in first.items()} for rows in env.groups]
+    met = Row(HYPER.rollout)
+    model.collect(env, seen, met, NO_BAR)
+    after = {key: np.concatenate([part[key] for part in seen]) for key in first}
+    assert any((after[key] != first[key]).any() for key in first)
+    rollout, _ = model.collect(env, seen, met, NO_BAR)
+    counts = (after["action_mask"] > 0.5).sum(axis=1)
+    assert (rollout.choices.situations.counts[: len(counts)].numpy() == counts).all()
+
+
 def test_advantages_are_those_of_stable_baselines() -> None:
     rng = np.random.default_rng(0)
-    env = games()
+    space = PacManBotVecEnv(1, map="house").action_space
     rewards, values, dones = rng.normal(size=(9, 4)), rng.normal(size=(10, 4)), rng.random((9, 4)) < 0.3
-    buffer = RolloutBuffer(9, env.action_space, env.action_space, gamma=0.9, gae_lambda=0.8, n_envs=4)
+    buffer = RolloutBuffer(9, space, space, gamma=0.9, gae_lambda=0.8, n_envs=4)
     buffer.rewards, buffer.values = rewards, values[:9]
     buffer.episode_starts = np.vstack([np.zeros((1, 4)), dones[:-1]])
     buffer.compute_returns_and_advantage(torch.from_numpy(values[9]), dones[8])

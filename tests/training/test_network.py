@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
-from tests.training.planners import random_network
+from tests.training.planners import plain, random_network
 
 torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute
 Inputs = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
@@ -53,7 +54,7 @@ def test_candidates_in_another_order_get_the_same_logits_in_that_order(
     network = NETWORKS[VARIANTS.index(variant)]
     candidates, whole, mask = inputs(seed, *shape)
     order = np.random.default_rng(seed).permutation(shape[1])
-    for judge in (network.forward, network.packed):
+    for judge in (partial(plain, network), network):
         logits, values = judge(candidates, whole, mask)
         moved, same = judge(candidates[:, order], whole, mask[:, order])
         close(logits[:, order], moved)
@@ -69,7 +70,7 @@ def test_padded_slots_change_nothing(variant: dict[str, Any], seed: int, shape: 
     filling, _, _ = inputs(seed + 1, shape[0], more)
     longer = torch.cat([candidates, 100 * filling], dim=1)
     padded = torch.cat([mask, torch.zeros(filling.shape[:2], dtype=torch.bool)], dim=1)
-    for judge in (network.forward, network.packed):
+    for judge in (partial(plain, network), network):
         logits, values = judge(candidates, whole, mask)
         found, same = judge(longer, whole, padded)
         close(logits, found[:, : shape[1]])
@@ -79,18 +80,18 @@ def test_padded_slots_change_nothing(variant: dict[str, Any], seed: int, shape: 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("allowed", [0.0, 0.1, 0.6, 1.0])
-def test_forward_and_packed_are_one_function_with_one_gradient(variant: dict[str, Any], allowed: float) -> None:
+def test_the_network_is_its_plain_definition_with_the_same_gradient(variant: dict[str, Any], allowed: float) -> None:
     """Also where nothing may be chosen, in some games or in all."""
     network = random_network(**variant)
     batch = inputs(5, 20, 9, allowed)
     gradients = []
-    for judge in (network.forward, network.packed):
+    for judge in (partial(plain, network), network):
         logits, values = judge(*batch)
         network.zero_grad()
         (torch.where(logits > FORBIDDEN, logits, 0.0).square().sum() + values.square().sum()).backward()
         gradients.append([p.grad.clone() for p in network.parameters() if p.grad is not None])
         assert all(torch.isfinite(gradient).all() for gradient in gradients[-1])
-    expected, found = network.forward(*batch), network.packed(*batch)
+    expected, found = plain(network, *batch), network(*batch)
     assert ((expected[0] == FORBIDDEN) == (found[0] == FORBIDDEN)).all()
     close(expected[0], found[0])
     close(expected[1], found[1])
@@ -101,16 +102,16 @@ def test_forward_and_packed_are_one_function_with_one_gradient(variant: dict[str
 def test_a_game_is_judged_as_if_it_were_alone() -> None:
     network = random_network()
     batch = inputs(6, 12, 7)
-    logits, values = network.packed(*batch)
+    logits, values = network(*batch)
     for i in range(12):
-        alone, value = network.packed(*(tensor[i : i + 1] for tensor in batch))
+        alone, value = network(*(tensor[i : i + 1] for tensor in batch))
         close(alone[0], logits[i])
         close(value[0], values[i])
 
 
 def test_every_weight_gets_a_gradient() -> None:
     network = random_network()
-    logits, values = network.packed(*inputs(7, 64, 12))
+    logits, values = network(*inputs(7, 64, 12))
     (torch.where(logits > FORBIDDEN, logits, 0.0).square().sum() + values.square().sum()).backward()
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None, name
@@ -123,7 +124,7 @@ def test_dropped_features_are_not_seen() -> None:
     candidates, whole, mask = inputs(8, 10, 9)
     changed = candidates.clone()
     changed[:, :, [5, 8]] += 10.0
-    for judge in (network.forward, network.packed):
+    for judge in (partial(plain, network), network):
         for one, other in zip(judge(candidates, whole, mask), judge(changed, whole, mask), strict=True):
             assert torch.equal(one, other)
         assert not torch.equal(judge(candidates, whole, mask)[0], judge(candidates + 0.1, whole, mask)[0])
@@ -131,7 +132,7 @@ def test_dropped_features_are_not_seen() -> None:
 
 def test_dropped_kinds_are_never_chosen() -> None:
     candidates, whole, mask = inputs(9, 50, 9)
-    logits, _ = random_network(dropped_kinds=(1,)).packed(candidates, whole, mask)
+    logits, _ = random_network(dropped_kinds=(1,))(candidates, whole, mask)
     refuge = candidates[:, :, 1] > 0.5
     assert (refuge & mask).any()
     assert ((logits > FORBIDDEN) == (mask & ~refuge)).all()

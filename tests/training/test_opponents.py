@@ -21,8 +21,8 @@ from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.training.adversary import Table, completed_against, make_pool, robustness
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.opponents import Table, completed_against, make_pool, robustness
 from tests.training.planners import random_planner
 
 GAMES = 16

@@ -84,7 +84,7 @@ def test_a_trial_that_was_interrupted_goes_on(whole: Study, tmp_path: Path, monk
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(tune, "_judge", interrupt)
+        patch.setattr("optuna.trial.Trial.report", interrupt)
         with pytest.raises(KeyboardInterrupt):
             search(study)
     before = json.loads((study.out / "trial-0" / "run.json").read_text())["segments"]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,11 +28,7 @@ FREE_ABOVE = 250  # grey, Algorithm 1
 
 
 def read_pgm(path: Path) -> NDArray[np.uint8]:
-    """Grey (H, W) of a binary PGM with 8 bits.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """Grey (H, W) of a binary PGM with 8 bits."""
     data = path.read_bytes()
     header = re.match(rb"P5\s+(?:#.*\n\s*)*(\d+)\s+(\d+)\s+255\s", data)
     if header is None:
@@ -46,11 +41,7 @@ def read_pgm(path: Path) -> NDArray[np.uint8]:
 
 
 def objection(yaml_path: Path, places: NDArray[np.float64], radius_m: float) -> str:
-    """Why a disc of that radius cannot go from the first of the places (P, 2), m, to all others; "" if it can.
-
-    Raises:
-        ValueError: the files are not a map that is loaded as it is meant.
-    """
+    """Why a disc of that radius cannot go from the first of the places (P, 2), m, to all others; "" if it can."""
     keys: dict[str, Any] = yaml.safe_load(yaml_path.read_text())
     x0, y0, yaw = keys["origin"]
     resolution = keys["resolution"]
@@ -85,7 +76,6 @@ def judge(level: int, folder: Path) -> tuple[int, str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Judge; returns the exit status: 1 if a level is not playable."""
     parser = Parser(prog="pacman-env houses", description=__doc__)
     parser.add_argument("--levels", type=whole_number(1), default=200, help="half of them from the test split")
     parser.add_argument("--start", type=whole_number(0), default=0, help="the first, counted in either split")
@@ -105,7 +95,3 @@ def _report(arguments: argparse.Namespace) -> int:
                 print(f"level {level}: {reason}")
     print(f"{len(pellets)} levels, {min(pellets)} to {max(pellets)} pellets, {faults} not playable")
     return FAULT_STATUS if faults else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ GAMES = 25  # games of a batch; each drives to one goal after another
 GIVE_UP_S = 600.0
 
 #: Clyde neither moves, blocks nor catches; pellets are never picked up.
-NOBODY: dict[str, Any] = {
+ALONE: dict[str, Any] = {
     "clyde.speed_mps": 0.0,
     "nav2.clyde_keepout_m": 1e-6,
     "execution.death_radius_m": 1e-6,
@@ -42,7 +41,7 @@ class Trials:
     """Results of G goals on one map."""
 
     map: str
-    status: NDArray[np.int64]  # (G,) action_msgs/GoalStatus
+    status: NDArray[np.float64]  # (G,) action_msgs/GoalStatus
     path_m: NDArray[np.float64]  # (G,) path length at the start
     time_s: NDArray[np.float64]  # (G,)
     error_m: NDArray[np.float64]  # (G,) distance to the goal at the end
@@ -50,7 +49,7 @@ class Trials:
 
 
 def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
-    """The same map with drivable cells as its goals (-1: one that cannot be reached); its pellets play no part."""
+    """The same map with drivable cells as its refuges (-1: one that cannot be reached)."""
     goal_cell = np.concatenate([assets.goal_cell[: assets.pellets], cells]).astype(np.int32)
     goal_xy = np.concatenate([assets.goal_xy[: assets.pellets], assets.cell_xy[cells].astype(np.float64)])
     fields: dict[str, Any] = path_fields(assets.grid, goal_cell)
@@ -60,21 +59,17 @@ def with_goals(assets: MapAssets, cells: NDArray[np.int64]) -> MapAssets:
 def drive_to_random_goals(source: str, goals: int, seed: int, preset: str = "ideal") -> Trials:
     """Drive to ``goals`` random drivable cells, each game from where its last goal was."""
     assets = map_assets(source, make_config(preset))
-    config = make_config(preset, **NOBODY)
-    rng = np.random.default_rng(seed)
-    cells = rng.choice(len(assets.cell_xy), size=goals)
+    cells = np.random.default_rng(seed).choice(len(assets.cell_xy), size=goals)
     games = min(GAMES, goals)
     legs = np.array_split(np.arange(goals), games)
-    batch = GameBatch(with_goals(assets, cells), config, games)
+    batch = GameBatch(with_goals(assets, cells), make_config(preset, **ALONE), games)
     batch.reset(np.arange(games), np.arange(games, dtype=np.uint64))
     deepest = watch_contacts(batch)
-    status = np.zeros(goals, dtype=np.int64)
-    path_m, time_s, error_m = np.zeros(goals), np.zeros(goals), np.zeros(goals)
+    results = np.zeros((goals, 4))
     for leg in range(max(len(part) for part in legs)):
         trial = np.array([part[leg] if leg < len(part) else -1 for part in legs])
-        outcome = drive_leg(batch, trial)
-        for i in np.flatnonzero(trial >= 0):
-            status[trial[i]], path_m[trial[i]], time_s[trial[i]], error_m[trial[i]] = outcome[i]
+        results[trial[trial >= 0]] = drive_leg(batch, trial)[trial >= 0]
+    status, path_m, time_s, error_m = results.T
     return Trials(assets.occupancy.name, status, path_m, time_s, error_m, deepest[0])
 
 
@@ -89,48 +84,42 @@ def watch_contacts(batch: GameBatch) -> list[float]:
     return deepest
 
 
-def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> list[tuple[int, float, float, float]]:
-    """Drive each game to a refuge (-1: none): status, path length, time, distance to the goal at the end.
+def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Drive each game to a refuge (-1: none): (N, 4) status, path length, time, distance to the goal at the end.
 
-    A robot within the goal's tolerance of its refuge is there: the rules send no such goal.
+    A robot that is within the goal's tolerance of its refuge has arrived: the rules send no such goal.
     """
     candidate = np.where(refuge >= 0, batch.pellet_slots + refuge, batch.hold)
-    start = batch.situation()
-    rows = np.arange(batch.n)
-    path = start.path_robot[rows, candidate]
+    start, rows, step_s = batch.situation(), np.arange(batch.n), batch.config.physics_step_s
     began = batch.games["step"].copy()
-    outcome: list[tuple[int, float, float, float]] = [(NO_RESULT, float(path[i]), 0.0, 0.0) for i in rows]
-    waiting = refuge >= 0
-    for i in np.flatnonzero(waiting):
-        distance = float(np.hypot(*(start.robot[i, :2] - start.position[i, candidate[i]])))
-        if distance <= batch.config.nav2.goal_tolerance_m:
-            outcome[i] = (SUCCEEDED, float(path[i]), 0.0, distance)
-            waiting[i] = False
-    while waiting.any() and (batch.games["step"] - began).max() * batch.config.physics_step_s < GIVE_UP_S:
+    results = np.zeros((batch.n, 4))
+    results[:, 0], results[:, 1] = NO_RESULT, start.path_robot[rows, candidate]
+    distance = np.hypot(*(start.robot[:, :2] - start.position[rows, candidate]).T)
+    arrived = (refuge >= 0) & (distance <= batch.config.nav2.goal_tolerance_m)
+    results[arrived, 0], results[arrived, 3] = SUCCEEDED, distance[arrived]
+    waiting = (refuge >= 0) & ~arrived
+    while waiting.any() and (batch.games["step"] - began).max() * step_s < GIVE_UP_S:
         batch.step(np.where(waiting, candidate, batch.hold))
-        for i in np.flatnonzero(waiting):
-            game = batch.games[i]
-            if game["nav_last"] in (SUCCEEDED, ABORTED) and game["nav_last_step"] > began[i]:
-                goal = batch.assets.goal_xy[batch.assets.pellets + refuge[i]]
-                distance = float(np.hypot(game["x"] - goal[0], game["y"] - goal[1]))
-                elapsed = float(game["nav_last_step"] - began[i]) * batch.config.physics_step_s
-                outcome[i] = (int(game["nav_last"]), float(path[i]), elapsed, distance)
-                waiting[i] = False
-    return outcome
+        games = batch.games
+        ended = waiting & np.isin(games["nav_last"], (SUCCEEDED, ABORTED)) & (games["nav_last_step"] > began)
+        goal = batch.assets.goal_xy[batch.assets.pellets + refuge[ended]]
+        results[ended, 0] = games["nav_last"][ended]
+        results[ended, 2] = (games["nav_last_step"] - began)[ended] * step_s
+        results[ended, 3] = np.hypot(games["x"][ended] - goal[:, 0], games["y"][ended] - goal[:, 1])
+        waiting &= ~ended
+    return results
 
 
 def unreachable_goal_status(source: str, seed: int, preset: str = "ideal") -> int:
     """Status of a goal that no cell of the robot's area is near to."""
     assets = map_assets(source, make_config(preset))
-    batch = GameBatch(with_goals(assets, np.array([-1])), make_config(preset, **NOBODY), 1)
+    batch = GameBatch(with_goals(assets, np.array([-1])), make_config(preset, **ALONE), 1)
     batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
-    return drive_leg(batch, np.zeros(1, dtype=np.int64))[0][0]
+    return int(drive_leg(batch, np.zeros(1, dtype=np.int64))[0, 0])
 
 
 def summary(trials: list[Trials], speed_mps: float) -> dict[str, float | int]:
-    status = np.concatenate([t.status for t in trials])
-    path = np.concatenate([t.path_m for t in trials])
-    time = np.concatenate([t.time_s for t in trials])
+    status, path, time = (np.concatenate([getattr(t, name) for t in trials]) for name in ("status", "path_m", "time_s"))
     won = status == SUCCEEDED
     allowed = 1.2 * path[won] / speed_mps + 2.0
     return {
@@ -178,7 +167,3 @@ def _report(arguments: argparse.Namespace) -> None:
         print(f"{name}: {value:.4g}")
     if target is not None:
         write_json(target, total)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""The simulator beside the ten real trials, and how much each cause takes: ``pacman-env validation``.
+"""The simulator beside the ten real trials, and what each cause costs: ``pacman-env validation``.
 
 The reference is the original as it was: deployed scorer, executor as built, measured speed, AMCL's latched pose, Clyde
 spawning anywhere. Every other row changes one cause and nothing else, in the same rounds.
@@ -7,7 +7,6 @@ spawning anywhere. Every other row changes one cause and nothing else, in the sa
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.episodes.statistics import wilson
 from pacman_env.evaluation.compare.rows import Row, make_row
+from pacman_env.evaluation.compare.table import with_interval
 from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.files import prepare, replaced
 from pacman_env.sim.maps.assets import map_assets
@@ -31,8 +31,6 @@ _PREEMPT = {"execution.on_abort": "back_off", "execution.switch": "preempt"}
 
 @dataclass(frozen=True)
 class Variant:
-    """One row: what differs from the original."""
-
     cause: str
     name: str
     policy: str = "clyde_aware"
@@ -62,7 +60,6 @@ VARIANTS = (
 
 
 def run(source: str, episodes: int, seed: int, workers: int) -> list[tuple[Variant, Row]]:
-    """Play every variant; the paired difference is to the first one."""
     seeds = episode_seeds(seed, episodes)
     blocks = [
         Block(source, make_config("robot", "as_built", **{**_ORIGINAL_SPAWN, **(v.changes or {})}), v.policy, seeds)
@@ -70,42 +67,27 @@ def run(source: str, episodes: int, seed: int, workers: int) -> list[tuple[Varia
     ]
     name = map_assets(source, blocks[0].config).occupancy.name
     played = play_all(blocks, workers)
-    reference = played[0][0]
     return [
-        (
-            variant,
-            make_row(
-                map_name=name,
-                policy=variant.policy,
-                clyde_speed=block.config.clyde.speed_mps,
-                records=records,
-                decision_ms=decision_ms,
-                first=None if variant is VARIANTS[0] else reference,
-            ),
-        )
-        for variant, block, (records, decision_ms) in zip(VARIANTS, blocks, played, strict=True)
+        (variant, make_row(name, block.policy, block.config, result, None if result is played[0] else played[0][0]))
+        for variant, block, result in zip(VARIANTS, blocks, played, strict=True)
     ]
 
 
 def table(results: list[tuple[Variant, Row]]) -> str:
-    def percent(rate: float, interval: list[float]) -> str:
-        return f"{100 * rate:.1f} [{100 * interval[0]:.1f}, {100 * interval[1]:.1f}]"
-
     lines = [
         "| cause | what differs | complete, % | all but one, % | pellets | difference, points |",
         "|---|---|---|---|---|---|",
     ]
-    real = [wilson(count, TRIALS) for count in (TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE)]
-    lines.append(
-        f"| real robot | ten trials | {percent(TRIALS_COMPLETE / TRIALS, list(real[0]))}"
-        f" | {percent(TRIALS_ALL_BUT_ONE / TRIALS, list(real[1]))} | | |"
+    complete, all_but_one = (
+        with_interval(count / TRIALS, wilson(count, TRIALS)) for count in (TRIALS_COMPLETE, TRIALS_ALL_BUT_ONE)
     )
+    lines.append(f"| real robot | ten trials | {complete} | {all_but_one} | | |")
     for variant, row in results:
-        low, high = row["paired_ci"]
-        difference = f"{100 * row['paired_difference']:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
+        complete = with_interval(row["completion_rate"], row["completion_ci"])
+        all_but_one = with_interval(row["all_but_one_rate"], row["all_but_one_ci"])
+        difference = with_interval(row["paired_difference"], row["paired_ci"], "+")
         lines.append(
-            f"| {variant.cause} | {variant.name} | {percent(row['completion_rate'], row['completion_ci'])}"
-            f" | {percent(row['all_but_one_rate'], row['all_but_one_ci'])} | {row['pellets_mean']:.2f}"
+            f"| {variant.cause} | {variant.name} | {complete} | {all_but_one} | {row['pellets_mean']:.2f}"
             f" | {'' if variant is VARIANTS[0] else difference} |"
         )
     return "\n".join(lines)
@@ -128,7 +110,3 @@ def _report(arguments: argparse.Namespace) -> None:
     if target is not None:
         with replaced(target) as temporary:
             temporary.write_text(text + "\n")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Policies compared on the same rounds: ``pacman-env compare``. Arguments, order of work, result files.
+"""Policies compared on the same rounds: ``pacman-env compare``.
 
 Rounds are played by ``workers``, counted in ``rows``, shown by ``table``, ``plot`` and ``evaluation.replay``.
 """
@@ -13,32 +13,22 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.arguments import add_game_arguments, game_configs
-from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
-from pacman_env.evaluation.compare.rows import Row, make_row
-from pacman_env.evaluation.compare.scenarios import (
-    Scenario,
-    describe_scenario,
-    named_scenarios,
-    open_scenario,
-    scenarios,
-)
+from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.rows import make_row
 from pacman_env.evaluation.compare.table import render
-from pacman_env.evaluation.compare.workers import Block, Played, play_all
+from pacman_env.evaluation.compare.workers import Block, play_all
 from pacman_env.files import prepare, replaced
 
 SCHEMA = 2
 _VIDEO_SUFFIXES = (".mp4", ".gif")
+#: In JSON: a list of plain values, which gets a line of its own, and a break in it; strings have no line breaks.
+_LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
 
 
-def _parser() -> argparse.ArgumentParser:
+def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="pacman-env compare",
         description="Let policies play the same rounds and compare them. Decision times are those of the"
@@ -47,8 +37,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
-    add_policy_arguments(parser, policies, "the first is what the others are compared with")
-    add_game_arguments(parser, several=True)
+    scenarios.add_policy_arguments(parser, policies, "the first is what the others are compared with")
+    scenarios.add_game_arguments(parser, several=True)
     rounds = whole_number(1)
     add("--episodes", type=rounds, default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
@@ -57,11 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--json", type=Path, metavar="OUT", help="write the numbers")
     add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
     add("--video", type=Path, metavar="OUT", help="film (.mp4, .gif) of the first map's first round")
-    return parser
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    return run_command(_parser(), argv, _compare)
+    return run_command(parser, argv, _compare)
 
 
 def _compare(arguments: argparse.Namespace) -> None:
@@ -69,34 +55,54 @@ def _compare(arguments: argparse.Namespace) -> None:
 
     from pacman_env.evaluation.compare.plot import save_plot
 
-    configs = game_configs(arguments)
-    policies = named_policies(arguments.policies)
-    maps = named_scenarios(scenarios(arguments), configs[:1])
+    configs = scenarios.game_configs(arguments)
+    config = configs[0]
+    policies = scenarios.named_policies(arguments.policies)
+    maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
-    blocks = [
-        Block(scenario, config, policy, seeds, arguments.threads)
-        for scenario, config, policy in itertools.product(maps.values(), configs, policies)
-    ]
-    unit = "game" if configs[0].endless else "episode"
+    work = list(itertools.product(maps.items(), configs, policies.items()))
+    blocks = [Block(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
+    unit = "game" if config.endless else "episode"
     with tqdm(total=len(blocks) * len(seeds), unit=unit, mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(blocks, arguments.workers, bar.update)
-    rows = _rows(blocks, played, {scenario: name for name, scenario in maps.items()}, policies)
+    rows = []
+    for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
+        first = k - k % len(policies)  # the first policy in the same rounds
+        rows.append(make_row(place, policy, one, result, played[first][0] if k != first else None))
     settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     settings = ", ".join([settings, *arguments.set])
     print(f"{settings}\n\n{render(rows)}")
     if json_path is not None:
-        _write_json(json_path, rows, maps, policies, seeds, configs[0], arguments)
-    rounds = "endless games" if configs[0].endless else "rounds"
+        content = {  # all that is needed to get the rows again
+            "schema": SCHEMA,
+            "version": __version__,
+            "kind": "endless" if config.endless else "round",
+            "seed": arguments.seed,
+            "seeds": [str(seed) for seed in seeds.tolist()],
+            "preset": arguments.preset,
+            "execution": arguments.execution,
+            "maps": [scenarios.describe_scenario(name, scenario, config) for name, scenario in maps.items()],
+            "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
+            "arguments": vars(arguments),
+            "config": config.as_dict(),
+            "rows": rows,
+        }
+        text = json.dumps(content, indent=2, default=str, allow_nan=False)
+        with replaced(json_path) as temporary:
+            temporary.write_text(_LIST.sub(lambda found: f"[{_BREAK.sub(' ', found[1])}]", text) + "\n")
+    rounds = "endless games" if config.endless else "rounds"
     save_plot(rows, plot_path, f"Same {len(seeds)} {rounds} for every policy  ({settings})")
     if video_path is not None:
-        _film(video_path, next(iter(maps.values())), configs[0], policies, seeds[0])
+        from pacman_env.evaluation.replay import film_games, record_games
+
+        height = 720 if len(policies) == 1 and video_path.suffix == ".mp4" else 480  # GIFs grow large
+        film_games(record_games(next(iter(maps.values())), config, policies, seeds[0]), video_path, height)
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
 
 
 def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | None]:
-    """Paths of JSON, plot and video, all known to be writable before the work begins."""
     plot = arguments.plot
     if plot is None:
         plot = arguments.json.with_suffix(".png") if arguments.json else Path("results/compare.png")
@@ -108,80 +114,6 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
     if arguments.json == plot:
         raise ValueError(f"--json {plot}: is the plot's file too")
     return arguments.json and prepare(arguments.json), prepare(plot), video and prepare(video)
-
-
-def _rows(
-    blocks: Sequence[Block], played: Sequence[Played], map_names: dict[Scenario, str], names: dict[str, str]
-) -> list[Row]:
-    rows = []
-    first: dict[tuple[Scenario, float], NDArray] = {}
-    for block, (records, decision_ms) in zip(blocks, played, strict=True):
-        speed = block.config.clyde.speed_mps
-        reference = first.get((block.scenario, speed))
-        first.setdefault((block.scenario, speed), records)
-        rows.append(
-            make_row(
-                map_name=map_names[block.scenario],
-                policy=names[block.policy],
-                clyde_speed=speed,
-                records=records,
-                decision_ms=decision_ms,
-                first=reference,
-                endless=block.config.endless,
-            )
-        )
-    return rows
-
-
-def _write_json(
-    path: Path,
-    rows: list[Row],
-    maps: dict[str, Scenario],
-    policies: dict[str, str],
-    seeds: NDArray[np.uint64],
-    config: Config,
-    arguments: argparse.Namespace,
-) -> None:
-    """Write the rows and all that is needed to get them again.
-
-    ``config`` is that of the first of Clyde's speeds; each row has its own.
-    """
-    result = {
-        "schema": SCHEMA,
-        "version": __version__,
-        "kind": "endless" if config.endless else "round",
-        "seed": arguments.seed,
-        "seeds": [str(seed) for seed in seeds.tolist()],
-        "preset": arguments.preset,
-        "execution": arguments.execution,
-        "maps": [describe_scenario(name, scenario, config) for name, scenario in maps.items()],
-        "policies": [{"name": name, "spec": spec} for spec, name in policies.items()],
-        "arguments": vars(arguments),
-        "config": config.as_dict(),
-        "rows": rows,
-    }
-    text = json.dumps(result, indent=2, default=str, allow_nan=False)
-    with replaced(path) as temporary:
-        temporary.write_text(_lists_in_lines(text) + "\n")
-
-
-def _lists_in_lines(text: str) -> str:
-    """JSON with lists of plain values on a line each; within strings there are no line breaks."""
-
-    def joined(match: re.Match[str]) -> str:
-        items = re.sub(r"\n\s+", " ", match[1])
-        return f"[{items}]"
-
-    return re.sub(r"\[\n\s+([^][{}]*?)\n\s+\]", joined, text)
-
-
-def _film(path: Path, scenario: Scenario, config: Config, policies: dict[str, str], seed: np.uint64) -> None:
-    from pacman_env.evaluation.replay.recording import RecordedGame, film, save_video
-
-    height = 720 if len(policies) == 1 and path.suffix == ".mp4" else 480  # GIFs grow large
-    source = open_scenario(scenario, config)
-    games = [RecordedGame(source, config, spec, seed, name) for spec, name in policies.items()]
-    save_video(film(games, height), path, config.execution.tick_s)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from pacman_env.evaluation.compare.rows import Row
 from pacman_env.evaluation.compare.table import group_title, groups, short_name
@@ -26,36 +26,35 @@ _ROOM_FOR_TEXT = 0.08  # narrower parts of a bar carry no number
 
 
 def save_plot(rows: Sequence[Row], path: Path, title: str) -> None:
-    """Write a PNG with one band per map and speed; all rows are of one kind.
-
-    Rates on the left, ends of the rounds on the right; of endless games means on the left, all games on the right.
-    """
     bands = groups(rows)
     endless = rows[0]["kind"] == "endless"
     heights = [0.75 + 0.55 * len(band) for band in bands]
     figure = Figure(figsize=(12.5, sum(heights) + 1.7), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(bands), 2, squeeze=False, height_ratios=heights, sharex="col" if endless else False)
+    grid = figure.subplots(len(bands), 2, squeeze=False, height_ratios=heights, sharex="col" if endless else False)
     figure.suptitle(title, fontsize=13)
-    for (left, right), band in zip(axes, bands, strict=True):
-        (_means if endless else _rates)(left, band)
-        (_games if endless else _ends)(right, band)
+    for (left, right), band in zip(grid, bands, strict=True):
+        for axes, draw in ((left, _means if endless else _rates), (right, _games if endless else _ends)):
+            draw(axes, band, np.arange(len(band)))
+            axes.set_yticks(range(len(band)), [short_name(row["policy"]) for row in band])
+            axes.set_ylim(len(band) - 0.45, -0.55)  # the first policy on top
+            axes.grid(axis="x", color="0.88")
+            axes.set_axisbelow(True)
+            axes.spines[["top", "right"]].set_visible(False)
         left.set_title(group_title(band[0]), loc="left", fontsize=11, fontweight="bold")
         right.set_yticklabels([])
         right.set_title("every game" if endless else "how the rounds ended", loc="right", fontsize=11)
     labels = ("pellets per game, mean", "pellets per game") if endless else ("share of episodes, %",) * 2
-    axes[-1, 0].set_xlabel(f"{labels[0]}  (whiskers: 95 % interval)")
-    axes[-1, 1].set_xlabel(labels[1])
+    grid[-1, 0].set_xlabel(f"{labels[0]}  (whiskers: 95 % interval)")
+    grid[-1, 1].set_xlabel(labels[1])
     for column, side in enumerate(("left", "right")):
-        handles, names = axes[0, column].get_legend_handles_labels()
+        handles, names = grid[0, column].get_legend_handles_labels()
         if handles:
             figure.legend(handles, names, loc=f"outside lower {side}", ncols=len(names), frameon=False)
     with replaced(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
-def _means(axes: Any, band: Sequence[Row]) -> None:
-    y = np.arange(len(band))
+def _means(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
     mean = np.array([row["pellets_mean"] for row in band])
     whiskers = np.abs(np.array([row["pellets_ci"] for row in band]).T - mean)
     axes.barh(y, mean, 0.6, color=_COMPLETE)
@@ -63,13 +62,11 @@ def _means(axes: Any, band: Sequence[Row]) -> None:
     for position, row in zip(y, band, strict=True):
         text = f"  {row['pellets_mean']:.1f}, {row['rounds_mean']:.1f} rounds"
         axes.text(row["pellets_ci"][1], position, text, va="center", fontsize=9)
-    _bars_per_policy(axes, band)
     axes.margins(x=0.35)  # room for the text behind the longest bar
     axes.set_xlim(left=0)
 
 
-def _games(axes: Any, band: Sequence[Row]) -> None:
-    y = np.arange(len(band))
+def _games(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
     axes.boxplot(
         [row["outcomes"]["collected"] for row in band],
         orientation="horizontal",
@@ -78,12 +75,10 @@ def _games(axes: Any, band: Sequence[Row]) -> None:
         medianprops={"color": _COMPLETE, "lw": 2.0},
         flierprops={"marker": ".", "markersize": 4, "markerfacecolor": "0.4", "markeredgecolor": "none"},
     )
-    _bars_per_policy(axes, band)
     axes.set_xlim(left=0)
 
 
-def _rates(axes: Any, band: Sequence[Row]) -> None:
-    y = np.arange(len(band))
+def _rates(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
     for offset, key, label, colour in (
         (-0.2, "completion", "every pellet collected", _COMPLETE),
         (0.2, "all_but_one", "all, or all but one", _ALL_BUT_ONE),
@@ -95,31 +90,19 @@ def _rates(axes: Any, band: Sequence[Row]) -> None:
         axes.errorbar(100 * rate, y + offset, xerr=whiskers, fmt="none", ecolor="0.2", capsize=3, lw=1.2)
         for position, value, high in zip(y + offset, rate, interval[:, 1], strict=True):
             axes.text(100 * high + 1.5, position, f"{100 * value:.1f} %", va="center", fontsize=9)
-    _bars_per_policy(axes, band)
     axes.set_xlim(0, 114)  # room for the number behind a full bar
     axes.set_xticks(range(0, 101, 20))
 
 
-def _ends(axes: Any, band: Sequence[Row]) -> None:
-    y = np.arange(len(band))
+def _ends(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
     start = np.zeros(len(band))
     for key, label, colour in _ENDS:
         share = np.array([row[key] for row in band])
         axes.barh(y, 100 * share, 0.6, left=100 * start, color=colour, label=label, edgecolor="white", lw=0.8)
-        dark = colour in ("#0072B2", "#D55E00")
+        text_colour = "white" if colour in ("#0072B2", "#D55E00") else "black"
         for position, value, left in zip(y, share, start, strict=True):
             if value >= _ROOM_FOR_TEXT:
                 centre = 100 * (left + value / 2)
-                colour_of_text = "white" if dark else "black"
-                axes.text(centre, position, f"{100 * value:.1f}", va="center", ha="center", color=colour_of_text)
+                axes.text(centre, position, f"{100 * value:.1f}", va="center", ha="center", color=text_colour)
         start += share
-    _bars_per_policy(axes, band)
     axes.set_xlim(0, 100)
-
-
-def _bars_per_policy(axes: Any, band: Sequence[Row]) -> None:
-    axes.set_yticks(range(len(band)), [short_name(row["policy"]) for row in band])
-    axes.set_ylim(len(band) - 0.45, -0.55)  # the first policy on top
-    axes.grid(axis="x", color="0.88")
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)

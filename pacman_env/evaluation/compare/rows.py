@@ -14,7 +14,7 @@ Every row holds ``map``, ``policy``, ``clyde_speed`` (m/s), ``kind``, ``episodes
 on), ``pellets`` and ``pellets_least`` (most and least of a round); rates 0..1 with 95 % Wilson intervals
 [low, high]: ``death_rate``/``_ci``, ``timeout_rate``, ``cleared_rate`` (no pellet left, some lost); means per episode:
 ``pellets_mean``, ``time_mean_s``; times of one decision of the policy alone, ``decision_ms_p50`` and ``_p99``, and
-``decision_ms`` with more percentiles, over ``decisions_timed`` samples; and what comes of the rounds, one after the
+``decision_ms`` with more percentiles, over ``decisions_timed`` samples; and the results of the rounds, one after the
 other as the seeds: ``outcomes`` with ``end`` (a letter each, ``ENDS``: C complete, L cleared but some lost, D caught,
 T time-out), ``collected``, ``time_s`` and, on several levels, ``level``.
 
@@ -32,7 +32,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.config import Config
 from pacman_env.episodes.statistics import bootstrapped_mean, paired_difference, wilson
+from pacman_env.evaluation.compare.workers import Played
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 Row = dict[str, Any]
@@ -40,48 +42,28 @@ ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
 
 
-def make_row(
-    *,
-    map_name: str,
-    policy: str,
-    clyde_speed: float,
-    records: NDArray,
-    decision_ms: NDArray[np.float64],
-    first: NDArray | None = None,
-    endless: bool = False,
-) -> Row:
-    """The row of one policy; rates are 0..1, intervals [low, high] at 95 %.
-
-    Args:
-        map_name: the map.
-        policy: the policy as named in results.
-        clyde_speed: m/s.
-        records: (E,) of type ``pacman_env.episodes.rollout.EPISODE``.
-        decision_ms: (T,) times of single decisions.
-        first: (E,) records of the policy to compare with, in the same seeds; None: this is that policy.
-        endless: the records are of endless games.
-
-    Raises:
-        ValueError: the two policies were not given the same seeds.
-    """
+def make_row(map_name: str, policy: str, config: Config, played: Played, first: NDArray | None = None) -> Row:
+    """The row of one policy; ``first`` are the records of the policy to compare with, None if this is that policy."""
+    records, decision_ms = played
     if first is not None and not np.array_equal(first["seed"], records["seed"]):
         raise ValueError(f"{policy} on {map_name}: not the seeds of the policy it is compared with")
-    about = {"map": map_name, "policy": policy, "clyde_speed": clyde_speed, "kind": "endless" if endless else "round"}
-    own = _of_games(records, first) if endless else _of_rounds(records, first)
-    return about | _common(records) | own | _decisions(decision_ms) | {"outcomes": _outcomes(records, endless)}
+    kind, own = ("endless", _of_games) if config.endless else ("round", _of_rounds)
+    about = {"map": map_name, "policy": policy, "clyde_speed": config.clyde.speed_mps, "kind": kind}
+    return about | _common(records) | own(records, first) | _decisions(decision_ms) | _outcomes(records, config.endless)
+
+
+def _rate(name: str, which: NDArray[np.bool_]) -> Row:
+    return {f"{name}_rate": float(which.mean()), f"{name}_ci": list(wilson(int(which.sum()), len(which)))}
 
 
 def _common(records: NDArray) -> Row:
-    episodes = len(records)
-    dead = records["end"] == DEAD
     return {
-        "episodes": episodes,
+        "episodes": len(records),
         "levels": len(np.unique(records["level"])),
         "pellets": int(records["spawned"].max()),
         "pellets_least": int(records["spawned"].min()),
         "pellets_mean": float(records["collected"].mean()),
-        "death_rate": float(dead.mean()),
-        "death_ci": list(wilson(int(dead.sum()), episodes)),
+        **_rate("death", records["end"] == DEAD),
         "timeout_rate": float((records["end"] == TIMEOUT).mean()),
         "cleared_rate": float((records["end"] == CLEARED).mean()),
         "time_mean_s": float(records["time_s"].mean()),
@@ -89,17 +71,13 @@ def _common(records: NDArray) -> Row:
 
 
 def _of_rounds(records: NDArray, first: NDArray | None) -> Row:
-    episodes = len(records)
     complete = records["end"] == COMPLETE
-    all_but_one = records["collected"] >= records["spawned"] - 1
     difference, interval = 0.0, (0.0, 0.0)
     if first is not None:
         difference, interval = paired_difference(complete, first["end"] == COMPLETE)
     return {
-        "completion_rate": float(complete.mean()),
-        "completion_ci": list(wilson(int(complete.sum()), episodes)),
-        "all_but_one_rate": float(all_but_one.mean()),
-        "all_but_one_ci": list(wilson(int(all_but_one.sum()), episodes)),
+        **_rate("completion", complete),
+        **_rate("all_but_one", records["collected"] >= records["spawned"] - 1),
         "lost_mean": float(records["lost"].mean()),
         "aborts_mean": float(records["aborts"].mean()),
         "win_time_mean_s": float(records["time_s"][complete].mean()) if complete.any() else None,
@@ -124,22 +102,18 @@ def _of_games(records: NDArray, first: NDArray | None) -> Row:
 
 
 def _rng() -> np.random.Generator:
-    """The same draws for each interval: rows differ by what was played alone."""
+    """The same draws for each interval: rows differ only by what was played."""
     return np.random.default_rng(0)
 
 
 def _decisions(decision_ms: NDArray[np.float64]) -> Row:
     percentiles = np.percentile(decision_ms, _PERCENTILES).tolist()
     by_name = {f"p{p:g}": value for p, value in zip(_PERCENTILES, percentiles, strict=True)}
-    return {
-        "decision_ms_p50": by_name["p50"],
-        "decision_ms_p99": by_name["p99"],
-        "decision_ms": by_name,
-        "decisions_timed": len(decision_ms),
-    }
+    times = {"decision_ms_p50": by_name["p50"], "decision_ms_p99": by_name["p99"], "decision_ms": by_name}
+    return times | {"decisions_timed": len(decision_ms)}
 
 
-def _outcomes(records: NDArray, endless: bool) -> dict[str, Any]:
+def _outcomes(records: NDArray, endless: bool) -> Row:
     outcomes: dict[str, Any] = {
         "end": "".join(ENDS[end] for end in records["end"].tolist()),
         "collected": records["collected"].tolist(),
@@ -149,4 +123,4 @@ def _outcomes(records: NDArray, endless: bool) -> dict[str, Any]:
         outcomes["level"] = records["level"].tolist()
     if endless:
         outcomes["rounds"] = records["rounds"].tolist()
-    return outcomes
+    return {"outcomes": outcomes}

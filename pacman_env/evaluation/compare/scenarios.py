@@ -1,6 +1,8 @@
-"""Scenarios as plain data that travels to other processes: a map by name or file, or generated levels.
+"""What evaluation commands play, from their arguments: policies, scenarios (a map, or generated levels),
+configurations.
 
-A process keeps the levels that it has prepared last, for policies and speeds play the same ones one after the other.
+Scenarios are plain data that goes to other processes. A process keeps the levels that it has prepared last, because
+policies and speeds play the same ones one after the other.
 """
 
 from __future__ import annotations
@@ -10,17 +12,23 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config
-from pacman_env.evaluation.compare.arguments import LEVELS_PLAYED
+from pacman_env.cli.command import finite_number, whole_number
+from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
+from pacman_env.policies.base import Policy
+from pacman_env.policies.registry import make_policy, policy_names
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.generated import GeneratedMaps, prepare_level
+from pacman_env.sim.maps.generated import TEST_LEVEL, GeneratedMaps, prepare_level
 from pacman_env.sim.maps.level_source import FixedMap, LevelSource
 
+LEVELS_PLAYED = 200  # of a split by default
+_POLICY_FILES = (".onnx", ".zip")
 _KEPT_LEVELS = 100  # about 4 MB each
 _LEVELS_PER_PART = 80  # on average: parts have the same number of rounds, not of levels
 
@@ -33,15 +41,8 @@ class Levels:
     start: int | None = None  # number of the first level, None: that of the split
     count: int = LEVELS_PLAYED
 
-    @property
-    def name(self) -> str:
-        """As an environment's ``map`` argument has it."""
-        return f"generated:{self.split}"
-
-    def numbers(self, config: Config) -> tuple[int, int]:
-        """The first level, and how many there are."""
-        maps = _KeptMaps.named(self.name, config, self.start, self.count)
-        return maps.start_level, maps.num_levels
+    def open(self, config: Config) -> GeneratedMaps:
+        return _KeptMaps.named(f"generated:{self.split}", config, self.start, self.count)
 
 
 #: A map's name or YAML file, or levels.
@@ -49,55 +50,74 @@ Scenario = str | Levels
 
 
 class _KeptMaps(GeneratedMaps):
-    """Generated levels, of which the last ones prepared in this process are kept."""
-
     @property
     def first(self) -> MapAssets:
         return self.prepare(self.start_level)
 
     def prepare(self, level: int) -> MapAssets:
-        """The level's house, ready to be played on."""
         # In these the configurations of a comparison differ, and they do not matter to a map.
         return _prepared(level, self._config.with_fields(**{"clyde.speed_mps": 0.0, "endless": False}))
 
 
-@functools.lru_cache(maxsize=_KEPT_LEVELS)
-def _prepared(level: int, config: Config) -> MapAssets:
-    return prepare_level(level, config)
+_prepared = functools.lru_cache(maxsize=_KEPT_LEVELS)(prepare_level)
 
 
 def open_scenario(scenario: Scenario, config: Config) -> LevelSource:
-    """The maps of a scenario for a batch of games.
-
-    Raises:
-        MapError: a map cannot be read or played on.
-        ConfigError: levels that the split does not have, or a configuration that no map fits.
-    """
-    if isinstance(scenario, Levels):
-        return _KeptMaps.named(scenario.name, config, scenario.start, scenario.count)
-    return FixedMap(map_assets(scenario, config), config)
+    """The maps of a scenario; raises MapError or ConfigError if it cannot be played on under the configuration."""
+    return scenario.open(config) if isinstance(scenario, Levels) else FixedMap(map_assets(scenario, config), config)
 
 
 def parts_of_play(scenario: Scenario, config: Config, seeds: NDArray[np.uint64], parts: int) -> list[NDArray[np.int64]]:
     """The rounds' numbers in parts to be played one after the other, ``parts`` of them or more.
 
-    On levels, rounds of one level lie next to one another, and a part has no more levels than are kept. What comes
-    of a round does not depend on it.
+    On levels, rounds of one level are neighbours, and a part has no more levels than are kept; results do not change.
     """
     order = np.arange(len(seeds))
     if isinstance(scenario, Levels):
-        levels = open_scenario(scenario, config).levels_of(seeds)
+        levels = scenario.open(config).levels_of(seeds)
         order = np.argsort(levels, kind="stable")
         parts = max(parts, math.ceil(len(np.unique(levels)) / _LEVELS_PER_PART))
     return np.array_split(order, min(parts, len(seeds)))
 
 
-def scenarios(arguments: argparse.Namespace) -> list[Scenario]:
-    """The scenarios that the arguments of ``add_scenario_arguments`` name, each once: maps first, then levels.
+def named_scenarios(wanted: Sequence[Scenario], configs: Sequence[Config]) -> dict[str, Scenario]:
+    named: dict[str, Scenario] = {}
+    for scenario in wanted:
+        name, *_ = [scenario_name(scenario, config) for config in configs]
+        if name in named:
+            raise ValueError(f"two maps are called {name}: the results could not be distinguished")
+        named[name] = scenario
+    return named
 
-    Raises:
-        ValueError: generated levels are asked for as a map, or numbers of levels without levels.
-    """
+
+def scenario_name(scenario: Scenario, config: Config) -> str:
+    first = open_scenario(scenario, config).first
+    return f"generated:{scenario.split}" if isinstance(scenario, Levels) else first.occupancy.name
+
+
+def describe_scenario(name: str, scenario: Scenario, config: Config) -> dict[str, Any]:
+    """Plain data for a result file, enough to find the scenario again; of levels the hash is that of the first."""
+    about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
+    if not isinstance(scenario, Levels):
+        return about | {"source": scenario}
+    maps = scenario.open(config)
+    source = {"source": f"--levels {scenario.split}"}
+    return about | source | {"start_level": maps.start_level, "num_levels": maps.num_levels}
+
+
+def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
+    """The arguments that :func:`from_arguments` reads; ``several``: more maps than one may be given."""
+    add = parser.add_argument
+    nargs: str | int = "+" if several else 1
+    add("--map", nargs=nargs, default=[], metavar="FILE_OR_NAME", help="map to play on (house, if no levels are given)")
+    add("--levels", choices=("test", "train"), help="play on generated houses of this split; together they are a map")
+    add("--start-level", type=whole_number(0), metavar="N", help=f"first of them (test: {TEST_LEVEL}, train: 0)")
+    count_help = f"how many of them ({LEVELS_PLAYED}); each round draws one"
+    add("--num-levels", type=whole_number(1), metavar="N", help=count_help)
+
+
+def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
+    """The scenarios that the arguments name, each once: maps first, then levels."""
     for source in arguments.map:
         if source.partition(":")[0] == "generated":
             raise ValueError(f"--map {source}: generated houses are given as --levels test or --levels train")
@@ -110,36 +130,102 @@ def scenarios(arguments: argparse.Namespace) -> list[Scenario]:
     return [*maps, Levels(arguments.levels, arguments.start_level, arguments.num_levels or LEVELS_PLAYED)]
 
 
-def scenario_name(scenario: Scenario, config: Config) -> str:
-    """The name of a scenario in results.
-
-    Raises:
-        MapError, ConfigError: it cannot be played on, as in :func:`open_scenario`.
-    """
-    first = open_scenario(scenario, config).first
-    return scenario.name if isinstance(scenario, Levels) else first.occupancy.name
-
-
-def named_scenarios(wanted: Sequence[Scenario], configs: Sequence[Config]) -> dict[str, Scenario]:
-    """Scenarios by name, all of which can be played on under each of the configurations.
-
-    Raises:
-        MapError, ConfigError: one cannot be played on, as in :func:`open_scenario`.
-        ValueError: two are called the same.
-    """
-    named: dict[str, Scenario] = {}
-    for scenario in wanted:
-        name, *_ = [scenario_name(scenario, config) for config in configs]
-        if name in named:
-            raise ValueError(f"two maps are called {name}: the results could not be distinguished")
-        named[name] = scenario
-    return named
+def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
+    """``--preset``, ``--execution`` and ``--set``: every configuration but for Clyde's speed."""
+    add = parser.add_argument
+    add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
+    add("--execution", choices=sorted(EXECUTIONS), default="robust", help="how goals are executed (%(default)s)")
+    fields = "any field of the configuration, such as clyde.ghosts=arcade,chase; may be given again"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=fields)
 
 
-def describe_scenario(name: str, scenario: Scenario, config: Config) -> dict[str, Any]:
-    """Plain data for a result file, enough to find the scenario again; of levels the hash is that of the first."""
-    about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
-    if not isinstance(scenario, Levels):
-        return about | {"source": scenario}
-    start, count = scenario.numbers(config)
-    return about | {"source": f"--levels {scenario.split}", "start_level": start, "num_levels": count}
+def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
+    """The arguments for scenarios and rules; without ``several``, --map and --clyde-speed are lists of one."""
+    add_scenario_arguments(parser, several=several)
+    add_rule_arguments(parser)
+    add = parser.add_argument
+    nargs: str | int = "+" if several else 1
+    add("--clyde-speed", nargs=nargs, type=finite_number(), default=[0.25], metavar="V", help="m/s (0.25)")
+    add("--clyde-spawn", choices=("connected", "anywhere"), help="Clyde's cells at the start (preset's)")
+    add("--clyde-spawn-distance", type=finite_number(), metavar="M", help="from the robot, at least, m (preset's)")
+    add("--spacing", type=finite_number(), metavar="M", help="of the pellets, m (preset's)")
+    add("--time-limit", type=finite_number(), metavar="S", help="of a round, s (preset's)")
+    add("--endless", action="store_true", help="round after round, Clyde faster each time, until the robot is caught")
+
+
+def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
+    changes = parse_settings(arguments.set)
+    if "clyde.speed_mps" in changes:
+        raise ConfigError("clyde.speed_mps: give it as --clyde-speed")
+    return changes
+
+
+def check_goals(config: Config) -> None:
+    """Raise ConfigError if a game takes velocities instead of goals, or has ghosts that need a policy object."""
+    for name, value, wrong in (
+        ("action", config.action, config.action != "goal"),
+        ("clyde.ghosts", config.clyde.ghosts, "policy" in config.clyde.ghosts),
+    ):
+        if wrong:
+            raise ConfigError(f"{name} = {value!r}: played by policies that name goals, against ghosts that need none")
+
+
+def game_configs(arguments: argparse.Namespace) -> list[Config]:
+    changes = rule_changes(arguments)
+    for name, value in (
+        ("clyde.spawn", arguments.clyde_spawn),
+        ("clyde.spawn_distance_m", arguments.clyde_spawn_distance),
+        ("pellets.spacing_m", arguments.spacing),
+        ("time_limit_s", arguments.time_limit),
+        ("endless", arguments.endless or None),
+    ):
+        if value is not None:
+            if name in changes:
+                raise ConfigError(f"{name}: given twice")
+            changes[name] = value
+    speeds = dict.fromkeys(arguments.clyde_speed)
+    configs = [
+        make_config(arguments.preset, arguments.execution, **changes, **{"clyde.speed_mps": speed}) for speed in speeds
+    ]
+    check_goals(configs[0])
+    return configs
+
+
+def add_policy_arguments(parser: argparse.ArgumentParser, default: Sequence[str], order: str) -> None:
+    """``--policies``; ``order`` is the meaning of their order."""
+    names = f"names ({', '.join(policy_names())}), .onnx files, checkpoints of a training (.zip)"
+    words = f"{order}; {names}; without: {' '.join(default)}"
+    parser.add_argument("--policies", nargs="+", default=list(default), metavar="POLICY", help=words)
+
+
+def load_policy(spec: str) -> Policy:
+    """A new policy, from a name or file that the registry knows, or from a checkpoint (``.zip``)."""
+    if not is_checkpoint(spec):
+        return make_policy(spec)
+    try:
+        import torch
+
+        checkpoint = import_module("pacman_env.training.checkpoint")  # by name: the two rooms do not import each other
+    except ModuleNotFoundError as error:
+        raise ValueError(f"{spec}: needs {error.name}: pip install 'pacman_env[train]'") from None
+    torch.set_num_threads(1)  # cores are for processes: threads of each would wait for one another at every decision
+    policy: Policy = checkpoint.load_planner(Path(spec))
+    return policy
+
+
+def is_checkpoint(spec: str) -> bool:
+    return spec.endswith(".zip")
+
+
+def named_policies(specs: Sequence[str]) -> dict[str, str]:
+    """Names in results by spec, each spec once; raises ValueError if a policy cannot be made."""
+    for spec in specs:
+        load_policy(spec)
+    return result_names(specs)
+
+
+def result_names(specs: Sequence[str]) -> dict[str, str]:
+    """By spec, a name that no other has: the spec, of a file its stem unless another is called that too."""
+    short = {spec: Path(spec).stem if Path(spec).suffix in _POLICY_FILES else spec for spec in specs}
+    names = list(short.values())
+    return {spec: name if names.count(name) == 1 or name == spec else spec for spec, name in short.items()}

@@ -20,12 +20,10 @@ def short_name(policy: str, width: int = _NAME_WIDTH) -> str:
 
 
 def groups(rows: Sequence[Row]) -> list[list[Row]]:
-    """The rows of one map and one speed together, as they come."""
     return [list(g) for _, g in itertools.groupby(rows, key=lambda row: (row["map"], row["clyde_speed"]))]
 
 
 def group_title(row: Row) -> str:
-    """Map, pellets, Clyde's speed and rounds of a row's group."""
     least, most = row["pellets_least"], row["pellets"]
     pellets = f"{most}" if least == most else f"{least} to {most}"
     levels = f" on {row['levels']} levels" if row["levels"] > 1 else ""
@@ -34,7 +32,6 @@ def group_title(row: Row) -> str:
 
 
 def render(rows: Sequence[Row]) -> str:
-    """The table, one block per map and speed, and what the columns mean; all rows are of one kind."""
     endless = rows[0]["kind"] == "endless"
     columns = _ENDLESS if endless else _ROUND
     header = (*columns, "difference")
@@ -55,7 +52,8 @@ def render(rows: Sequence[Row]) -> str:
     return "\n".join([*lines, *textwrap.wrap(meaning, _WIDTH)])
 
 
-def _percent(rate: float, sign: str = "") -> str:
+def percent(rate: float, sign: str = "") -> str:
+    """A rate 0..1 as percent."""
     return f"{100 * rate + 0.0:{sign}.1f}"
 
 
@@ -63,44 +61,41 @@ def _number(value: float, sign: str = "") -> str:
     return f"{value + 0.0:{sign}.1f}"
 
 
-def _with_interval(
-    value: float, interval: Sequence[float], sign: str = "", text: Callable[[float, str], str] = _percent
+def with_interval(
+    value: float, interval: Sequence[float], sign: str = "", text: Callable[[float, str], str] = percent
 ) -> str:
     low, high = (text(limit, sign) for limit in interval)
     return f"{text(value, sign)} [{low}, {high}]"
 
 
 def _difference(row: Row, first: bool) -> str:
-    text = _number if row["kind"] == "endless" else _percent
-    return "-" if first else _with_interval(row["paired_difference"], row["paired_ci"], "+", text)
+    text = _number if row["kind"] == "endless" else percent
+    return "-" if first else with_interval(row["paired_difference"], row["paired_ci"], "+", text)
 
 
-_DECISION: dict[str, _Cell] = {
+_POLICY: dict[str, _Cell] = {"policy": lambda row: short_name(row["policy"])}
+_ENDS: dict[str, _Cell] = {
+    "death": lambda row: percent(row["death_rate"]),
+    "lossy": lambda row: percent(row["cleared_rate"]),
+    "time-out": lambda row: percent(row["timeout_rate"]),
+    "time s": lambda row: f"{row['time_mean_s']:.1f}",
     "p50 ms": lambda row: f"{row['decision_ms_p50']:.3f}",
     "p99 ms": lambda row: f"{row['decision_ms_p99']:.3f}",
 }
 _ROUND: dict[str, _Cell] = {
-    "policy": lambda row: short_name(row["policy"]),
-    "complete": lambda row: _with_interval(row["completion_rate"], row["completion_ci"]),
-    "all but one": lambda row: _with_interval(row["all_but_one_rate"], row["all_but_one_ci"]),
+    **_POLICY,
+    "complete": lambda row: with_interval(row["completion_rate"], row["completion_ci"]),
+    "all but one": lambda row: with_interval(row["all_but_one_rate"], row["all_but_one_ci"]),
     "pellets": lambda row: f"{row['pellets_mean']:.2f}",
-    "death": lambda row: _percent(row["death_rate"]),
-    "lossy": lambda row: _percent(row["cleared_rate"]),
-    "time-out": lambda row: _percent(row["timeout_rate"]),
-    "time s": lambda row: f"{row['time_mean_s']:.1f}",
-    **_DECISION,
+    **_ENDS,
 }
 _ENDLESS: dict[str, _Cell] = {
-    "policy": lambda row: short_name(row["policy"]),
-    "pellets per game": lambda row: _with_interval(row["pellets_mean"], row["pellets_ci"], text=_number),
+    **_POLICY,
+    "pellets per game": lambda row: with_interval(row["pellets_mean"], row["pellets_ci"], text=_number),
     "median": lambda row: f"{row['pellets_median']:g}",
     "rounds": lambda row: f"{row['rounds_mean']:.2f}",
     "most": lambda row: f"{row['rounds_most']}",
-    "death": lambda row: _percent(row["death_rate"]),
-    "lossy": lambda row: _percent(row["cleared_rate"]),
-    "time-out": lambda row: _percent(row["timeout_rate"]),
-    "time s": lambda row: f"{row['time_mean_s']:.1f}",
-    **_DECISION,
+    **_ENDS,
 }
 _ROUND_MEANING = (
     "Rates in %, with 95 % intervals. complete: every pellet collected; all but one: at most one not collected;"

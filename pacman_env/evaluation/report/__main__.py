@@ -1,4 +1,4 @@
-"""Policies against one another on one page: ``pacman-env report``. Arguments, order of work, result files.
+"""Policies against one another on one page: ``pacman-env report``.
 
 Rounds are chosen in ``plan``, played by ``compare.workers``, counted in ``numbers`` and shown by ``page``.
 """
@@ -17,17 +17,15 @@ from typing import Any
 from urllib.parse import quote
 
 import msgspec
-import numpy as np
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import PRESETS, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare.arguments import add_rule_arguments, add_scenario_arguments, rule_changes
-from pacman_env.evaluation.compare.policies import add_policy_arguments, named_policies
-from pacman_env.evaluation.compare.scenarios import Levels, describe_scenario, named_scenarios, open_scenario, scenarios
+from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.scenarios import Levels, Scenario
 from pacman_env.evaluation.compare.workers import play_all
-from pacman_env.evaluation.report.numbers import Numbers, numbers
+from pacman_env.evaluation.report.numbers import Numbers, Results
 from pacman_env.evaluation.report.plan import Plan, blocks, check_single_rounds, parse_variant
 from pacman_env.files import prepare, replaced
 from pacman_env.policies.learned import PRETRAINED
@@ -41,11 +39,10 @@ _NUMBERS = {
     True: {"episodes": 24, "endless": 12, "speeds": (0.15, 0.35, 0.6)},
 }
 _NO_REFUGES = "without refuges=refuges.spread=0,refuges.nooks=0"
-_FILM_HEIGHT = 480
 _LONGEST_FACT = 80  # characters
 
 
-def _parser() -> argparse.ArgumentParser:
+def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="pacman-env report",
         description="Let policies play the same rounds and write one HTML page about them: completion per map and over"
@@ -53,11 +50,12 @@ def _parser() -> argparse.ArgumentParser:
         " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
         " workers.",
     )
-    add_policy_arguments(parser, ("ppo", "clyde_aware", "lookahead", "nearest", "random"), "as they stand on the page")
+    policies = ("ppo", "clyde_aware", "lookahead", "nearest", "random")
+    scenarios.add_policy_arguments(parser, policies, "as they stand on the page")
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="the others are compared with it (%(default)s)")
-    add_scenario_arguments(parser, several=True)
-    add_rule_arguments(parser)
+    scenarios.add_scenario_arguments(parser, several=True)
+    scenarios.add_rule_arguments(parser)
     add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="of all but the curve, m/s (0.25)")
     add("--speeds", nargs="+", type=finite_number(), metavar="V", help="of the curve, m/s (0.15 0.2 ... 0.6)")
     add(
@@ -76,13 +74,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
     add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
     add("--json", type=Path, metavar="OUT", help="write the numbers")
-    return parser
-
-
-def main(argv: Sequence[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     command = shlex.join(["pacman-env", "report", *argv])
-    return run_command(_parser(), argv, lambda arguments: _report(arguments, command))
+    return run_command(parser, argv, lambda arguments: _report(arguments, command))
 
 
 def _report(arguments: argparse.Namespace, command: str) -> None:
@@ -92,12 +86,18 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
 
     plan = _plan(arguments)
     report = _header(plan, arguments, command)
-    page, json_path = _outputs(arguments)
+    page, json_path = arguments.out, arguments.json
+    if page.suffix != ".html":
+        raise ValueError(f"--out {page}: must end in .html")
+    if json_path == page:
+        raise ValueError(f"--json {page}: is the page's file too")
+    for path in filter(None, (page, json_path)):
+        prepare(path)
     work = blocks(plan)
     total = sum(len(block.seeds) for block in work.values())
     with tqdm(total=total, unit="round", mininterval=1.0, file=sys.stderr) as bar:
         played = play_all(list(work.values()), arguments.workers, bar.update)
-    report |= numbers(plan, dict(zip(work, played, strict=True)))
+    report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
     films = _films(plan, report["pair"], arguments.replays, page)
     html = render_page(report)
     if json_path is not None:
@@ -110,12 +110,11 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:
-    """The arguments as what is to be played, everything in them checked."""
     for name, value in _NUMBERS[arguments.quick].items():
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
     words = arguments.preset, arguments.execution
-    config = make_config(*words, **rule_changes(arguments) | {"clyde.speed_mps": arguments.clyde_speed})
+    config = make_config(*words, **scenarios.rule_changes(arguments) | {"clyde.speed_mps": arguments.clyde_speed})
     settings = (*arguments.set, f"clyde.speed_mps={arguments.clyde_speed!r}")
     check_single_rounds(config)
     speeds = tuple(sorted(set(arguments.speeds)))
@@ -131,9 +130,10 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         check_single_rounds(variant.config, f"--variant {variant.name}: ")
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
-    policies = named_policies([*arguments.policies, arguments.baseline])
+    policies = scenarios.named_policies([*arguments.policies, arguments.baseline])
+    wanted = scenarios.from_arguments(arguments)
     return Plan(
-        maps=named_scenarios(scenarios(arguments), [config, *(variant.config for variant in variants)]),
+        maps=scenarios.named_scenarios(wanted, [config, *(variant.config for variant in variants)]),
         policies={name: spec for spec, name in policies.items()},
         baseline=policies[arguments.baseline],
         preset=arguments.preset,
@@ -148,18 +148,12 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     )
 
 
-def _outputs(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
-    """Paths of page and JSON, known to be writable before the work begins."""
-    page: Path = arguments.out
-    if page.suffix != ".html":
-        raise ValueError(f"--out {page}: must end in .html")
-    if arguments.json == page:
-        raise ValueError(f"--json {page}: is the page's file too")
-    return prepare(page), arguments.json and prepare(arguments.json)
-
-
 def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
     """All that is needed to play the rounds again."""
+
+    def pellets(scenario: Scenario) -> int | None:
+        return None if isinstance(scenario, Levels) else scenarios.open_scenario(scenario, plan.config).first.pellets
+
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -175,8 +169,7 @@ def _header(plan: Plan, arguments: argparse.Namespace, command: str) -> Numbers:
         "clyde_speed": plan.speed,
         "quick": arguments.quick,
         "maps": [
-            describe_scenario(name, scenario, plan.config)
-            | {"pellets": None if isinstance(scenario, Levels) else open_scenario(scenario, plan.config).first.pellets}
+            scenarios.describe_scenario(name, scenario, plan.config) | {"pellets": pellets(scenario)}
             for name, scenario in plan.maps.items()
         ],
         "policies": [
@@ -191,33 +184,21 @@ def _films(plan: Plan, pair: Numbers | None, wanted: int, page: Path) -> list[Pa
     """Films of the pair's first rounds, won and lost in turn, in a folder beside the page; each round gets its link."""
     if pair is None or wanted == 0:
         return []
-    from pacman_env.evaluation.replay.recording import RecordedGame, film, save_video
+    from pacman_env.evaluation.replay import film_games, record_games
 
     paths = []
-    for row in _in_turn(pair["wins"], pair["losses"])[:wanted]:
+    policies = {plan.policies[name]: name for name in (pair["policy"], pair["baseline"])}
+    in_turn = [row for row in chain.from_iterable(zip_longest(pair["wins"], pair["losses"])) if row is not None]
+    for row in in_turn[:wanted]:
         path = prepare(page.with_name(f"{page.stem}_films") / f"{row['map'].replace(':', '-')}-{row['seed']}.mp4")
-        source, seed = open_scenario(plan.maps[row["map"]], plan.config), np.uint64(int(row["seed"]))
-        games = [
-            RecordedGame(source, plan.config, plan.policies[name], seed, name)
-            for name in (pair["policy"], pair["baseline"])
-        ]
-        save_video(film(games, _FILM_HEIGHT), path, plan.config.execution.tick_s)
+        film_games(record_games(plan.maps[row["map"]], plan.config, policies, int(row["seed"])), path)
         row["film"] = quote(f"{path.parent.name}/{path.name}")
         paths.append(path)
     return paths
 
 
-def _in_turn(*rows: Sequence[Any]) -> list[Any]:
-    """One of each in turn, then what is left of the longer."""
-    return [row for row in chain.from_iterable(zip_longest(*rows)) if row is not None]
-
-
 def model_facts(spec: str) -> dict[str, str]:
-    """The metadata of ``FILE.onnx``, or of the planner that the package ships, by dotted name; {} for other policies.
-
-    Raises:
-        ValueError: the file is no planner for this version.
-    """
+    """The metadata of ``FILE.onnx``, or of the shipped planner, by dotted name; {} for other policies."""
     path = PRETRAINED if spec == "ppo" else Path(spec)
     return dict(_flat(msgspec.to_builtins(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
 

@@ -1,7 +1,4 @@
-"""The plan of a report: policies, scenarios, speeds and variants, and the blocks of rounds that follow from them.
-
-Nothing is played here; the command line's arguments become configurations, and configurations become blocks.
-"""
+"""The plan of a report: policies, scenarios, speeds and variants, and the blocks of rounds that follow from them."""
 
 from __future__ import annotations
 
@@ -16,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config, ConfigError, make_config, parse_settings
-from pacman_env.evaluation.compare.arguments import check_goals
-from pacman_env.evaluation.compare.scenarios import Levels, Scenario
+from pacman_env.evaluation.compare.scenarios import Levels, Scenario, check_goals
 from pacman_env.evaluation.compare.workers import Block
 
 _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is no separator
@@ -25,16 +21,12 @@ _NEXT_SETTING = re.compile(r"[;,\s]+(?=[\w.]+=)")  # a comma inside a value is n
 
 @dataclass(frozen=True)
 class Variant:
-    """The same rounds under changed settings."""
-
     name: str
     settings: str  # as given
     config: Config
 
 
 class Cell(NamedTuple):
-    """One policy's rounds on one map, by names."""
-
     part: str  # ROUNDS, ENDLESS_GAMES or a variant's name
     map: str
     policy: str
@@ -46,8 +38,6 @@ ROUNDS, ENDLESS_GAMES = "rounds", "endless games"
 
 @dataclass(frozen=True)
 class Plan:
-    """All that decides the numbers of a report."""
-
     maps: dict[str, Scenario]  # by name
     policies: dict[str, str]  # by name, what each is made from
     baseline: str  # its name
@@ -68,19 +58,12 @@ class Plan:
 
     @property
     def challenger(self) -> str | None:
-        """The name of the first policy that is not the baseline; the two are compared round by round."""
+        """The first policy that is not the baseline; the two are compared round by round."""
         return next((name for name in self.policies if name != self.baseline), None)
 
 
 def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str]) -> Variant:
-    """A variant from ``NAME=SETTINGS``.
-
-    Settings are fields of the configuration, or ``preset`` and ``execution``; they are parted by commas, semicolons or
-    blanks.
-
-    Raises:
-        ConfigError: no name, no settings, or one that is wrong.
-    """
+    """A variant from ``NAME=SETTINGS``: fields, ``preset`` and ``execution``, between commas, semicolons or blanks."""
     name, equals, given = text.partition("=")
     name = name.strip()
     if not name or not equals or "=" not in given:
@@ -103,11 +86,7 @@ def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str
 
 
 def check_single_rounds(config: Config, where: str = "") -> None:
-    """Refuse what the report adds by itself, or cannot measure.
-
-    Raises:
-        ConfigError: endless games, velocities, or ghosts that need a policy object.
-    """
+    """Raise ConfigError for what the report adds by itself (endless games), or cannot measure."""
     try:
         check_goals(config)
         if config.endless:
@@ -117,7 +96,7 @@ def check_single_rounds(config: Config, where: str = "") -> None:
 
 
 def blocks(plan: Plan) -> dict[Cell, Block]:
-    """Everything to be played, each thing once; what is on one map follows one another, while that is at hand."""
+    """Everything to be played, once; blocks on one map follow one another, while it is kept."""
     result = {}
     for name, scenario in plan.maps.items():
         speeds = dict.fromkeys((plan.speed, *plan.speeds))
@@ -132,7 +111,6 @@ def blocks(plan: Plan) -> dict[Cell, Block]:
 
 
 def replay_command(plan: Plan, map_name: str, seed: int) -> str:
-    """The command that shows a round of the first policy and the baseline side by side."""
     pair = [plan.policies[name] for name in (plan.challenger, plan.baseline) if name is not None]
     scenario = plan.maps[map_name]
     command = ["pacman-env", "replay", str(seed)]
@@ -141,8 +119,7 @@ def replay_command(plan: Plan, map_name: str, seed: int) -> str:
         command += [] if scenario.start is None else ["--start-level", str(scenario.start)]
     else:
         command += ["--map", scenario]
-    command += ["--policies", *pair]
-    command += ["--clyde-speed", repr(plan.speed)]
+    command += ["--policies", *pair, "--clyde-speed", repr(plan.speed)]
     command += [] if plan.preset == "robot" else ["--preset", plan.preset]
     command += [] if plan.execution == "robust" else ["--execution", plan.execution]
     for setting in plan.settings:

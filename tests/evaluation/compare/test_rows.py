@@ -8,7 +8,7 @@ import pytest
 from pacman_env.episodes.statistics import bootstrapped_mean, paired_difference, wilson
 from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.game.execution import DEAD, TIMEOUT
-from tests.evaluation.helpers import FIVE, OTHER_FIVE, records
+from tests.evaluation.helpers import CONFIG, ENDLESS, FIVE, OTHER_FIVE, records
 
 PROMISED = {
     "map", "policy", "clyde_speed", "episodes", "completion_rate", "completion_ci", "all_but_one_rate",
@@ -19,8 +19,7 @@ PROMISED = {
 
 
 def row(rounds: np.ndarray = FIVE, first: np.ndarray | None = None) -> Row:
-    times = np.arange(101.0)
-    return make_row(map_name="m", policy="p", clyde_speed=0.25, records=rounds, decision_ms=times, first=first)
+    return make_row("m", "p", CONFIG, (rounds, np.arange(101.0)), first)
 
 
 def test_a_row_has_every_promised_key_and_goes_into_json() -> None:
@@ -62,13 +61,10 @@ def test_without_a_win_there_is_no_time_of_wins() -> None:
 
 
 def endless(rounds: np.ndarray = FIVE, first: np.ndarray | None = None) -> Row:
-    times = np.arange(101.0)
-    return make_row(
-        map_name="m", policy="p", clyde_speed=0.25, records=rounds, decision_ms=times, first=first, endless=True
-    )
+    return make_row("m", "p", ENDLESS, (rounds, np.arange(101.0)), first)
 
 
-def test_outcomes_tell_of_every_round_in_the_order_of_the_seeds() -> None:
+def test_outcomes_have_every_round_in_the_order_of_the_seeds() -> None:
     assert row()["outcomes"] == {
         "end": "CCLDT",
         "collected": [8, 8, 7, 2, 0],
@@ -85,7 +81,7 @@ def test_rounds_on_several_levels_name_theirs_and_the_fewest_pellets() -> None:
     assert (row()["levels"], row()["pellets_least"]) == (1, 8)
 
 
-def test_decision_times_are_told_by_percentiles() -> None:
+def test_decision_times_have_percentiles() -> None:
     times = row()["decision_ms"]
     assert list(times) == ["p1", "p5", "p25", "p50", "p75", "p95", "p99", "p99.9"]
     assert [times["p1"], times["p50"], times["p99"]] == [1.0, 50.0, 99.0]

@@ -10,14 +10,15 @@ import pytest
 from pacman_env.config import ConfigError
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import scenarios as sources
-from pacman_env.evaluation.compare.arguments import LEVELS_PLAYED, add_game_arguments
 from pacman_env.evaluation.compare.scenarios import (
+    LEVELS_PLAYED,
     Levels,
+    add_game_arguments,
     describe_scenario,
+    from_arguments,
     named_scenarios,
     open_scenario,
     parts_of_play,
-    scenarios,
 )
 from pacman_env.sim.maps.generated import TEST_LEVEL, GeneratedMaps
 from pacman_env.world.maps.occupancy import MapError, load_map
@@ -41,7 +42,7 @@ def given(*words: str) -> argparse.Namespace:
     ],
 )
 def test_places_are_what_was_asked_for(words: list[str], expected: list[object]) -> None:
-    assert scenarios(given(*words)) == expected
+    assert from_arguments(given(*words)) == expected
 
 
 @pytest.mark.parametrize(
@@ -55,7 +56,7 @@ def test_places_are_what_was_asked_for(words: list[str], expected: list[object])
 )
 def test_what_cannot_be_meant_is_refused(words: list[str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        scenarios(given(*words))
+        from_arguments(given(*words))
 
 
 def test_levels_that_the_split_does_not_have_are_refused() -> None:

@@ -4,26 +4,15 @@ import numpy as np
 
 from pacman_env.evaluation.compare.rows import Row, make_row
 from pacman_env.evaluation.compare.table import group_title, render, short_name
-from tests.evaluation.helpers import FIVE, OTHER_FIVE
+from tests.evaluation.helpers import CONFIG, FIVE, OTHER_FIVE
 
 
 def rows(
     policies: tuple[str, str] = ("clyde_aware", "nearest"), speed: float = 0.25, endless: bool = False
 ) -> list[Row]:
-    times = np.array([0.5])
-    first = make_row(
-        map_name="home", policy=policies[0], clyde_speed=speed, records=FIVE, decision_ms=times, endless=endless
-    )
-    second = make_row(
-        map_name="home",
-        policy=policies[1],
-        clyde_speed=speed,
-        records=OTHER_FIVE,
-        decision_ms=times,
-        first=FIVE,
-        endless=endless,
-    )
-    return [first, second]
+    config, times = CONFIG.with_fields(**{"clyde.speed_mps": speed, "endless": endless}), np.array([0.5])
+    first = make_row("home", policies[0], config, (FIVE, times))
+    return [first, make_row("home", policies[1], config, (OTHER_FIVE, times), FIVE)]
 
 
 def test_every_number_is_in_its_line() -> None:

@@ -10,7 +10,7 @@ from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.scenarios import Scenario, open_scenario
-from pacman_env.evaluation.replay.recording import RecordedGame, film
+from pacman_env.evaluation.replay import RecordedGame, film
 from pacman_env.game.ghosts import BEHAVIOURS
 from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.replay.__main__ import main
-from pacman_env.evaluation.replay.recording import Change, RecordedGame
+from pacman_env.evaluation.replay import Change, RecordedGame, main
 from pacman_env.evaluation.templates import render
 from tests.evaluation.helpers import CONFIG, played, played_on_levels, refused_in_one_line
 from tests.evaluation.replay.test_video import film

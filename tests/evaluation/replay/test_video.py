@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pacman_env.evaluation.compare.__main__ import main
-from pacman_env.evaluation.replay.recording import save_video
+from pacman_env.evaluation.replay import save_video
 
 
 def film(path: Path) -> list[NDArray]:

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from pacman_env.evaluation.report.charts import Line, curve_chart, interval_bar
+from pacman_env.evaluation.report.page import Line, curve_chart, interval_bar
 
 LINES = [
     Line("first", [(0.2, 0.9, 0.8, 1.0), (0.4, 0.5, 0.4, 0.6)]),

@@ -11,7 +11,7 @@ import pytest
 
 from pacman_env import __version__
 from pacman_env.episodes.statistics import wilson
-from pacman_env.evaluation.replay.__main__ import main as replay
+from pacman_env.evaluation.replay import main as replay
 from pacman_env.evaluation.report.__main__ import main
 from pacman_env.evaluation.report.page import headline, render_page
 from pacman_env.game.execution import COMPLETE

@@ -12,21 +12,17 @@ import pytest
 
 pytest.importorskip("torch")
 pytest.importorskip("onnx")
-pytest.importorskip("sb3_contrib")
-
-from sb3_contrib import MaskablePPO
+import torch
 
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.evaluation.replay.__main__ import main as replay
+from pacman_env.evaluation.replay import main as replay
 from pacman_env.evaluation.report.__main__ import main
 from pacman_env.policies.metadata import read_planner
-from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.sim.maps.assets import map_assets
-from pacman_env.training.checkpoint import facts_path, load_network, write_facts
+from pacman_env.training.checkpoint import facts_path, load_network, save_checkpoint, write_facts
 from pacman_env.training.export import export_planner
-from pacman_env.training.policy import EntityPolicy
-from tests.training.planners import FACTS, random_planner
+from tests.training.planners import FACTS, random_network, random_planner
 
 EASY = {"pellets.spacing_m": 3.0, "time_limit_s": 60.0, "execution.pickup_radius_m": 2.0}
 RULES = [word for name, value in EASY.items() for word in ("--set", f"{name}={value}")]
@@ -71,8 +67,8 @@ def test_a_planners_file_is_reported_and_seen_again(
 
 def test_a_checkpoint_takes_part_and_plays_as_its_export(tmp_path: Path) -> None:
     checkpoint, exported = tmp_path / "run.zip", tmp_path / "mine.onnx"
-    env = PacManBotVecEnv(2, map="house", observation="planner")
-    MaskablePPO(EntityPolicy, env, n_steps=4, batch_size=8, seed=0, device="cpu").save(checkpoint)
+    network = random_network()
+    save_checkpoint(checkpoint, network, torch.optim.Adam(network.parameters()))
     write_facts(facts_path(checkpoint), FACTS)
     export_planner(load_network(checkpoint), exported, FACTS)
     policies = ["--policies", str(checkpoint), str(exported), "--baseline", "nearest"]

@@ -25,13 +25,14 @@ from pacman_env import __version__
 from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.episodes.statistics import difference, wilson
+from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, write_json
 from pacman_env.game.execution import COMPLETE
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.deliveries import NodeFailed
 from pacman_env.sim.maps.assets import map_assets
 from tests.system.campaign.recorded_game import RecordedGame
+from tests.system.campaign.statistics import difference
 from tests.system.campaign.workers import errors, logged, pool, require_ros
 
 #: A game's second round would be faster than its first; each game begins at Clyde's base speed.

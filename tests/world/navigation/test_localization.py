@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.evaluation.checks.navigator_accuracy import NOBODY, drive_leg, with_goals
+from pacman_env.evaluation.checks.navigator_accuracy import ALONE, drive_leg, with_goals
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, scan, update, wrap
@@ -84,7 +84,7 @@ def test_an_update_publishes_the_pose_with_a_new_error_and_its_unit_vector() -> 
 @cache
 def batch_on_house(preset: str, execution: str, n: int) -> GameBatch:
     """Games without Clyde's influence, each with three random goals (refuges 0 to 3 n)."""
-    config = make_config(preset, execution, **NOBODY)
+    config = make_config(preset, execution, **ALONE)
     assets = map_assets("house", make_config(preset))
     cells = np.random.default_rng(0).choice(len(assets.cell_xy), 3 * n)
     return GameBatch(with_goals(assets, cells), config, n)

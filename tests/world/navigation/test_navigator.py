@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, make_config
-from pacman_env.evaluation.checks.navigator_accuracy import NOBODY, watch_contacts, with_goals
+from pacman_env.evaluation.checks.navigator_accuracy import ALONE, watch_contacts, with_goals
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.world.navigation.navigator import ABORTED, ACTIVE, CANCELED, IDLE, NO_RESULT, SUCCEEDED
@@ -24,7 +24,7 @@ ROOMS = [
 ]
 ORIGIN = (-2.4, -2.4, 0.0)
 DOOR = (2.2, 0.0)
-QUIET = {**NOBODY, "nav2.clyde_keepout_m": 0.236}  # Clyde stands somewhere as an obstacle and does no harm
+QUIET = {**ALONE, "nav2.clyde_keepout_m": 0.236}  # Clyde stands somewhere as an obstacle and does no harm
 DT = 0.05
 
 
@@ -234,7 +234,7 @@ def test_a_goal_just_out_of_reach_ends_at_the_nearest_place_as_navfns_tolerance_
     closet = ["#" * 40, *["#" + "." * 22 + "#" + "." * 14 + "##"] * 14, "#" * 40]  # behind a wall of 0.1 m
     changes = {"pellets.reachable_only": False, "pellets.spacing_m": 0.2, "pellets.wall_clearance_m": 0.1}
     radii = {"execution.pickup_radius_m": 0.05, "clyde.spawn_distance_m": 0.0}
-    config = make_config("ideal", "as_built", **{**NOBODY, **changes, **radii})
+    config = make_config("ideal", "as_built", **{**ALONE, **changes, **radii})
     assets = map_assets(drawn(closet, square_m=0.1, origin=(-1.0, -0.8, 0.0)), config)
     nearest = assets.cell_xy[assets.goal_cell]
     off = np.where(assets.goal_cell >= 0, np.hypot(*(nearest - assets.goal_xy).T), np.inf)
@@ -257,7 +257,7 @@ def test_a_goal_just_out_of_reach_ends_at_the_nearest_place_as_navfns_tolerance_
 @cache
 def tour(preset: str) -> dict[str, np.ndarray]:
     """Records at every physics step of 16 games that drive about the house, goals changed now and then."""
-    config = make_config(preset, **NOBODY)
+    config = make_config(preset, **ALONE)
     batch = GameBatch(map_assets("house", make_config(preset)), config, 16)
     batch.reset(np.arange(16), np.arange(16, dtype=np.uint64))
     deepest = watch_contacts(batch)

@@ -1,22 +1,30 @@
-"""One game played by one policy, tick by tick: its film, and when and why the policy changed its goal.
+"""One round again, every policy side by side: ``pacman-env replay SEED`` and the comparison's arguments.
 
-The game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the same seed.
+Writes a film, or a page with the film in it, and prints what happened, and when and why each policy changed its goal. A
+game is bit for bit that of :func:`pacman_env.episodes.rollout.play` with the same seed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import argparse
+import base64
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.cli.command import Parser, run_command, whole_number
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed
-from pacman_env.evaluation.compare.policies import load_policy
-from pacman_env.files import replaced
+from pacman_env.evaluation.compare import scenarios
+from pacman_env.evaluation.compare.scenarios import Scenario
+from pacman_env.evaluation.templates import render
+from pacman_env.files import prepare, replaced
 from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
@@ -27,34 +35,24 @@ from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
 SPEED_UP = 4.0
+_SUFFIXES = (".mp4", ".gif", ".html")
 _LAST_FRAME_S = 1.5  # of film, so that the end can be seen
 
-Frame = NDArray[np.uint8]
-_Terms = list[dict[str, float | bool | str]]
+Frame = NDArray[np.uint8]  # (height, W, 3) RGB
 
 
 class Change(NamedTuple):
-    """A policy's choice of another goal."""
-
     when: str  # since the round began; in an endless game with its number
     goal: str
     why: str
 
 
 class RecordedGame:
-    """A game of its own for one policy.
-
-    Attributes:
-        name: of the policy.
-        changes: of its goal, so far.
-    """
-
     def __init__(self, source: LevelSource, config: Config, spec: str, seed: np.uint64, name: str) -> None:
-        """Begin the game; ``spec`` is that of :func:`~pacman_env.evaluation.compare.policies.load_policy`."""
-        self.name = name
-        self.changes: list[Change] = []
+        self.name, self.tick_s = name, config.execution.tick_s
+        self.changes: list[Change] = []  # of the goal, so far
         self._batch = GameBatch(source, config, 1)
-        self._policy = load_policy(spec)
+        self._policy = scenarios.load_policy(spec)
         self._last = LastDecision(config)
         self._chosen = -1  # none yet
         self._before_s = 0.0
@@ -101,11 +99,9 @@ class RecordedGame:
         self._last.decide(NO_GOAL if choice == batch.hold else choice, moment, allowed=choice == selected[0])
 
     def picture(self, height: int) -> Frame:
-        """The game as it is now, (height, W, 3) RGB."""
         return render_frame(self._batch, 0, height=height, title=self.name)
 
     def outcome(self) -> str:
-        """The result of the game as text."""
         batch, game = self._batch, self._batch.games[0]
         seconds = self._before_s + game["step"] * batch.config.physics_step_s
         if batch.config.endless:
@@ -115,7 +111,7 @@ class RecordedGame:
 
 
 def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
-    """Frames (height, W, 3), RGB, one per tick, the games side by side, until the last has ended."""
+    """Frames, one per tick, the games side by side, until the last has ended."""
     panels = [game.picture(height) for game in games]
     yield np.hstack(panels)
     while not all(game.over for game in games):
@@ -126,12 +122,20 @@ def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
         yield np.hstack(panels)
 
 
-def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
-    """Write frames, ``tick_s`` apart and of even sides, as .mp4 or .gif, ``SPEED_UP`` times as fast.
+def record_games(
+    scenario: Scenario, config: Config, policies: Mapping[str, str], seed: int | np.uint64
+) -> list[RecordedGame]:
+    """The same round for each of the policies, given as names by spec."""
+    source = scenarios.open_scenario(scenario, config)
+    return [RecordedGame(source, config, spec, np.uint64(seed), name) for spec, name in policies.items()]
 
-    Raises:
-        ModuleNotFoundError: imageio is missing.
-    """
+
+def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480) -> None:
+    save_video(film(games, height), path, games[0].tick_s)
+
+
+def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
+    """Write frames, ``tick_s`` apart and of even sides, as .mp4 or .gif, ``SPEED_UP`` times as fast."""
     import imageio.v2 as imageio
 
     fps = SPEED_UP / tick_s
@@ -157,16 +161,18 @@ def _goal(situation: Situation, candidate: int, pellet_slots: int) -> str:
     return f"{KIND_NAMES[kind]} {number} at ({x:.2f}, {y:.2f})"
 
 
-def _reason(situation: Situation, terms: _Terms, choice: int, before: int, alive: NDArray[np.bool_]) -> str:
-    """Why it is the choice and no longer the one before (-1: none), from the policy's own explanation."""
+def _reason(
+    situation: Situation, terms: list[dict[str, Any]], choice: int, before: int, alive: NDArray[np.bool_]
+) -> str:
+    """Why the choice has replaced the one before (-1: none), from the policy's own explanation."""
     mask = situation.mask[0]
-    parts = []
+    reasons = []
     other, called = -1, ""
     if before >= 0 and mask[before]:
         other, called = before, "the one before"
     elif before >= 0:
         pellet = situation.kind[0, before] == PELLET
-        parts.append("the one before is gone" if pellet and not alive[before] else "the one before may not be chosen")
+        reasons.append("the one before is gone" if pellet and not alive[before] else "the one before may not be chosen")
     if other < 0:
         scores = [float(t.get("score", -np.inf)) if mask[c] and c != choice else -np.inf for c, t in enumerate(terms)]
         best = int(np.argmax(scores))
@@ -175,14 +181,70 @@ def _reason(situation: Situation, terms: _Terms, choice: int, before: int, alive
     score = f"score {_value(terms[choice].get('score', '-'))}"
     if other >= 0:
         score += f" against {_value(terms[other].get('score', '-'))} of {called}"
-    parts.append(score)
-    parts += [
+    reasons.append(score)
+    reasons += [
         name if value is True else f"{name} {_value(value)}"
         for name, value in terms[choice].items()
         if name not in ("kind", "allowed", "score") and value is not False
     ]
-    return ", ".join(parts)
+    return ", ".join(reasons)
 
 
 def _value(value: Any) -> str:
     return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(
+        prog="pacman-env replay",
+        description="Play one round of a comparison again with each policy and film it. Give the same arguments as"
+        " there: map or levels, Clyde's speed, and whatever else the game was changed by.",
+    )
+    seed_help = "of the round, as in 'seeds' of the comparison's JSON"
+    parser.add_argument("seed", type=whole_number(0, 2**64 - 1), metavar="SEED", help=seed_help)
+    scenarios.add_policy_arguments(parser, ("clyde_aware", "nearest"), "from left to right")
+    scenarios.add_game_arguments(parser, several=False)
+    out_help = f"one of {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
+    parser.add_argument("--out", type=Path, metavar="FILE", help=out_help)
+    return run_command(parser, argv, _replay)
+
+
+def _replay(arguments: argparse.Namespace) -> None:
+    config = scenarios.game_configs(arguments)[0]
+    policies = scenarios.named_policies(arguments.policies)
+    wanted = scenarios.from_arguments(arguments)
+    if len(wanted) > 1:
+        raise ValueError("--levels: not beside --map, a round is played on one of them")
+    place = scenarios.scenario_name(wanted[0], config)
+    out = arguments.out or Path(f"results/replay-{arguments.seed}.mp4")
+    if out.suffix not in _SUFFIXES:
+        raise ValueError(f"--out {out}: must end in one of {', '.join(_SUFFIXES)}")
+    prepare(out)
+    games = record_games(wanted[0], config, policies, arguments.seed)
+    level = f", level {games[0].level}" if arguments.levels else ""
+    speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
+    title = f"Round {arguments.seed} on {place}{level}, {speed}"
+    _write(out, games, title)
+    print(title)
+    for game in games:
+        print(f"\n{game.name}: {game.outcome()}")
+        for change in game.changes:
+            print(f"  {change.when:>8}  {change.goal}: {change.why}")
+    print(f"\nwritten: {out}")
+
+
+def _write(out: Path, games: Sequence[RecordedGame], title: str) -> None:
+    if out.suffix != ".html":
+        film_games(games, out)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "film.mp4"
+        film_games(games, path)
+        video = base64.b64encode(path.read_bytes()).decode()
+    text = render("replay.html.j2", title=title, video=video, games=games)
+    with replaced(out) as temporary:
+        temporary.write_text(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,0 @@
-"""One round again, filmed: ``pacman-env replay``."""
