@@ -1,8 +1,6 @@
 """The ghosts' part of a tick, compiled; their rules live in ``game/ghosts.py``.
 
-``ways`` are the arrays of the ghosts' cells (graph, part, part_start, part_cells), stacked by level; ``search`` is the
-scratch memory of their search, a node table and a queue. All of it is in a table (:class:`GhostArrays`), so that a
-behaviour's kernel can be called by its address.
+All that it needs is in a table (:class:`GhostArrays`), so that a behaviour's kernel can be called by its address.
 """
 
 from __future__ import annotations
@@ -15,23 +13,35 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from ...engine.arrays import Array, arrays_by_address, reals_at
+from ...engine.bucket_queue import SearchArrays
 from ...engine.jit import kernel
-from ...engine.native import Array, array_by_address, arrays_by_address, call_range
+from ...engine.native import call_range
 from ...game.ghosts import BEHAVIOURS, Behaviour, GhostView, at_target, choose_target, walk
 from ...world.navigation.grid import cell_of
 from ..maps.ghost_cells import find_path
-from . import records
 from .kernels import believed, see_ghosts
+from .parameters import PARAMETERS
+from .records import GAME, GHOST
+
+
+class WayArrays(NamedTuple):
+    """The ghosts' cells of M maps."""
+
+    ghost_graph: Any = Array(np.int32, "M k 16")  # the search's view of a cell
+    ghost_part: Any = Array(np.int32, "M k")
+    ghost_part_start: Any = Array(np.int64, "M p")
+    ghost_part_cells: Any = Array(np.int32, "M k")
 
 
 class GhostArrays(NamedTuple):
     """What :func:`decide` and :func:`move` work on: N games, G ghosts, M maps, B behaviours."""
 
-    games: Any = Array(records.GAME, "N")
-    ghosts: Any = Array(records.GHOST, "N G")
+    games: Any = Array(GAME, "N")
+    ghosts: Any = Array(GHOST, "N G")
     paths: Any = Array(np.int32, "N G l")  # cells of the way that each is on
     obstacles: Any = Array(np.float64, "N G 3")  # m, where they are seen
-    parameters: Any = Array(records.PARAMETERS, "1")
+    parameters: Any = Array(PARAMETERS, "1")
     choices: Any = Array(np.int64, "N G")  # of those sent from outside
     remembered: Any = Array(np.int16, "N t G")  # the choice at each tick of the round
     behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and of its constants
@@ -40,26 +50,11 @@ class GhostArrays(NamedTuple):
     ghost_place: Any = Array(np.int32, "M g")  # cell of each goal
     ghost_corner: Any = Array(np.int32, "M 4")  # cell of each corner
     ghost_xy: Any = Array(np.float64, "M k 2")  # m, of the cells
-    ghost_graph: Any = Array(np.int32, "M k 16")  # the search's view of a cell
-    ghost_part: Any = Array(np.int32, "M k")
-    ghost_part_start: Any = Array(np.int64, "M p")
-    ghost_part_cells: Any = Array(np.int32, "M k")
-    search_nodes: Any = Array(np.int32, "k 4")  # ghost_cells.search_memory, from here on
-    queue_heads: Any = Array(np.int32, "b")
-    queue_stamps: Any = Array(np.int32, "b")
-    queue_following: Any = Array(np.int32, "e")
-    queue_items: Any = Array(np.int32, "e")
-    queue_state: Any = Array(np.int64, "4")
+    ways: Any = WayArrays
+    search: Any = SearchArrays
 
 
 _arrays = arrays_by_address(GhostArrays)
-
-
-@kernel
-def _graph(a):  # type: ignore[no-untyped-def]
-    """The arrays of the ghosts' cells and the scratch memory of their search."""
-    queue = (a.queue_heads, a.queue_stamps, a.queue_following, a.queue_items, a.queue_state)
-    return (a.ghost_graph, a.ghost_part, a.ghost_part_start, a.ghost_part_cells), (a.search_nodes, queue)
 
 
 @kernel
@@ -72,17 +67,14 @@ def wander_on(ghost, path, m, ways, search):  # type: ignore[no-untyped-def]
     ghost.path_length = find_path(np.int64(here), np.int64(target), graph[m], node, queue, path)
     ghost.path_index = 0
     ghost.path_offset = 0.0
-    if ghost.path_length == 0:  # cannot happen within a part; he stays where he is
+    if ghost.path_length == 0:  # cannot happen within a part; it stays where it is
         path[0] = here
         ghost.path_length = 1
 
 
 @kernel
 def head_for(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
-    """Turn to another cell at once: on to the next cell of his path, from there the shortest way.
-
-    Where there is no way he goes on as before.
-    """
+    """Turn to another cell at once: on to the next cell of its path, from there the shortest one, if there is any."""
     graph, part, _, _ = ways
     node, queue = search
     here = path[ghost.path_index]
@@ -110,14 +102,15 @@ def _go(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _send(ghost, path, g, chosen, p, ghost_place, ways, search):  # type: ignore[no-untyped-def]
-    """Send a ghost to a candidate of the robot's, or let him wander on: the last one."""
+def _send(ghost, path, i, chosen, a):  # type: ignore[no-untyped-def]
+    """Send a ghost of game i to a candidate of the robot's; the last candidate is to wander on."""
+    g, p = a.games[i], a.parameters[0]
     goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
     target = -1
     hold = p.pellet_slots + p.refuge_slots
     if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
-        target = ghost_place[g.level, goal]
-    _go(ghost, path, target, g.level, ways, search)
+        target = a.ghost_place[g.level, goal]
+    _go(ghost, path, target, g.level, a.ways, a.search)
     ghost.place = -1 if ghost.wanders else chosen
 
 
@@ -125,7 +118,6 @@ def _send(ghost, path, g, chosen, p, ghost_place, ways, search):  # type: ignore
 def decide(table, i):  # type: ignore[no-untyped-def]
     """Where the ghosts of a game that do not just wander go now; False if a behaviour's function raised."""
     a = _arrays(table)
-    ways, search = _graph(a)
     ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
     g, p = a.games[i], a.parameters[0]
     count = ghosts.shape[1]
@@ -134,11 +126,11 @@ def decide(table, i):  # type: ignore[no-untyped-def]
         row = -1
         if behaviours[k, 0] > 0:
             row = k
-        elif behaviours[k, 0] < 0:  # somebody outside sends him
+        elif behaviours[k, 0] < 0:  # it is sent from outside
             chosen = a.choices[i, k]
             a.remembered[i, g.tick, k] = chosen
             if chosen <= hold:
-                _send(ghosts[i, k], paths[i, k], g, chosen, p, a.ghost_place, ways, search)
+                _send(ghosts[i, k], paths[i, k], i, chosen, a)
             else:
                 ghosts[i, k].place = -1
                 row = count + chosen - hold - 1
@@ -149,9 +141,8 @@ def decide(table, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def move(table, i):  # type: ignore[no-untyped-def]
-    """The ghosts' update in a game; who stands at the end of his way and wanders gets another."""
+    """The ghosts' update in a game; one that wanders and is at the end of its path draws another."""
     a = _arrays(table)
-    ways, search = _graph(a)
     ghosts, paths = a.ghosts, a.paths
     g, p = a.games[i], a.parameters[0]
     count = ghosts.shape[1]
@@ -160,59 +151,46 @@ def move(table, i):  # type: ignore[no-untyped-def]
     see_ghosts(g, ghosts[i], a.obstacles[i])
     for k in range(count):
         if ghosts[i, k].wanders & at_target(ghosts[i, k]):
-            wander_on(ghosts[i, k], paths[i, k], g.level, ways, search)
+            wander_on(ghosts[i, k], paths[i, k], g.level, a.ways, a.search)
 
 
 @kernel
 def step(table):  # type: ignore[no-untyped-def]
-    """One update of the only game, whose choices are in the table."""
+    """:func:`move` in the only game."""
     move(table, np.int64(0))
 
 
 @kernel
 def choose(table):  # type: ignore[no-untyped-def]
-    """Decide in the only game."""
+    """:func:`decide` in the only game."""
     return decide(table, np.int64(0))
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
-    """Stands for a behaviour's function in :func:`_follow_behaviour`."""
+    """A behaviour's function is in its place in a copy of :func:`_follow_behaviour`."""
 
 
-_CONSTANTS = 0  # stands for the number of its constants
+_CONSTANTS = 0  # likewise the number of its constants
 
 
 def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
-    """Let a ghost of game i decide where he goes now; ``which``: the row times the ghosts plus his number."""
+    """Let a ghost of game i decide where it goes; ``which``: the behaviour's row times the ghosts plus its number."""
     a = _arrays(table)
-    ways, search = _graph(a)
     snap, position = a.ghost_snap, a.ghost_xy
     row, number = divmod(which, a.ghosts.shape[1])
-    constants = array_by_address(a.behaviours[row, 1], _CONSTANTS)
+    constants = reals_at(a.behaviours[row, 1], _CONSTANTS)
     g, p = a.games[i], a.parameters[0]
     m, ghost = g.level, a.ghosts[i, number]
     bx, by, heading = believed(g, p.use_tf)
     own_corner = a.ghost_corner[m, number]
-    x, y = _target(
-        GhostView(
-            number,
-            ghost.x,
-            ghost.y,
-            ghost.vx,
-            ghost.vy,
-            bx,
-            by,
-            heading,
-            position[m, own_corner, 0],
-            position[m, own_corner, 1],
-        ),
-        to_fixed_tuple(constants, _CONSTANTS),
-    )
+    corner_x, corner_y = position[m, own_corner]
+    view = GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, bx, by, heading, corner_x, corner_y)
+    x, y = _target(view, to_fixed_tuple(constants, _CONSTANTS))
     target = -1
     if math.isfinite(x) and math.isfinite(y):
         column, row = cell_of(a.affine[m], snap.shape[1], snap.shape[2], x, y)
         target = snap[m, row, column]
-    _go(ghost, a.paths[i, number], target, m, ways, search)
+    _go(ghost, a.paths[i, number], target, m, a.ways, a.search)
     return 0
 
 

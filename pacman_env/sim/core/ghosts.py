@@ -1,4 +1,4 @@
-"""The ghosts of N games: where they are, the ways they are on, and who decides where each of them goes."""
+"""The ghosts of N games: where they are, the paths they are on, and what decides where each of them goes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, ConfigError
-from ...engine.bucket_queue import queue_arrays
-from ...engine.native import Table, address, address_of_kernel
+from ...engine.arrays import Table, address
+from ...engine.bucket_queue import SearchArrays
+from ...engine.native import address_of_kernel
 from ...game.ghosts import BEHAVIOURS, POLICY, WANDER, Behaviour, find_behaviour
 from ..maps.ghost_cells import search_memory
 from ..maps.level_stack import LevelStack
@@ -32,16 +33,15 @@ class Ghosts:
 
     Attributes:
         state: (N, G) records of type ``GHOST``.
-        paths: (N, G, L) int32, the cells of the way that each is on.
+        paths: (N, G, L) int32, the cells of the path that each is on.
         obstacles: (N, G, 3) float64, where they are seen, m.
         choices: (N, G) int64, for those sent from outside: a candidate, the last one to wander on, or beyond it the
             number of a behaviour (:func:`behaviour_choice`); written before each tick.
-        wander_first: (G,) bool, who draws his own targets until he is sent somewhere.
-        sent_from_outside: (G,) bool, whose behaviour is ``policy``.
+        wander_first: (G,) bool, those that draw targets of their own until they are sent somewhere.
+        sent_from_outside: (G,) bool, those whose behaviour is ``policy``.
     """
 
     def __init__(self, n: int, config: Config) -> None:
-        """Raises ConfigError for a behaviour that there is not."""
         try:
             behaviours = [find_behaviour(name) for name in config.clyde.ghosts]
         except ConfigError as error:
@@ -65,16 +65,14 @@ class Ghosts:
                 self._use(k, one)
 
     def _use(self, row: int, behaviour: Behaviour) -> None:
-        """Let a row of the behaviours be this one."""
         self._used[row] = behaviour_kernel(behaviour)
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
     def send(self, choices: NDArray[np.int64] | None) -> None:
-        """Take the ``choices`` (N, G) for those sent from outside; None: all wander on.
+        """Set the ``choices`` (N, G) for those sent from outside; None: all wander on.
 
-        Raises:
-            ValueError: a choice is none; nothing has been changed then.
+        Raises ValueError for one that is no choice; nothing has been changed then.
         """
         if not self._any_sent:
             return
@@ -93,14 +91,14 @@ class Ghosts:
         self.compile_choices()
 
     def compile_choices(self) -> None:
-        """Have the behaviours ready that ``choices`` ask for."""
+        """Compile the behaviours that ``choices`` ask for."""
         number = int(self.choices.max()) - behaviour_choice(self._hold, 0)
         for k in range(number + 1):
             if self._behaviours[len(self.wander_first) + k, 0] == 0:
                 self._use(len(self.wander_first) + k, _TABLE[k])
 
     def bind(self, levels: LevelStack, hold: int) -> None:
-        """Take over the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
+        """Use the arrays of the maps, after they have been made anew; ``hold`` is the last candidate."""
         self._hold = hold
         self._maps = levels.arrays_for(GhostArrays)
         self._searched = self._maps["ghost_xy"].shape[1], levels.longest_ghost_way
@@ -112,7 +110,6 @@ class Ghosts:
 
     def table(self, games: NDArray[Any], remembered: NDArray[np.int16], parameters: NDArray[Any]) -> Table:
         """What the kernels work on, with scratch memory of its own: one for each thread."""
-        node, queue = search_memory(*self._searched)
         return Table(
             GhostArrays,
             games=games,
@@ -123,8 +120,7 @@ class Ghosts:
             choices=self.choices,
             remembered=remembered,
             behaviours=self._behaviours,
-            search_nodes=node,
-            **queue_arrays(queue),
+            search=SearchArrays(*search_memory(*self._searched)),
             **self._maps,
         )
 
@@ -132,8 +128,8 @@ class Ghosts:
         """Raise what a behaviour's function raised in a game."""
         count = len(self.wander_first)
         for k in range(count):
-            told = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
-            row = k if k in self._used else count + told
-            if row in self._used and (row == k or told >= 0):
+            chosen = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
+            row = k if k in self._used else count + chosen
+            if row in self._used and (row == k or chosen >= 0):
                 self._used[row](table, game, row * count + k)
         raise RuntimeError(f"a ghost of game {game} could not decide where to go")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...engine.bucket_queue import SearchArrays
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
 from ...world.navigation.clear_cells import clear_cells
@@ -24,6 +25,7 @@ from ...world.navigation.planner import PATH_POINTS, detour_memory
 from . import kernels, records
 from .parameters import batch_parameters, draw_episodes
 from .poses import Pose, compose, inverse, wrap
+from .ticks import SpaceArrays
 
 _LONG_AGO = -1_000_000  # steps
 _FAR_M = 1e6  # where Clyde is while nobody has seen him
@@ -79,7 +81,7 @@ class SimulatedRobot:
         fixed = (array[None] for array in (grid.affine, grid.snap, neighbours, cell_xy))
         self._nav = (*fixed, self._length_cm, self._next_step)
         self._longest_cm = 0
-        self._search = detour_memory(cells, self._longest_cm, grid.resolution)
+        self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step it came
         self._games = np.zeros(1, dtype=records.GAME)
         self._g = self._games[0]
@@ -222,7 +224,7 @@ class SimulatedRobot:
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest
-                self._search = detour_memory(len(grid.cell), longest, grid.resolution)
+                self._search = SearchArrays(*detour_memory(len(grid.cell), longest, grid.resolution))
         navigator.send_goal(self._g, slot, self.steps)
         return slot
 
@@ -297,9 +299,9 @@ class SimulatedRobot:
         parameters, grid = self._parameters, self.grid
         if by_hand:
             kernels.command(g, v, omega, parameters[0])
-        way = self._paths, self._obstacles, parameters, self._plan_end, self._nav, self._search
-        cells = grid.clearance_cm, self._clear
-        while not kernels.step_robot(self._games, int(by_hand), *way, *cells, self._spaces.arrays):
+        state = self._games, self._paths, self._obstacles, parameters, self._plan_end
+        cells, spaces = (grid.clearance_cm, self._clear), SpaceArrays(*self._spaces.arrays)
+        while not kernels.step_robot(state, int(by_hand), cells, self._nav, self._search, spaces):
             self._spaces.provide(0, grid.walls)
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT

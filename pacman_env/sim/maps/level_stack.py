@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
+from ...engine.arrays import Array, Table
 from ...engine.jit import kernel
-from ...engine.native import Table, declared
 from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
 from ...world.navigation.paths import UNREACHABLE_CM
@@ -94,7 +94,7 @@ class LevelStack:
         self._users = np.zeros(slots, dtype=np.int64)
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
-        self._coarse_steps = np.zeros((slots, 0, 0, TILE, TILE, 0), dtype=np.uint8)
+        self._tiles = 0, 0  # rows and columns of ``coarse_steps``
         self._tables: dict[type, tuple[int, Table]] = {}  # with the version that they are of
         self._has_coarse_steps = np.zeros(slots, dtype=np.bool_)  # of the map that lies in the slot now
         kinds = _kinds(first, config)
@@ -107,6 +107,7 @@ class LevelStack:
                 name: np.zeros((slots, *_room(name, array.shape, ())), dtype=array.dtype)
                 for name, array in kinds.items()
             }
+        self.arrays["coarse_steps"] = np.zeros((slots, 0, 0), dtype=np.uint8)
 
     def __len__(self) -> int:
         return self.slots
@@ -115,12 +116,15 @@ class LevelStack:
         """A copy's arrays lie elsewhere."""
         return {**self.__dict__, "_tables": {}}
 
-    def arrays_for(self, kind: type[tuple[Any, ...]]) -> dict[str, NDArray[Any]]:
-        """Those of the arrays that a named tuple declares; ``coarse_steps`` as :meth:`find_coarse_steps` left them."""
-        fields = declared(kind)
-        found = {name: array for name, array in self.arrays.items() if name in fields}
-        if "coarse_steps" in fields:
-            found["coarse_steps"] = self._coarse_steps.reshape(self.slots, -1, self._coarse_steps.shape[-1])
+    def arrays_for(self, kind: type[tuple[Any, ...]]) -> dict[str, Any]:
+        """Those of the arrays that a named tuple declares, tuples within it included."""
+        found: dict[str, Any] = {}
+        for name, field in kind._field_defaults.items():  # type: ignore[attr-defined]
+            if not isinstance(field, Array):
+                if set(field._fields) <= self.arrays.keys():
+                    found[name] = field(**self.arrays_for(field))
+            elif name in self.arrays:
+                found[name] = self.arrays[name]
         return found
 
     def table(self, kind: type[tuple[Any, ...]]) -> Table:
@@ -178,27 +182,30 @@ class LevelStack:
         self._measure(assets)
 
     def find_coarse_steps(self, slots: NDArray[np.int32]) -> int:
-        """See to it that ``coarse_steps``, (S, R C 64, G), has the ways on the maps in ``slots`` (``coarse_steps.py``).
+        """Fill ``coarse_steps`` (S, cells of tiles, G) for the maps in ``slots``, unless it was done before.
 
-        They are computed for a map when they are first asked for. Returns how many tiles lie side by side.
+        Returns how many tiles lie side by side (``coarse_steps.py``).
         """
         if not self._has_coarse_steps[slots].all():
             self._find_coarse_steps(slots)
-        return self._coarse_steps.shape[2]
+        return self._tiles[1]
 
     def _find_coarse_steps(self, slots: NDArray[np.int32]) -> None:
         height, width = self.arrays["snap"].shape[1:]
         goals = self.arrays["next_step"].shape[1]
-        shape = self.slots, -(-height // TILE), -(-width // TILE), TILE, TILE, goals
-        if self._coarse_steps.shape != shape:
-            self._coarse_steps = np.zeros(shape, dtype=np.uint8)
+        tiles = -(-height // TILE), -(-width // TILE)
+        shape = self.slots, *tiles, TILE, TILE, goals
+        if tiles != self._tiles or goals != self.arrays["coarse_steps"].shape[2]:
+            self.arrays["coarse_steps"] = np.zeros((self.slots, math.prod(shape[1:5]), goals), dtype=np.uint8)
+            self._tiles = tiles
             self._has_coarse_steps[:] = False
             self.version += 1
+        stacked = self.arrays["coarse_steps"].reshape(shape)
         for slot in np.unique(slots[~self._has_coarse_steps[slots]]).tolist():
             assets = self.assets(slot)
             found = coarse_steps(assets.next_step, assets.grid.cell, assets.grid.shape)
             rows, columns, *_, goals = found.shape
-            self._coarse_steps[slot, :rows, :columns, :, :, :goals] = found
+            stacked[slot, :rows, :columns, :, :, :goals] = found
             self._has_coarse_steps[slot] = True
 
     def _measure(self, assets: MapAssets) -> None:

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import Array, Table, address_of, arrays_by_address
+from ...engine.native import address_of
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel, prefetch
-from ...engine.lanes import LANES, all_of, load, lower, minus, plus, roots, store, times, where_below
-from ...engine.native import Array, Table, address_of, arrays_by_address
+from ...engine.native import address_of
+from ...engine.simd import WIDTH, all_of, load, lower, minus, plus, roots, store, times, where_below
 from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_step, tile_index
 from ...world.navigation.grid import cell_of
 from .situation import LAYOUT, Situation
@@ -62,7 +63,7 @@ class _EncounterArrays(NamedTuple):
 
 
 _arrays, _maps, _situation = arrays_by_address(_EncounterArrays), arrays_by_address(MapArrays), LAYOUT.arrays
-_BLOCK = (STEPS + _AHEAD) * LANES  # numbers of a block: instant by instant, lane by lane
+_BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block: instant by instant, lane by lane
 
 #: Columns of :func:`encounters`.
 CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING = range(8)
@@ -117,22 +118,22 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
 
     Args:
         steps: coarse ones, of the map.
-        count: of walkers; walker ``w`` has lane ``w % LANES`` of block ``w // LANES``.
+        count: of walkers; walker ``w`` has lane ``w % WIDTH`` of block ``w // WIDTH``.
         goals: above 1, whoever has arrived goes on to another of so many; else he stays.
         stretch: cells from one instant to the next, of all.
         walkers: (W, 3) position and the cells that others walk before the first coarse step; (W, 2) column and row of
             the drivable cell there; (W,) goals; and for use here cells walked and instants written.
-        out_x: (B, STEPS + _AHEAD, LANES) columns.
+        out_x: (B, STEPS + _AHEAD, WIDTH) columns.
         out_y: likewise, rows.
     """
     starts, cells, targets, walked, written = walkers
     walking = 0
     for w in range(count):
-        at = w // LANES * _BLOCK + w % LANES
+        at = w // WIDTH * _BLOCK + w % WIDTH
         x, y, late = starts[w]
         waits = STEPS if late >= STEPS * stretch else int(late / stretch)
         for j in range(waits):
-            out_x[at + j * LANES], out_y[at + j * LANES] = x, y
+            out_x[at + j * WIDTH], out_y[at + j * WIDTH] = x, y
         written[w], walked[w] = waits, late
         walking += waits < STEPS
     per_cell = 1.0 / max(stretch, 1e-9)
@@ -142,7 +143,7 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             first = written[w]
             if first >= STEPS:
                 continue
-            at = w // LANES * _BLOCK + w % LANES + first * LANES
+            at = w // WIDTH * _BLOCK + w % WIDTH + first * WIDTH
             x, y = starts[w, 0], starts[w, 1]
             column, row, goal = cells[w, 0], cells[w, 1], targets[w]
             here = tile_index(column, row, across)
@@ -155,7 +156,7 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
                 targets[w] = goal
             if code in (ARRIVED, NO_WAY):
                 for j in range(STEPS - first):
-                    out_x[at + j * LANES], out_y[at + j * LANES] = x, y
+                    out_x[at + j * WIDTH], out_y[at + j * WIDTH] = x, y
                 written[w] = STEPS
                 walking -= 1
                 continue
@@ -174,10 +175,10 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             last = min(int(after * per_cell), STEPS)  # instants that lie within the coarse step
             share, more = ((first + 1) * stretch - before) * slope, stretch * slope
             for u in range(_AHEAD):
-                _write(out_x, out_y, at + u * LANES, x, y, dx, dy, share + u * more)
+                _write(out_x, out_y, at + u * WIDTH, x, y, dx, dy, share + u * more)
             if last - first > _AHEAD:
                 for u in range(_AHEAD, last - first):
-                    _write(out_x, out_y, at + u * LANES, x, y, dx, dy, share + u * more)
+                    _write(out_x, out_y, at + u * WIDTH, x, y, dx, dy, share + u * more)
             walked[w], written[w] = after, max(last, first)
             starts[w, 0], starts[w, 1] = ahead_x, ahead_y
             cells[w, 0], cells[w, 1] = column, row
@@ -209,7 +210,7 @@ def _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, goals, wal
     early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
     total = 0.0
     for k in range(used):
-        at = k // LANES * _BLOCK + early * LANES + k % LANES
+        at = k // WIDTH * _BLOCK + early * WIDTH + k % WIDTH
         dx, dy = his_x[at] - cx, his_y[at] - cy
         d = math.sqrt(dx * dx + dy * dy)
         weight = 1.0
@@ -246,8 +247,8 @@ def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  #
 @kernel
 def _nearest(mine_x, mine_y, mine, his_x, his_y, k, first, last, best):  # type: ignore[no-untyped-def]
     """The squared distances ``best``, or those of some instants where they are smaller; a row of candidates."""
-    his = k // LANES * _BLOCK + k % LANES
-    for j in range(first * LANES, last * LANES, LANES):
+    his = k // WIDTH * _BLOCK + k % WIDTH
+    for j in range(first * WIDTH, last * WIDTH, WIDTH):
         dx = minus(load(mine_x, mine + j), all_of(his_x[his + j]))
         dy = minus(load(mine_y, mine + j), all_of(his_y[his + j]))
         best = lower(plus(times(dx, dx), times(dy, dy)), best)
@@ -272,11 +273,11 @@ def _compare(mine_x, mine_y, mine, his, used, cells_per_m, sums):  # type: ignor
         least = lower(best, least)
     standing = _nearest(mine_x, mine_y, mine, his_x, his_y, used, 0, STEPS, far)
     store(sums, 0, soon)
-    store(sums, LANES, caught)
-    store(sums, 2 * LANES, approached)
-    store(sums, 3 * LANES, mean)
-    store(sums, 4 * LANES, least)
-    store(sums, 5 * LANES, standing)
+    store(sums, WIDTH, caught)
+    store(sums, 2 * WIDTH, approached)
+    store(sums, 3 * WIDTH, mean)
+    store(sums, 4 * WIDTH, least)
+    store(sums, 5 * WIDTH, standing)
 
 
 @kernel
@@ -301,7 +302,7 @@ def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
 @kernel
 def _instants(walkers):  # type: ignore[no-untyped-def]
     """Room for a coordinate of each walker at each instant."""
-    return np.zeros((walkers + LANES - 1) // LANES * _BLOCK, np.float32)
+    return np.zeros((walkers + WIDTH - 1) // WIDTH * _BLOCK, np.float32)
 
 
 @kernel
@@ -313,7 +314,7 @@ def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
     most = max(ways, candidates)
     starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
     walkers = (starts, cells, targets, np.empty(most), np.empty(most, np.int32))
-    return his, mine, walkers, np.empty(6 * LANES, np.float32)
+    return his, mine, walkers, np.empty(6 * WIDTH, np.float32)
 
 
 @kernel
@@ -348,14 +349,14 @@ def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-de
         chosen[count] = c
         count += 1
     _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, mine_x, mine_y)
-    for block in range(-(-count // LANES)):
+    for block in range(-(-count // WIDTH)):
         _compare(mine_x, mine_y, block * _BLOCK, his, used, per_m, sums)
-        for k in range(min(count - block * LANES, LANES)):
-            r = result[chosen[block * LANES + k]]
-            r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[k], sums[LANES + k], sums[2 * LANES + k]
-            r[CLOSEST_MEAN] = sums[3 * LANES + k] / per_m if used > 0 else _FAR_M
-            r[CLOSEST] = math.sqrt(sums[4 * LANES + k]) / per_m
-            r[STANDING] = math.sqrt(sums[5 * LANES + k]) / per_m
+        for k in range(min(count - block * WIDTH, WIDTH)):
+            r = result[chosen[block * WIDTH + k]]
+            r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[k], sums[WIDTH + k], sums[2 * WIDTH + k]
+            r[CLOSEST_MEAN] = sums[3 * WIDTH + k] / per_m if used > 0 else _FAR_M
+            r[CLOSEST] = math.sqrt(sums[4 * WIDTH + k]) / per_m
+            r[STANDING] = math.sqrt(sums[5 * WIDTH + k]) / per_m
 
 
 @kernel

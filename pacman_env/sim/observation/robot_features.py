@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.blocks import Layout
+from ...engine.arrays import Array, Layout, Table, address, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import Array, Table, address, arrays_by_address
 from .situation import HOLD, PELLET, REFUGE, Situation
 from .situation import LAYOUT as situation_layout
 

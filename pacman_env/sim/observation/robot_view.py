@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.native import Table
+from ...engine.arrays import Table
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
 from ...game.goals import Goals
@@ -106,13 +106,17 @@ class RobotView:
         self._request = np.zeros(1, dtype=REQUEST)
         self._look_table = Table(
             LookArrays,
-            games=self._games,
+            rules=kernels.RuleArrays(
+                games=self._games,
+                alive=self._alive,
+                waits=self._waits,
+                aborts=np.zeros_like(self._waits),
+                obstacles=self._obstacles,
+                parameters=self._parameters,
+                goal_xy=self._levels.arrays["goal_xy"],
+            ),
             ghosts=self._ghosts,
             ghost_paths=self._cells,
-            obstacles=self._obstacles,
-            alive=self._alive,
-            waits=self._waits,
-            parameters=self._parameters,
             request=self._request,
             summary=np.zeros((len(kernels.SUMMARY), 1), dtype=np.int64),
             **self._levels.arrays_for(LookArrays),

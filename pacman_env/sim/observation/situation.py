@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.blocks import Layout
-from ...engine.native import Array
+from ...engine.arrays import Array, Layout
 from ...engine.threads import ALONE, Threads
 
 if TYPE_CHECKING:
