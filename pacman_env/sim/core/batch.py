@@ -81,6 +81,7 @@ class GameBatch(GameState):
         return self.source.first
 
     def assets_of(self, game: int) -> MapAssets:
+        """The map that a game is played on."""
         return self._levels.assets_of(game)
 
     def level_numbers(self) -> NDArray[np.int64]:
@@ -358,7 +359,7 @@ class GameBatch(GameState):
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
         """Let a ghost go on from the cell of his nearest to (x, y), m; returns where that is."""
         cells = self.assets_of(game).clyde.position
-        cell = int(((cells - (x, y)) ** 2).sum(axis=1).argmin())
+        cell, _ = self.assets_of(game).clyde.nearest(x, y)
         kernels.place_ghost(
             self.games[game : game + 1],
             self.ghosts[game, number : number + 1],

@@ -38,7 +38,6 @@ class GameLevels:
         self._threads = threads.number
 
     def assets_of(self, game: int) -> MapAssets:
-        """The map that a game is played on."""
         slot = self.slots[game]
         return self.source.first if slot == _NONE else self.stack.assets(slot)
 
@@ -69,7 +68,7 @@ class GameLevels:
         self.spaces.leave(index)
         for i in index.tolist():
             if self.slots[i] != _NONE:
-                self.stack.give_back(self.slots[i])
+                self.stack.release(self.slots[i])
         for i, level in zip(index.tolist(), levels.tolist(), strict=True):
             known = self.stack.has(level)
             self.slots[i] = self.stack.take(level, lambda number: prepared.get(number) or self.source.prepare(number))

@@ -76,7 +76,7 @@ class SimulatedRobot:
         self._length_cm = np.full((1, cells, 2), UNREACHABLE_CM, dtype=np.uint16)
         self._next_step = np.full((1, 2, cells), NO_STEP, dtype=np.int16)
         self._plan_end = np.zeros((1, 2, 2))
-        cell_xy = np.stack(grid.to_world(grid.cell[:, 0], grid.cell[:, 1]), axis=1).astype(np.float32)
+        cell_xy = np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32)
         neighbours = np.ascontiguousarray(grid.neighbours[:, ::2])
         fixed = (array[None] for array in (grid.affine, grid.snap, neighbours, cell_xy))
         self._nav = (*fixed, self._length_cm, self._next_step)

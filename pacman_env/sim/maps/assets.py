@@ -1,6 +1,6 @@
-"""Everything computed once per map and configuration: grid, goals, path fields, Clyde's cells.
+"""Everything computed once per map and configuration: grid, goals, path fields, the ghosts' cells.
 
-Kept in the process (the last few maps) and, for the path fields, on disk by the map's hash.
+The last few maps are kept in the process, path fields on disk by the map's hash.
 """
 
 from __future__ import annotations
@@ -18,19 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.jit import kernel, source_hash
+from ...engine.jit import source_hash
 from ...game.pellets import generate_pellets
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
-from .ghost_cells import ClydeCells, clyde_cells
+from .ghost_cells import ClydeCells, clyde_cells, nearest_positions
 from .ghost_targets import GhostTargets, are_sent, find_ghost_targets
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
 MAX_PELLETS = 1000  # the way from each to each is kept
-_AT_ONCE = 64  # cells: what lies together is read together
 _KEEP = 16  # maps kept in the process
 
 
@@ -41,32 +40,28 @@ class MapAssets:
     occupancy: OccupancyMap
     grid: DriveGrid
     clyde: ClydeCells
-    clyde_part: int  # Clyde's part that lies in the robot's area
-    spawn_cells: NDArray[np.int32]  # Clyde's cells he may start from
-    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each of Clyde's, -1: outside the robot's area
+    clyde_part: int  # the ghosts' part that lies in the robot's area
+    spawn_cells: NDArray[np.int32]  # the cells that ghosts may start from
+    clyde_drive: NDArray[np.int32]  # (K,) drivable cell under each of the ghosts', -1: outside the robot's area
     pellet_ids: NDArray[np.int64]  # (P,) as the game numbers them
     dropped_ids: NDArray[np.int64]  # pellets of the game that the robot cannot reach
     goal_xy: NDArray[np.float64]  # (G, 2) m
     goal_cell: NDArray[np.int32]  # (G,) drivable cell, -1: none within Nav2's tolerance
-    neighbours: NDArray[np.int32]  # (K, 16)
     cell_xy: NDArray[np.float32]  # (K, 2) m
     length_cm: NDArray[np.uint16]  # (K, G) path length to each goal: one row is one place
     next_step: NDArray[np.int16]  # (G, K) next cell towards each goal, as a difference of numbers
-    goal_apart_m: NDArray[np.float32]  # (G,) how near Clyde's centre can come to each goal
+    goal_apart_m: NDArray[np.float32]  # (G,) how near a ghost's centre can come to each goal
 
     @property
     def pellets(self) -> int:
-        """P, the number of pellets."""
         return len(self.pellet_ids)
 
     @property
     def refuges(self) -> int:
-        """R, the number of refuges."""
         return len(self.goal_xy) - len(self.pellet_ids)
 
     @functools.cached_property
     def ghost_targets(self) -> GhostTargets:
-        """The cells that ghosts can be sent to."""
         return find_ghost_targets(self.grid, self.clyde, self.clyde_part, self.goal_xy)
 
 
@@ -92,9 +87,8 @@ def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, floa
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
     """The assets of a map (name, file or loaded map) under a configuration.
 
-    Raises:
-        MapError: the map cannot be read, or has no place for the robot or no pellet to play for.
-        ConfigError: Clyde finds no room on the map.
+    Raises MapError for a map that cannot be read or has no place for the robot, no pellet or no place for ghosts;
+    ConfigError if it has no room for them at all.
     """
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     if home is not None:
@@ -114,17 +108,13 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
 
 def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """The same as :func:`map_assets`, computed anew: nothing is looked up or kept, in the process or on disk.
+    """As :func:`map_assets`, for a map that is played on once: nothing is kept, in the process or on disk.
 
-    For a map that is played on once. Threads may prepare different maps at the same time.
-
-    Raises:
-        MapError: the map has no place for the robot or no pellet to play for.
-        ConfigError: Clyde finds no room on the map.
+    Threads may prepare different maps at the same time.
     """
     assets = _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
     if are_sent(config.clyde):
-        _ = assets.ghost_targets  # now: whoever plays on the map would have to wait for them
+        _ = assets.ghost_targets  # computed now, not while the map is played on
     return assets
 
 
@@ -141,7 +131,7 @@ def _pose(home: tuple[float, float, float], name: str) -> tuple[float, float, fl
 def _build(
     occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None, key: str | None
 ) -> MapAssets:
-    """Compute everything; with a key, the path fields are looked for on disk first, and kept there."""
+    """Compute everything; with a key, the path fields are loaded from disk or kept there."""
     grid = build_grid(occupancy, config.robot, config.nav2, config.pellets, home)
     pellets = generate_pellets(occupancy, config.pellets)
     if len(pellets) > MAX_PELLETS:
@@ -166,6 +156,8 @@ def _build(
     names, compute = ("length_cm", "next_step"), lambda: path_fields(grid, goal_cell, known)
     fields = compute() if key is None else cached_arrays(key, names, compute)
     goal_xy = np.concatenate([pellets.position[keep], refuge_xy])
+    reached = clyde.position[clyde.cells_in(part)].astype(np.float32)
+    _, squares = nearest_positions(reached, goal_xy.astype(np.float32))
     return MapAssets(
         occupancy=occupancy,
         grid=grid,
@@ -177,40 +169,11 @@ def _build(
         dropped_ids=pellets.ids[~keep],
         goal_xy=goal_xy,
         goal_cell=goal_cell,
-        neighbours=grid.neighbours,
-        cell_xy=_centres(grid.inverse, grid.cell),
+        cell_xy=np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32),
         length_cm=fields["length_cm"],
         next_step=fields["next_step"],
-        goal_apart_m=_apart(goal_xy, clyde.position, clyde.cells_in(part)),
+        goal_apart_m=np.sqrt(squares.astype(np.float32)),
     )
-
-
-@kernel
-def _apart(goal_xy, position, cells):  # type: ignore[no-untyped-def]
-    """(G,) m, float32, from each goal to the nearest of the cells."""
-    x, y = np.empty(len(cells), np.float32), np.empty(len(cells), np.float32)
-    for i in range(len(cells)):
-        x[i], y[i] = position[cells[i], 0], position[cells[i], 1]
-    result = np.empty(len(goal_xy), np.float32)
-    for k in range(len(goal_xy)):
-        gx, gy, least = np.float32(goal_xy[k, 0]), np.float32(goal_xy[k, 1]), np.float32(np.inf)
-        for i in range(len(cells)):
-            dx, dy = x[i] - gx, y[i] - gy
-            square = dx * dx + dy * dy
-            least = square if square < least else least
-        result[k] = np.sqrt(least)
-    return result
-
-
-@kernel
-def _centres(inverse, cell):  # type: ignore[no-untyped-def]
-    """(K, 2) float32: world position of the middle of each cell, m."""
-    result = np.empty((len(cell), 2), np.float32)
-    for k in range(len(cell)):
-        u, v = cell[k, 0] + 0.5, cell[k, 1] + 0.5
-        result[k, 0] = inverse[0] * u + inverse[1] * v + inverse[2]
-        result[k, 1] = inverse[3] * u + inverse[4] * v + inverse[5]
-    return result
 
 
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
@@ -224,23 +187,11 @@ def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathField
     fields = fields or grid.path_fields()
     for k, cell in enumerate(goal_cell.tolist()):
         length_cm[k], next_step[k] = fields.to(cell) if cell >= 0 else (UNREACHABLE_CM, NO_STEP)
-    return {"length_cm": _turned(length_cm), "next_step": next_step}
-
-
-@kernel
-def _turned(table):  # type: ignore[no-untyped-def]
-    """The transposed table, copied."""
-    rows, columns = table.shape
-    result = np.empty((columns, rows), table.dtype)
-    for first in range(0, columns, _AT_ONCE):
-        for row in range(rows):
-            for column in range(first, min(first + _AT_ONCE, columns)):
-                result[column, row] = table[row, column]
-    return result
+    return {"length_cm": np.ascontiguousarray(length_cm.T), "next_step": next_step}
 
 
 def _connected_part(clyde: ClydeCells, clyde_drive: NDArray[np.int32], name: str) -> int:
-    """Clyde's part with most cells in the robot's area."""
+    """The ghosts' part with most cells in the robot's area."""
     shared = np.bincount(clyde.part[clyde_drive >= 0], minlength=len(clyde.part_start) - 1)
     if shared.max() == 0:
         raise MapError(f"{name}: no place of the robot's area is wide enough for Clyde")

@@ -1,7 +1,7 @@
 """The maps that the games of a batch are played on, stacked into one array per kind for the kernels.
 
-A map that all games share is stacked alone and nothing is copied. Where maps come and go, each lies in a slot as long
-as a game is played on it, and for as long as no other needs the slot.
+A map that all games share is stacked alone and nothing is copied. Where maps come and go, each lies in a slot while a
+game is played on it, and until another needs the slot.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ _FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner"
 
 
 def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
-    """The arrays of one map by kind."""
     grid, clyde = assets.grid, assets.clyde
     # NavFn moves a goal that the robot cannot come near to the nearest place where it can be.
     nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
@@ -39,7 +38,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
         "affine": grid.affine,
         "shape": np.array(grid.shape, dtype=np.int32),
         "snap": grid.snap,
-        "neighbours": assets.neighbours[:, ::2],  # the 8 around a cell
+        "neighbours": grid.neighbours[:, ::2],  # the 8 around a cell
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,
@@ -70,7 +69,7 @@ def _kinds(assets: MapAssets, config: Config) -> dict[str, NDArray]:
 
 
 def _room(name: str, shape: tuple[int, ...], before: tuple[int, ...]) -> tuple[int, ...]:
-    """Room for maps a little larger than one that has that shape, and at least for those before."""
+    """Room for maps a little larger than one of that shape, and at least for those before."""
     if name in _FIXED:
         return shape
     free = _VARIES.get(name, len(shape))  # axes that differ from map to map
@@ -82,7 +81,7 @@ class LevelStack:
     """S slots for maps; ``arrays[kind]`` is (S, ...) with the map of slot s in row s, padded at the far ends."""
 
     def __init__(self, first: MapAssets, config: Config, slots: int = 1) -> None:
-        """Stack one map; with more slots than one there will be others."""
+        """Stack one map; with more slots than one, others are added later."""
         self.config = config
         self.slots = slots
         self.resolution = first.grid.resolution
@@ -103,10 +102,8 @@ class LevelStack:
             self._assets[0], self.numbers[0] = first, 0
             self._measure(first)
         else:
-            self.arrays = {
-                name: np.zeros((slots, *_room(name, array.shape, ())), dtype=array.dtype)
-                for name, array in kinds.items()
-            }
+            shapes = {name: (slots, *_room(name, array.shape, ())) for name, array in kinds.items()}
+            self.arrays = {name: np.zeros(shape, dtype=kinds[name].dtype) for name, shape in shapes.items()}
         self.arrays["coarse_steps"] = np.zeros((slots, 0, 0), dtype=np.uint8)
 
     def __len__(self) -> int:
@@ -136,17 +133,15 @@ class LevelStack:
         return table
 
     def assets(self, slot: int) -> MapAssets:
-        """The map in a slot."""
         assets = self._assets[slot]
         assert assets is not None
         return assets
 
     def has(self, level: int) -> bool:
-        """True if the level lies in a slot."""
         return bool((self.numbers == level).any())
 
     def take(self, level: int, prepare: Callable[[int], MapAssets]) -> int:
-        """A slot with that level, held until it is given back; ``prepare`` is called if no slot has it."""
+        """A slot with that level, held until :meth:`release`; ``prepare`` is called if no slot has it."""
         self._clock += 1
         if self.has(level):
             slot = int((self.numbers == level).argmax())
@@ -159,8 +154,7 @@ class LevelStack:
         self._last_use[slot] = self._clock
         return slot
 
-    def give_back(self, slot: int) -> None:
-        """A game has left the slot's map."""
+    def release(self, slot: int) -> None:
         self._users[slot] -= 1
 
     def _load(self, slot: int, assets: MapAssets) -> None:
@@ -230,9 +224,9 @@ def _fill(room, array):  # type: ignore[no-untyped-def]
 
 @kernel
 def _longest(length_cm):  # type: ignore[no-untyped-def]
-    """The longest way that there is, cm."""
+    """The longest path that there is, cm."""
     longest = 0
-    for k in range(len(length_cm)):
-        for length in length_cm[k]:
+    for row in length_cm:
+        for length in row:
             longest = max(longest, int(length) if length != UNREACHABLE_CM else 0)
     return longest

@@ -159,14 +159,14 @@ class RobotView:
 
     def _cell_passed(self, ghost: NDArray[Any]) -> int:
         """The last of his cells that a ghost has passed, who goes straight from cell to cell."""
-        cells, at = self.assets.clyde.position, np.array((ghost["x"], ghost["y"]))
-        nearest = _nearest(cells, at)
-        ahead = cells[nearest] - at
+        cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
+        nearest, _ = cells.nearest(*at)
+        ahead = cells.position[nearest] - at
         distance = math.hypot(*ahead)
         if distance < 1e-6 or ahead[0] * ghost["vx"] + ahead[1] * ghost["vy"] <= 0:
             return nearest
-        behind = cells[nearest] - ahead / distance * _BESIDE * self.assets.clyde.resolution
-        return _nearest(cells, behind)
+        behind = cells.position[nearest] - ahead / distance * _BESIDE * cells.resolution
+        return cells.nearest(*behind)[0]
 
     def pellets(self, shown: Mapping[int, tuple[float, float]]) -> Pellets:
         """Compare a report, positions by id, with the map: a pellet is its own within a cell's edge."""
@@ -244,8 +244,3 @@ class RobotView:
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
         g["distance"] = distance
         self._looked_s = seen.time_s
-
-
-def _nearest(cells: NDArray[np.float64], at: NDArray[np.float64]) -> int:
-    dx, dy = cells[:, 0] - at[0], cells[:, 1] - at[1]
-    return int((dx * dx + dy * dy).argmin())
