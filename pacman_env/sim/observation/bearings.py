@@ -1,7 +1,6 @@
-"""In which directions pellets, the ways to them, and ghosts lie as seen from the robot: what one steers by.
+"""The directions of pellets, of the paths to them, and of ghosts, to steer by; alike in the simulator and on a robot.
 
-Built from a situation and its maps, alike in the simulator and on a robot. Directions are in the frame of the believed
-pose, as cosine and sine: 1 and 0 are ahead, 0 and 1 to the left.
+They are in the frame of the believed pose, as cosine and sine: 1 and 0 are ahead, 0 and 1 to the left.
 """
 
 from __future__ import annotations
@@ -39,12 +38,9 @@ GHOST_BEARING_COLUMNS = (
 
 
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
-    """(N, ``count``, 7) float32: the pellets that may be chosen, those with the shortest ways first.
+    """(N, ``count``, 7) float32: the pellets that may be chosen in the order of ``nearest.py``.
 
-    A pellet that is pursued is listed in any case (``nearest.py``).
-
-    Raises:
-        ValueError: the situation has no maps.
+    Raises ValueError for a situation without maps.
     """
     if situation.maps is None:
         raise ValueError("the situation has no maps to find a way on")

@@ -186,19 +186,11 @@ class Grid:
         """Around the believed poses."""
         config, arrays = batch.config.observation, batch.levels.arrays
         images = np.empty((batch.n, config.grid_pixels, config.grid_pixels, CHANNELS), dtype=np.uint8)
-        raster_all(
-            arrays["affine"],
-            arrays["clearance_cm"],
-            arrays["shape"],
-            np.ascontiguousarray(batch.games["level"]),
-            situation.robot,
-            situation.position,
-            batch.alive,
-            np.ascontiguousarray(situation.ghosts[:, :, :2]),
-            config.grid_pixel_m,
-            batch.config.robot.radius_m,
-            images,
-        )
+        level = np.ascontiguousarray(batch.games["level"])
+        maps = arrays["affine"], arrays["clearance_cm"], arrays["shape"], level
+        ghosts = np.ascontiguousarray(situation.ghosts[:, :, :2])
+        lengths = config.grid_pixel_m, batch.config.robot.radius_m
+        raster_all(maps, situation.robot, situation.position, batch.alive, ghosts, *lengths, images)
         return {"grid": images}
 
 

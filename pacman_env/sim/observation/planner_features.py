@@ -27,43 +27,15 @@ _AROUND_M = 2.5  # pellets within this way are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
 CANDIDATE_FEATURES = (
-    "is_pellet",
-    "is_refuge",
-    "is_hold",
-    "is_current",
-    "path_robot",
-    "nearness_robot",
-    "path_clyde",
-    "nearness_clyde",
-    "time_margin",
-    "clyde_distance",
-    "caught_soon",
-    "caught",
-    "approached",
-    "closest_mean",
-    "closest_least",
-    "turn_cosine",
-    "towards_clyde",
-    "standing_clearance",
-    "nearest_pellet",
-    "mean_pellet",
-    "pellets_around",
-    "clyde_apart",
-    "handcrafted_cost",
-    "beyond_nearest",
+    *("is_pellet", "is_refuge", "is_hold", "is_current"),
+    *("path_robot", "nearness_robot", "path_clyde", "nearness_clyde", "time_margin", "clyde_distance"),
+    *("caught_soon", "caught", "approached", "closest_mean", "closest_least"),  # prediction.py, and the next three
+    *("turn_cosine", "towards_clyde", "standing_clearance"),
+    *("nearest_pellet", "mean_pellet", "pellets_around", "clyde_apart", "handcrafted_cost", "beyond_nearest"),
 )
 GLOBAL_FEATURES = (
-    "clyde_distance",
-    "clyde_near",
-    "closing_speed",
-    "clyde_speed",
-    "v",
-    "omega",
-    "pellets_left",
-    "last_pellet",
-    "clyde_towards",
-    "pose_age",
-    "nearest_way",
+    *("clyde_distance", "clyde_near", "closing_speed", "clyde_speed", "v", "omega"),
+    *("pellets_left", "last_pellet", "clyde_towards", "pose_age", "nearest_way"),
 )
 
 
@@ -85,11 +57,7 @@ _meeting_maps = arrays_by_address(prediction.MapArrays)
 
 
 def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Candidates (N, C, 24) and globals (N, 11), float32.
-
-    Raises:
-        ValueError: the situation has no maps.
-    """
+    """Candidates (N, C, 24) and globals (N, 11), float32. Raises ValueError for a situation without maps."""
     request = prediction.request_of(situation, robot_speed_mps, _MapArrays)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
@@ -142,13 +110,13 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
             is_pellet = s.kind[i, c] == PELLET
             f[0], f[1], f[2] = is_pellet, s.kind[i, c] == REFUGE, s.kind[i, c] == HOLD
             f[3] = c == s.current[i]
-            mine, his = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
+            own, other = min(s.path_robot[i, c], FAR_M), min(s.path_clyde[i, c], FAR_M)
             if s.kind[i, c] == HOLD:
-                his = min(d, FAR_M)
-            f[4], f[5] = mine / 5.0, math.exp(-mine / 2.0)
+                other = min(d, FAR_M)
+            f[4], f[5] = own / 5.0, math.exp(-own / 2.0)
             f[23] = min(max(s.path_robot[i, c] - shortest, -FAR_M), FAR_M) / 5.0
-            f[6], f[7] = his / 5.0, math.exp(-his / 2.0)
-            f[8] = min(max((his / max(s.clyde_speed[i], 0.05) - mine / speed) / 20.0, -2.0), 2.0)
+            f[6], f[7] = other / 5.0, math.exp(-other / 2.0)
+            f[8] = min(max((other / max(s.clyde_speed[i], 0.05) - own / speed) / 20.0, -2.0), 2.0)
             px, py = s.position[i, c, 0], s.position[i, c, 1]
             f[9] = min(math.sqrt((px - cx) ** 2 + (py - cy) ** 2), FAR_M) / 5.0
             for k in range(3):
@@ -161,10 +129,10 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
                 continue
             here = goal_cell[g]
             nearest, total, others, around = FAR_M, 0.0, 0, 0
-            for other in range(count):
-                if s.kind[i, other] != PELLET or not s.mask[i, other] or other == c or s.goal[i, other] < 0:
+            for k in range(count):
+                if s.kind[i, k] != PELLET or not s.mask[i, k] or k == c or s.goal[i, k] < 0:
                     continue
-                cm = length_cm[here, s.goal[i, other]]
+                cm = length_cm[here, s.goal[i, k]]
                 metres = FAR_M if cm == UNREACHABLE_CM else min(cm * 0.01, FAR_M)
                 nearest = min(nearest, metres)
                 total += metres

@@ -1,9 +1,8 @@
-"""Prediction of the next seconds: the ways that Clyde may take, and how near they come to the robot's own.
+"""Prediction of the next seconds: the paths that the nearest ghost may be on, and how near they come to the robot's.
 
-Clyde's possible ways lead over the game's own map: from his position along the shortest ways to the map's goals, which
-are spread over it as his targets are, each as likely as his last motion makes it; when he reaches a goal he goes on to
-another. The robot's way leads to a candidate at its speed, the first turn included, and ends there. No function here
-knows where Clyde really goes.
+The ghost's possible paths are the shortest ones from its position to the map's goals, which are spread over it as its
+targets are, each as likely as its last motion makes it; from a goal it goes on to another. The robot's path leads to a
+candidate at its speed, the first turn included, and ends there. No function here knows where the ghost really goes.
 """
 
 from __future__ import annotations
@@ -22,15 +21,15 @@ from ...world.navigation.coarse_steps import ARRIVED, LENGTHS, NO_WAY, coarse_st
 from ...world.navigation.grid import cell_of
 from .situation import LAYOUT, Situation
 
-STEP_S = 0.5  # between the instants that are looked at
+STEP_S = 0.5  # between the instants
 STEPS = 20  # instants: 10 s
 NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
 _SOON = round(SOON_S / STEP_S)  # instants
-_FIRST_M = 0.4  # the stretch of a way that tells its direction
-_SHARPNESS = 4.0  # how fast the weight of a way falls with the angle to Clyde's last motion
-_FREE_TURN = 0.7  # rad off the way that are turned while driving (world/navigation/controller.py)
+_FIRST_M = 0.4  # the stretch of a path that decides its direction
+_SHARPNESS = 4.0  # how fast the weight of a path falls with the angle to the ghost's last motion
+_FREE_TURN = 0.7  # rad off the path that are turned while driving (world/navigation/controller.py)
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
-_FAR_M = 10.0  # how near he comes if he cannot move at all in this part of the map
+_FAR_M = 10.0  # how near the ghost comes if it cannot move at all in this part of the map
 _AHEAD = 3  # instants written per coarse step, most of the time enough
 #: Where a kernel finds a situation's maps, and what it needs beside them.
 REQUEST = np.dtype(
@@ -63,7 +62,7 @@ class _EncounterArrays(NamedTuple):
 
 
 _arrays, _maps, _situation = arrays_by_address(_EncounterArrays), arrays_by_address(MapArrays), LAYOUT.arrays
-_BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block: instant by instant, lane by lane
+_BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block of walkers: an instant of all of them, then the next
 
 #: Columns of :func:`encounters`.
 CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING = range(8)
@@ -71,14 +70,11 @@ COLUMNS = 8
 
 
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
-    """Distances that Clyde may come to on the way to each candidate within 10 s, (N, C, 8) float32.
+    """Distances that the nearest ghost may come to on the path to each candidate within 10 s, (N, C, 8) float32.
 
-    Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over his
-    ways of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
-    heading, and with the direction to Clyde; smallest distance if he stood still, m. Rows of masked candidates are 0.
-
-    Raises:
-        ValueError: the situation has no maps.
+    Columns: probability of less than 0.45 m within 5 s, within 10 s; of less than 0.8 m within 10 s; mean over its
+    paths of the smallest distance, and the smallest of all, m; cosine of the first stretch's direction with the
+    heading, and with the direction to it; smallest distance if it stood still, m. Rows of masked candidates are 0.
     """
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
     table = Table(_EncounterArrays, **request_of(situation, robot_speed_mps), result=result)
@@ -89,11 +85,7 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
 def request_of(
     situation: Situation, robot_speed_mps: float, other_maps: type[tuple[Any, ...]] | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Where a kernel finds a situation: its ``block``, which is there as long as somebody has it, and a ``request``.
-
-    Raises:
-        ValueError: the situation has no maps.
-    """
+    """Where a kernel finds a situation: its ``block`` and a ``request``. Raises ValueError if it has no maps."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
     maps, across = situation.maps, situation.maps.find_coarse_steps(situation.level)
@@ -111,20 +103,12 @@ def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-de
 
 @kernel
 def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
-    """Positions of ``count`` walkers at every instant, each along the static way to its goal.
+    """Positions of ``count`` walkers at every instant, each along the static path to its goal, (B, _BLOCK) cells.
 
-    All of them take a coarse step in turn: their ways lie apart in memory, so that the wait for one hides behind the
-    others. Instants beyond a coarse step are written all the same, and again by those to come: no branch to guess.
-
-    Args:
-        steps: coarse ones, of the map.
-        count: of walkers; walker ``w`` has lane ``w % WIDTH`` of block ``w // WIDTH``.
-        goals: above 1, whoever has arrived goes on to another of so many; else he stays.
-        stretch: cells from one instant to the next, of all.
-        walkers: (W, 3) position and the cells that others walk before the first coarse step; (W, 2) column and row of
-            the drivable cell there; (W,) goals; and for use here cells walked and instants written.
-        out_x: (B, STEPS + _AHEAD, WIDTH) columns.
-        out_y: likewise, rows.
+    All of them do a coarse step in turn: their paths lie apart in memory, so that the wait for one hides behind the
+    others. Instants beyond a coarse step are written all the same, and again later: no branch to guess. With ``goals``
+    above 1, a walker that has arrived goes on to another of so many; else it stays. ``stretch`` are the cells from one
+    instant to the next. Walker ``w`` is number ``w % WIDTH`` of block ``w // WIDTH``.
     """
     starts, cells, targets, walked, written = walkers
     walking = 0
@@ -165,7 +149,7 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
             prefetch(steps, tile_index(column, row, across))
             ahead_x, ahead_y = column + 0.5, row + 0.5
             dx, dy = ahead_x - x, ahead_y - y
-            if fresh:  # from where he is, not from the middle of a cell
+            if fresh:  # from where it is, not from the middle of a cell
                 length = math.sqrt(dx * dx + dy * dy)
                 slope = 1.0 / max(length, 1e-9)
             else:
@@ -187,45 +171,42 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
 
 
 @kernel
-def _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, goals, walkers, his):  # type: ignore[no-untyped-def]
-    """Fill in Clyde's possible ways and their weights, which sum to 1; returns their number.
+def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  # type: ignore[no-untyped-def]
+    """Fill in the ghost's possible paths and their weights, which sum to 1; returns their number.
 
-    After them comes one on which he stands still, without a weight.
+    ``ghost`` is its place, drivable cell and velocity, in cells. A last path without a weight is to stand still.
     """
-    starts, cells, targets = walkers[:3]
-    his_x, his_y, weights = his
-    cx, cy = clyde
+    (x, y), cell, (vx, vy) = ghost
     here = tile_index(cell[0], cell[1], across)
-    cells[: goals + 1, 0], cells[: goals + 1, 1] = cell
-    used = 0
+    walkers.cells[: goals + 1, 0], walkers.cells[: goals + 1, 1] = cell
+    starts, used = walkers.starts, 0
     for k in range(goals):
         if steps[here, k] != NO_WAY:
-            starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, 0.0
-            targets[used] = k
+            starts[used, 0], starts[used, 1], starts[used, 2] = x, y, 0.0
+            walkers.targets[used] = k
             used += 1
-    starts[used, 0], starts[used, 1], starts[used, 2] = cx, cy, np.inf
-    _walk(steps, across, np.int64(used + 1), np.int64(goals), stretch, walkers, his_x, his_y)
-    vx, vy = velocity
+    starts[used, 0], starts[used, 1], starts[used, 2] = x, y, np.inf
+    _walk(steps, across, np.int64(used + 1), np.int64(goals), stretch, walkers, paths.x, paths.y)
     v = math.sqrt(vx * vx + vy * vy)
     early = STEPS - 1 if stretch <= 0.0 else min(int(first / stretch), STEPS - 1)
     total = 0.0
     for k in range(used):
         at = k // WIDTH * _BLOCK + early * WIDTH + k % WIDTH
-        dx, dy = his_x[at] - cx, his_y[at] - cy
+        dx, dy = paths.x[at] - x, paths.y[at] - y
         d = math.sqrt(dx * dx + dy * dy)
         weight = 1.0
         if v > 1e-6 and d > 1e-6:
             weight = math.exp(_SHARPNESS * ((dx * vx + dy * vy) / (d * v) - 1.0))
-        weights[k] = weight
+        paths.weights[k] = weight
         total += weight
     for k in range(used):
-        weights[k] /= total
+        paths.weights[k] /= total
     return used
 
 
 @kernel
 def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
-    """Fill in the directions of the first stretch of the robot's way to a goal; returns how long it turns before, s."""
+    """Fill in the directions of the robot's first stretch to a goal; returns how long it turns before, s."""
     column, row = cell
     for _ in range(2):
         code = steps[tile_index(column, row, across), goal]
@@ -245,33 +226,32 @@ def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  #
 
 
 @kernel
-def _nearest(mine_x, mine_y, mine, his_x, his_y, k, first, last, best):  # type: ignore[no-untyped-def]
-    """The squared distances ``best``, or those of some instants where they are smaller; a row of candidates."""
-    his = k // WIDTH * _BLOCK + k % WIDTH
+def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-def]
+    """A row: the squared distances ``best``, or those of the robot's paths from ghost path k at some instants."""
+    other = k // WIDTH * _BLOCK + k % WIDTH
     for j in range(first * WIDTH, last * WIDTH, WIDTH):
-        dx = minus(load(mine_x, mine + j), all_of(his_x[his + j]))
-        dy = minus(load(mine_y, mine + j), all_of(his_y[his + j]))
+        dx = minus(load(own.x, at + j), all_of(paths.x[other + j]))
+        dy = minus(load(own.y, at + j), all_of(paths.y[other + j]))
         best = lower(plus(times(dx, dx), times(dy, dy)), best)
     return best
 
 
 @kernel
-def _compare(mine_x, mine_y, mine, his, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
-    """Compare a block of the robot's ways, from element ``mine`` on, with all of Clyde's."""
-    his_x, his_y, weights = his
+def _compare(own, at, paths, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
+    """Compare a block of the robot's paths, from element ``at`` on, with all of the ghost's."""
     far = all_of((_FAR_M * cells_per_m) ** 2)
     near, wide = all_of((NEAR_M * cells_per_m) ** 2), all_of((WIDE_M * cells_per_m) ** 2)
     soon, caught, approached, mean, least = all_of(0.0), all_of(0.0), all_of(0.0), all_of(0.0), far
     for k in range(used):
-        w = all_of(weights[k])
-        best = _nearest(mine_x, mine_y, mine, his_x, his_y, k, 0, _SOON, far)
+        w = all_of(paths.weights[k])
+        best = _nearest(own, at, paths, k, 0, _SOON, far)
         soon = plus(soon, where_below(best, near, w))
-        best = _nearest(mine_x, mine_y, mine, his_x, his_y, k, _SOON, STEPS, best)
+        best = _nearest(own, at, paths, k, _SOON, STEPS, best)
         caught = plus(caught, where_below(best, near, w))
         approached = plus(approached, where_below(best, wide, w))
         mean = plus(mean, times(w, roots(best)))
         least = lower(best, least)
-    standing = _nearest(mine_x, mine_y, mine, his_x, his_y, used, 0, STEPS, far)
+    standing = _nearest(own, at, paths, used, 0, STEPS, far)
     store(sums, 0, soon)
     store(sums, WIDTH, caught)
     store(sums, 2 * WIDTH, approached)
@@ -299,42 +279,55 @@ def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
     return cell_of(affine, rows, columns, cell_xy[k, 0], cell_xy[k, 1])
 
 
+class _Walkers(NamedTuple):
+    starts: Any  # (W, 3) position in cells, and the cells that others walk before the first coarse step
+    cells: Any  # (W, 2) column and row of the drivable cell there
+    targets: Any  # (W,) goals
+    walked: Any  # (W,) cells
+    written: Any  # (W,) instants
+
+
+class _Paths(NamedTuple):
+    x: Any  # columns at each instant, by block
+    y: Any  # rows
+    weights: Any  # of the ghost's paths
+    candidates: Any  # of the robot's
+
+
 @kernel
-def _instants(walkers):  # type: ignore[no-untyped-def]
-    """Room for a coordinate of each walker at each instant."""
-    return np.zeros((walkers + WIDTH - 1) // WIDTH * _BLOCK, np.float32)
+def _paths(count):  # type: ignore[no-untyped-def]
+    size = (count + WIDTH - 1) // WIDTH * _BLOCK
+    coordinates = np.zeros(size, np.float32), np.zeros(size, np.float32)
+    return _Paths(coordinates[0], coordinates[1], np.empty(count, np.float32), np.empty(count, np.int64))
 
 
 @kernel
 def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
-    """What :func:`meet` works in: Clyde's ways, the robot's, who walks, sums."""
-    ways = steps.shape[2] + 1
-    his = (_instants(ways), _instants(ways), np.empty(ways, np.float32))
-    mine = (_instants(candidates), _instants(candidates), np.empty(candidates, np.int64))
-    most = max(ways, candidates)
+    """Scratch memory of :func:`meet`: the ghost's paths, the robot's, walkers, sums."""
+    ghost, most = steps.shape[2] + 1, max(steps.shape[2] + 1, candidates)
     starts, cells, targets = np.empty((most, 3)), np.empty((most, 2), np.int32), np.empty(most, np.int32)
-    walkers = (starts, cells, targets, np.empty(most), np.empty(most, np.int32))
-    return his, mine, walkers, np.empty(6 * WIDTH, np.float32)
+    walkers = _Walkers(starts, cells, targets, np.empty(most), np.empty(most, np.int32))
+    return _paths(ghost), _paths(candidates), walkers, np.empty(6 * WIDTH, np.float32)
 
 
 @kernel
 def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-def]
     """The encounters of situation i of ``s``: fill in its rows, (C, COLUMNS)."""
-    his, (mine_x, mine_y, chosen), walkers, sums = room
-    starts, cells, targets = walkers[:3]
+    paths, own, walkers, sums = room
     m = s.level[i]
     affine, steps = maps.affine[m], maps.coarse_steps[m]
     per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
-    clyde = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
-    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.clyde[i, 0], s.clyde[i, 1])
-    velocity = _turned(affine, s.clyde_velocity[i, 0], s.clyde_velocity[i, 1])
+    ghost_x, ghost_y = s.clyde[i, 0], s.clyde[i, 1]
+    place = _in_cells(affine, ghost_x, ghost_y)
+    cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], ghost_x, ghost_y)
+    ghost = place, cell, _turned(affine, s.clyde_velocity[i, 0], s.clyde_velocity[i, 1])
     stretch, first = s.clyde_speed[i] * STEP_S * per_m, _FIRST_M * per_m
-    used = _clyde_ways(steps, across, clyde, cell, velocity, stretch, first, maps.goal_count[m], walkers, his)
+    used = _ghost_paths(steps, across, ghost, stretch, first, maps.goal_count[m], walkers, paths)
     robot = _in_cells(affine, s.robot[i, 0], s.robot[i, 1])
     cell = _drivable_cell(affine, maps.snap[m], maps.cell_xy[m], s.robot[i, 0], s.robot[i, 1])
     x, y = _turned(affine, math.cos(s.robot[i, 2]), math.sin(s.robot[i, 2]))
     heading = x / per_m, y / per_m
-    count = 0
+    starts, count = walkers.starts, 0
     result[:] = 0.0
     for c in range(s.mask.shape[1]):
         if not s.mask[i, c]:
@@ -342,17 +335,17 @@ def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-de
         goal = s.goal[i, c]
         starts[count, 0], starts[count, 1], starts[count, 2] = robot[0], robot[1], np.inf
         if goal >= 0:
-            turning = _first_stretch(steps, across, robot, cell, heading, clyde, goal, result[c])
+            turning = _first_stretch(steps, across, robot, cell, heading, place, goal, result[c])
             starts[count, 2] = turning * speed * per_m
-        cells[count, 0], cells[count, 1] = cell
-        targets[count] = goal
-        chosen[count] = c
+        walkers.cells[count, 0], walkers.cells[count, 1] = cell
+        walkers.targets[count] = goal
+        own.candidates[count] = c
         count += 1
-    _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, mine_x, mine_y)
+    _walk(steps, across, np.int64(count), np.int64(0), speed * STEP_S * per_m, walkers, own.x, own.y)
     for block in range(-(-count // WIDTH)):
-        _compare(mine_x, mine_y, block * _BLOCK, his, used, per_m, sums)
+        _compare(own, block * _BLOCK, paths, used, per_m, sums)
         for k in range(min(count - block * WIDTH, WIDTH)):
-            r = result[chosen[block * WIDTH + k]]
+            r = result[own.candidates[block * WIDTH + k]]
             r[CAUGHT_SOON], r[CAUGHT], r[APPROACHED] = sums[k], sums[WIDTH + k], sums[2 * WIDTH + k]
             r[CLOSEST_MEAN] = sums[3 * WIDTH + k] / per_m if used > 0 else _FAR_M
             r[CLOSEST] = math.sqrt(sums[4 * WIDTH + k]) / per_m

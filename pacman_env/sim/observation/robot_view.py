@@ -1,4 +1,4 @@
-"""A situation of one game from what a robot knows: its pose, where Clyde was seen, which pellets are shown.
+"""A situation of one game from what a robot knows: its pose, where ghosts were seen, which pellets are shown.
 
 The arrays are filled by the simulator's own kernels on a map prepared as for a simulation, so that a policy sees the
 same numbers on a robot as in a game. No message and no clock here, and nothing is decided.
@@ -29,7 +29,7 @@ from .situation import Situation
 from .situation_kernel import REQUEST, LookArrays, direct, look
 
 _AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
-_JUMP_M = 0.5  # Clyde was put elsewhere if he moved so much farther than his speed allows
+_JUMP_M = 0.5  # a ghost was put elsewhere if it moved so much farther than its speed allows
 _BESIDE = 1.2  # cells: as far behind a cell the nearest is its neighbour, straight or diagonal
 
 
@@ -69,11 +69,8 @@ class RobotView:
 
     Candidates are numbered as in a simulation of the map: pellets, refuges, hold.
 
-    Args:
-        assets: the map, prepared under ``config``.
-        config: of the robot; ``execution.tick_s`` is the time between decisions.
-        seed: of the rounds, for policies that draw.
-        levels: the map stacked before; None: it is stacked anew.
+    The map is prepared under ``config``; ``seed`` is that of the rounds, for policies that draw; ``levels`` is the map
+    stacked before.
     """
 
     def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelStack | None = None) -> None:
@@ -102,7 +99,7 @@ class RobotView:
         self._alive = np.zeros((1, assets.pellets), dtype=np.bool_)
         self._waits = np.zeros((1, self.hold + 1), dtype=np.int64)
         self._stamp_ns: list[int | None] = [None] * count
-        self._looked_s: float | None = None
+        self._seen_s: float | None = None
         self._request = np.zeros(1, dtype=REQUEST)
         self._look_table = Table(
             LookArrays,
@@ -126,23 +123,22 @@ class RobotView:
         """A round begins: no decision has been taken in it, and no distance is remembered."""
         self._games["tick"] = 0
         self._games["closing"] = 0.0
-        self._looked_s = None
+        self._seen_s = None
 
     @property
     def unseen(self) -> list[str]:
-        """Names of the ghosts that have not been seen yet."""
         return [GHOST_NAMES[k] for k, stamp_ns in enumerate(self._stamp_ns) if stamp_ns is None]
 
     @property
     def ghosts(self) -> list[tuple[float, float]]:
-        """Where the ghosts were seen last, m, by number; NaN: never."""
+        """Where the ghosts were seen last, m, by number; NaN if never."""
         return [
             (math.nan, math.nan) if stamp_ns is None else (float(ghost["x"]), float(ghost["y"]))
             for ghost, stamp_ns in zip(self._ghosts[0], self._stamp_ns, strict=True)
         ]
 
     def see_ghost(self, number: int, x: float, y: float, stamp_ns: int) -> None:
-        """A ghost is at (x, y), m, at that instant; his velocity is that of his last move."""
+        """A ghost is at (x, y), m, at that instant; its velocity is that of its last move."""
         ghost, before_ns = self._ghosts[0, number], self._stamp_ns[number]
         if before_ns == stamp_ns:
             return
@@ -158,7 +154,7 @@ class RobotView:
         self._cells[0, number, 0] = self._cell_passed(ghost)
 
     def _cell_passed(self, ghost: NDArray[Any]) -> int:
-        """The last of his cells that a ghost has passed, who goes straight from cell to cell."""
+        """The last cell that a ghost has passed, which goes straight from cell to cell."""
         cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
         nearest, _ = cells.nearest(*at)
         ahead = cells.position[nearest] - at
@@ -180,18 +176,17 @@ class RobotView:
         return Pellets(known, tuple(unknown))
 
     def is_candidate(self, pellet: int) -> bool:
-        """Whether the robot can be sent to that pellet of the map."""
+        """True if the robot can be sent to that pellet of the map."""
         return pellet in self._slot
 
     def off_the_map(self, x: float, y: float) -> bool:
-        """Whether a position, m, is far from every place where the robot can be."""
+        """True if a position, m, is far from every place where the robot can be."""
         grid = self.assets.grid
         column, row = cell_of(grid.affine, *grid.shape, x, y)
         near = self.assets.cell_xy[grid.snap[row, column]]
         return math.hypot(near[0] - x, near[1] - y) > _AWAY_M
 
     def goal(self, candidate: int) -> Goal | None:
-        """A candidate as a place; None: hold."""
         if candidate == self.hold:
             return None
         x, y = self.assets.goal_xy[candidate].tolist()
@@ -201,8 +196,7 @@ class RobotView:
     def situation(self, seen: Seen, player: int = -1) -> Situation:
         """What the robot's policy, or that of ghost ``player``, sees at a decision, which is counted (N = 1).
 
-        Raises:
-            ValueError: a ghost has not been seen yet.
+        Raises ValueError if a ghost has not been seen yet.
         """
         if self.unseen:
             raise ValueError(f"{self.unseen[0]} has not been seen yet")
@@ -235,12 +229,12 @@ class RobotView:
         return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()), player)
 
     def _watch_distance(self, seen: Seen) -> None:
-        """The closing speed since the last look; a second look within half a tick keeps the one before."""
+        """The closing speed since the last situation; a second one within half a tick keeps it."""
         g, x, y = self._games[0], *seen.pose[:2]
-        passed_s = math.inf if self._looked_s is None else seen.time_s - self._looked_s
+        passed_s = math.inf if self._seen_s is None else seen.time_s - self._seen_s
         if 0 <= passed_s < self._config.execution.tick_s / 2:
             return
         _, distance = kernels.nearest(x, y, self._obstacles[0])
         g["closing"] = closing_speed(g["distance"], distance, passed_s) if 0 < passed_s < math.inf else 0.0
         g["distance"] = distance
-        self._looked_s = seen.time_s
+        self._seen_s = seen.time_s

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.arrays import Array, arrays_by_address
+from ...engine.arrays import Array, address, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import address_of
 from ...world.navigation.grid import cell_of
 from ...world.navigation.localization import wrap
 from ...world.navigation.paths import UNREACHABLE_CM
@@ -34,7 +33,7 @@ REQUEST = np.dtype(
         ("games", np.int64),  # its three lengths
         ("candidates", np.int64),
         ("ghosts", np.int64),
-        ("player", np.int64),  # who looks: the robot (-1) or that ghost
+        ("player", np.int64),  # the robot (-1) or that ghost
         ("features", np.int64),  # address of the features' block; 0: none are written
     ]
 )
@@ -56,24 +55,13 @@ class LookArrays(NamedTuple):
     ghost_part: Any = Array(np.int32, "M k")
 
 
-_NOTHING = np.zeros(0, dtype=np.uint8)
 _arrays, _situation = arrays_by_address(LookArrays), LAYOUT.arrays
 
 
 def direct(request: NDArray[Any], situation: Situation, player: int, features: bool = False) -> None:
-    """Let the next look fill a situation: as the robot's policy sees it (-1), or that of ghost ``player``.
-
-    With ``features`` it writes those as well, in arrays of their own.
-    """
+    """Let the next look fill a situation: that of the robot's policy (-1) or of ghost ``player``; and its features."""
     block, *lengths = situation.block()
-    _aim(request, block, room_for_features(situation) if features else _NOTHING, *lengths, player)
-
-
-@kernel
-def _aim(request, block, features, n, candidates, ghosts, player):  # type: ignore[no-untyped-def]
-    v = request[0]
-    v.block, v.games, v.candidates, v.ghosts, v.player = address_of(block), n, candidates, ghosts, player
-    v.features = address_of(features) if len(features) > 0 else 0
+    request[0] = address(block), *lengths, player, address(room_for_features(situation)) if features else 0
 
 
 @kernel
@@ -109,7 +97,7 @@ def look(table, first, last):  # type: ignore[no-untyped-def]
         s.time_s[i] = g.tick * p.tick_s
         s.pose_age_s[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
         s.closing_speed[i] = g.closing
-        if player >= 0:  # his own: the rate at which the straight distance shrinks
+        if player >= 0:  # its own: the rate at which the straight distance shrinks
             dx, dy = bx - s.clyde[i, 0], by - s.clyde[i, 1]
             v = s.robot_velocity[i, 0]
             ux, uy = s.clyde_velocity[i, 0] - v * math.cos(bh), s.clyde_velocity[i, 1] - v * math.sin(bh)
@@ -141,7 +129,7 @@ def look(table, first, last):  # type: ignore[no-untyped-def]
                 s.mask[i, c] = allowed(rules, g, i, c, p)
             else:
                 s.mask[i, c] = c == hold
-                if goal >= 0 and place[goal] >= 0:  # there, and he can get there
+                if goal >= 0 and place[goal] >= 0:  # it exists, and the ghost can get there
                     s.mask[i, c] = a.ghost_part[g.level, place[goal]] == a.ghost_part[g.level, ghost_cell]
             s.goal[i, c] = goal
             if goal < 0:
