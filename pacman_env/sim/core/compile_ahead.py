@@ -1,7 +1,7 @@
 """On a machine where nothing is compiled yet, another process compiles the ticks while this one prepares the map.
 
-Half of what a first game waits for is compilation that depends on nothing but the code. What the other process has
-compiled is found on disk (``compile_turns.py``); it ends with this process, or when it is done.
+That is half of a first game's delay. What the other process has compiled is found on disk (``compile_turns.py``); it
+ends with this process, or when it is done.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ...engine.threads import cores
 from .ticks import play
 
 _ROOT = Path(__file__).resolve().parents[3]
-_LOOK_S = 0.5
+_WATCH_S = 0.5
 
 
 def begin() -> subprocess.Popen[bytes] | None:
@@ -46,7 +46,7 @@ def begin() -> subprocess.Popen[bytes] | None:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-    except OSError:  # no process to be had: this one compiles
+    except OSError:  # without another process this one compiles
         return None
     atexit.register(_end, os.getpid(), other)
     expect_help()
@@ -61,7 +61,7 @@ def _end(process: int, other: subprocess.Popen[bytes]) -> None:
 
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
-        time.sleep(_LOOK_S)
+        time.sleep(_WATCH_S)
     os._exit(1)
 
 

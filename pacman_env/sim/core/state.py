@@ -20,9 +20,6 @@ _ROOM = 1024  # decisions to begin with
 class GameState:
     """N games under one configuration.
 
-    Candidates are numbered: ``pellet_slots`` pellets, ``refuge_slots`` refuges (those beyond the map's are padding),
-    hold.
-
     Attributes:
         rules: arrays by name, as :class:`kernels.RuleArrays` declares them.
         arrays: likewise of :class:`ticks.TickArrays`.

@@ -18,7 +18,7 @@ from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
 from ...world.navigation.planner import PATH_POINTS
-from . import ghost_kernels, kernels
+from . import ghosts, kernels
 from .parameters import REWARDS
 from .records import LAST_DECISION
 
@@ -96,7 +96,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
     """
     a = _arrays(table)
     rules, maps, paths, control, choices = a.rules, a.maps, a.paths, a.control[0], a.choices
-    games, p, ghosts = rules.games, rules.parameters[0], address_of(a.ghosts)
+    games, p, ghost_table = rules.games, rules.parameters[0], address_of(a.ghosts)
     waiting = 0
     for i in range(first, last):
         g, d = games[i], a.last_decision[i]
@@ -125,7 +125,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                         a.driven[i, g.tick, 0], a.driven[i, g.tick, 1] = a.velocities[i, 0], a.velocities[i, 1]
                     else:
                         kernels.decide(rules, i, choices[i], a.decisions)
-                    if not ghost_kernels.decide(ghosts, i):
+                    if not ghosts.decide(ghost_table, i):
                         return -1 - i
                     g.stage = _STEP
                     g.substep = 0
@@ -134,7 +134,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                         if g.substep > 0 and g.substep % p.check_steps == 0 and not kernels.look(rules, i):
                             break
                         if g.step % p.clyde_steps == 0:
-                            ghost_kernels.move(ghosts, i)
+                            ghosts.move(ghost_table, i)
                         if navigator.plan_due(g, g.step):
                             navigator.plan(g, i, paths, rules.obstacles[i], p, maps.plan_end[m], here, a.search)
                         if g.substep == 0:  # the pose was already copied when the tick before ended

@@ -197,9 +197,7 @@ class Grid:
 _OWN = (Features, Scan, Bearings, Grid, Planner)
 #: Kinds as classes, made without arguments; other packages add theirs as entry points.
 KINDS: Registry[Callable[[], ObservationKind]] = Registry(
-    "observation kind",
-    "pacman_env.observations",
-    {kind.name: kind for kind in _OWN},
+    "observation kind", "pacman_env.observations", {kind.name: kind for kind in _OWN}
 )
 register_observation = KINDS.register
 

@@ -97,12 +97,7 @@ class Situation:
 
     @classmethod
     def empty(
-        cls,
-        n: int,
-        candidates: int,
-        ghosts: int = 1,
-        maps: LevelStack | None = None,
-        threads: Threads = ALONE,
+        cls, n: int, candidates: int, ghosts: int = 1, maps: LevelStack | None = None, threads: Threads = ALONE
     ) -> Situation:
         """Arrays for n situations, not yet filled."""
         situation = cls.__new__(cls)
