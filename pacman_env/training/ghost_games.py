@@ -21,7 +21,7 @@ from pacman_env.envs.spaces import observation_space
 from pacman_env.episodes.rollout import allowed
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
-from pacman_env.sim.observation.kinds import MASK, Planner, mask_part
+from pacman_env.sim.observation.kinds import MASK, PLANNER, mask_part
 from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.games import VALIDATION_LEVEL, TrainingGames, game_settings
@@ -41,7 +41,7 @@ class GhostEnv(gym.Env[Any, Any]):
     def __init__(self, game: PacManBotParallelEnv, robot: Policy) -> None:
         self.game, self._robot = game, robot
         count = game.batch.candidates
-        self.observation_space = observation_space({**Planner().parts(game.batch), MASK: mask_part(game.batch)})
+        self.observation_space = observation_space({**PLANNER.parts(game.batch), MASK: mask_part(game.batch)})
         self.action_space = spaces.Discrete(count)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Observation, dict[str, Any]]:

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import address_of
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...world.navigation.paths import UNREACHABLE_CM
 from . import prediction
-from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
+from .situation import HOLD, PELLET, REFUGE, Situation
 
 VERSION = 3
 FAR_M = 20.0
@@ -39,29 +38,21 @@ GLOBAL_FEATURES = (
 )
 
 
-class _MapArrays(NamedTuple):
-    length_cm: Any = Array(np.uint16, "M k g")
-    goal_cell: Any = Array(np.int32, "M g")
-    goal_apart_m: Any = Array(np.float32, "M g")
-
-
 class _FillArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # the situation's
-    request: Any = Array(prediction.REQUEST, "1")
+    seen: Any = prediction.SeenArrays
     candidates: Any = Array(np.float32, f"N C {len(CANDIDATE_FEATURES)}")
     whole: Any = Array(np.float32, f"N {len(GLOBAL_FEATURES)}")
 
 
-_arrays, _maps, _situation = arrays_by_address(_FillArrays), arrays_by_address(_MapArrays), LAYOUT.arrays
-_meeting_maps = arrays_by_address(prediction.MapArrays)
+_arrays = arrays_by_address(_FillArrays)
 
 
 def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Candidates (N, C, 24) and globals (N, 11), float32. Raises ValueError for a situation without maps."""
-    request = prediction.request_of(situation, robot_speed_mps, _MapArrays)
+    seen = prediction.seen_arrays(situation, robot_speed_mps)
     candidates = np.empty((*situation.mask.shape, len(CANDIDATE_FEATURES)), dtype=np.float32)
     whole = np.empty((len(candidates), len(GLOBAL_FEATURES)), dtype=np.float32)
-    table = Table(_FillArrays, **request, candidates=candidates, whole=whole)
+    table = Table(_FillArrays, seen=seen, candidates=candidates, whole=whole)
     situation.threads.run(_fill, [table], len(candidates))
     return candidates, whole
 
@@ -69,14 +60,13 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
-    candidates, whole, request = a.candidates, a.whole, a.request[0]
-    maps, meeting_maps, speed = _maps(request.other_maps), _meeting_maps(request.maps), request.robot_speed
-    s = _situation(address_of(a.block), request.games, request.candidates, request.ghosts)
-    room = prediction.room_to_meet(meeting_maps.coarse_steps, s.mask.shape[1])
+    candidates, whole, maps, speed = a.candidates, a.whole, a.seen.maps, a.seen.request[0].robot_speed
+    s = prediction.situation_of(a.seen)
+    room = prediction.room_to_meet(a.seen.maps.coarse_steps, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))
     for i in range(first, last):
-        prediction.meet(s, i, meeting_maps, request.across, speed, room, meetings)
+        prediction.meet(a.seen, s, i, room, meetings)
         length_cm, goal_cell = maps.length_cm[s.level[i]], maps.goal_cell[s.level[i]]
         x, y = s.robot[i, 0], s.robot[i, 1]
         cx, cy = s.clyde[i, 0], s.clyde[i, 1]

@@ -31,14 +31,11 @@ _FREE_TURN = 0.7  # rad off the path that are turned while driving (world/naviga
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
 _FAR_M = 10.0  # how near the ghost comes if it cannot move at all in this part of the map
 _AHEAD = 3  # instants written per coarse step, most of the time enough
-#: Where a kernel finds a situation's maps, and what it needs beside them.
 REQUEST = np.dtype(
     [
         ("games", np.int64),  # the lengths of the situation's block
         ("candidates", np.int64),
         ("ghosts", np.int64),
-        ("maps", np.int64),  # address of a table of MapArrays
-        ("other_maps", np.int64),  # likewise of what a caller reads beside them
         ("across", np.int64),  # tiles that lie side by side
         ("robot_speed", np.float64),  # m/s
     ]
@@ -46,22 +43,32 @@ REQUEST = np.dtype(
 
 
 class MapArrays(NamedTuple):
-    """What :func:`meet` walks on, of M maps."""
+    """What walkers walk on, of M maps; the last three are read by ``planner_features.py``."""
 
     affine: Any = Array(np.float64, "M 6")
     snap: Any = Array(np.int32, "M h w")
     cell_xy: Any = Array(np.float32, "M k 2")  # m
     coarse_steps: Any = Array(np.uint8, "M t g")
     goal_count: Any = Array(np.int32, "M")
+    length_cm: Any = Array(np.uint16, "M k g")
+    goal_cell: Any = Array(np.int32, "M g")
+    goal_apart_m: Any = Array(np.float32, "M g")
+
+
+class SeenArrays(NamedTuple):
+    """Where kernels find situations and their maps."""
+
+    block: Any = Array(np.uint8, "b")  # the situations'
+    request: Any = Array(REQUEST, "1")
+    maps: Any = MapArrays
 
 
 class _EncounterArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # the situation's
-    request: Any = Array(REQUEST, "1")
+    seen: Any = SeenArrays
     result: Any = Array(np.float32, "N C 8")
 
 
-_arrays, _maps, _situation = arrays_by_address(_EncounterArrays), arrays_by_address(MapArrays), LAYOUT.arrays
+_arrays, _situation = arrays_by_address(_EncounterArrays), LAYOUT.arrays
 _BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block of walkers: an instant of all of them, then the next
 
 #: Columns of :func:`encounters`.
@@ -77,22 +84,25 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
     heading, and with the direction to it; smallest distance if it stood still, m. Rows of masked candidates are 0.
     """
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
-    table = Table(_EncounterArrays, **request_of(situation, robot_speed_mps), result=result)
+    table = Table(_EncounterArrays, seen=seen_arrays(situation, robot_speed_mps), result=result)
     situation.threads.run(_encounters, [table], len(result))
     return result
 
 
-def request_of(
-    situation: Situation, robot_speed_mps: float, other_maps: type[tuple[Any, ...]] | None = None
-) -> dict[str, NDArray[Any]]:
-    """Where a kernel finds a situation: its ``block`` and a ``request``. Raises ValueError if it has no maps."""
+def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
+    """Raises ValueError for a situation without maps."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
-    maps, across = situation.maps, situation.maps.find_coarse_steps(situation.level)
-    other = 0 if other_maps is None else maps.table(other_maps).address
+    across = situation.maps.find_coarse_steps(situation.level)
     block, *lengths = situation.block()
-    values = (*lengths, maps.table(MapArrays).address, other, across, robot_speed_mps)
-    return {"block": block, "request": np.array([values], dtype=REQUEST)}
+    request = np.array([(*lengths, across, robot_speed_mps)], dtype=REQUEST)
+    return SeenArrays(block, request, MapArrays(**situation.maps.arrays_for(MapArrays)))
+
+
+@kernel
+def situation_of(seen):  # type: ignore[no-untyped-def]
+    r = seen.request[0]
+    return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts)
 
 
 @kernel
@@ -311,8 +321,9 @@ def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-def]
+def meet(seen, s, i, room, result):  # type: ignore[no-untyped-def]
     """The encounters of situation i of ``s``: fill in its rows, (C, COLUMNS)."""
+    maps, across, speed = seen.maps, seen.request[0].across, seen.request[0].robot_speed
     paths, own, walkers, sums = room
     m = s.level[i]
     affine, steps = maps.affine[m], maps.coarse_steps[m]
@@ -355,10 +366,7 @@ def meet(s, i, maps, across, speed, room, result):  # type: ignore[no-untyped-de
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
-    request = a.request[0]
-    seen = _situation(address_of(a.block), request.games, request.candidates, request.ghosts)
-    maps = _maps(request.maps)
-    room = room_to_meet(maps.coarse_steps, a.result.shape[1])
+    s, room = situation_of(a.seen), room_to_meet(a.seen.maps.coarse_steps, a.result.shape[1])
     for i in range(first, last):
-        meet(seen, i, maps, request.across, request.robot_speed, room, a.result[i])
+        meet(a.seen, s, i, room, a.result[i])
     return 0
