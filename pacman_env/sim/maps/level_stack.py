@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.arrays import Array
+from ...engine.arrays import Array, Table
 from ...engine.jit import kernel
 from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
@@ -94,6 +94,7 @@ class LevelStack:
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
         self._tiles = 0, 0  # rows and columns of ``coarse_steps``
+        self._tables: dict[type, tuple[int, Table]] = {}  # with their version
         self._has_coarse_steps = np.zeros(slots, dtype=np.bool_)  # of the map that lies in the slot now
         kinds = _kinds(first, config)
         if slots == 1:
@@ -108,6 +109,9 @@ class LevelStack:
     def __len__(self) -> int:
         return self.slots
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_tables": {}}  # a copy's arrays lie elsewhere
+
     def arrays_for(self, kind: type[tuple[Any, ...]]) -> dict[str, Any]:
         """Those of the arrays that a named tuple declares, tuples within it included."""
         found: dict[str, Any] = {}
@@ -118,6 +122,14 @@ class LevelStack:
             elif name in self.arrays:
                 found[name] = self.arrays[name]
         return found
+
+    def table(self, kind: type[tuple[Any, ...]]) -> Table:
+        """A table of nothing but arrays of maps (half of a learned planner's time for one situation, if made anew)."""
+        version, table = self._tables.get(kind, (-1, None))
+        if table is None or version != self.version:
+            table = Table(kind, **self.arrays_for(kind))
+            self._tables[kind] = self.version, table
+        return table
 
     def assets(self, slot: int) -> MapAssets:
         assets = self._assets[slot]

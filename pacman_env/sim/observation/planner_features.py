@@ -60,13 +60,13 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
-    candidates, whole, maps, speed = a.candidates, a.whole, a.seen.maps, a.seen.request[0].robot_speed
-    s = prediction.situation_of(a.seen)
-    room = prediction.room_to_meet(a.seen.maps.coarse_steps, s.mask.shape[1])
+    candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
+    s, maps = prediction.seen_by(a.seen)
+    room = prediction.room_to_meet(maps.coarse_steps, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))
     for i in range(first, last):
-        prediction.meet(a.seen, s, i, room, meetings)
+        prediction.meet(s, maps, i, request, room, meetings)
         length_cm, goal_cell = maps.length_cm[s.level[i]], maps.goal_cell[s.level[i]]
         x, y = s.robot[i, 0], s.robot[i, 1]
         cx, cy = s.clyde[i, 0], s.clyde[i, 1]
@@ -106,7 +106,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
             f[4], f[5] = own / 5.0, math.exp(-own / 2.0)
             f[23] = min(max(s.path_robot[i, c] - shortest, -FAR_M), FAR_M) / 5.0
             f[6], f[7] = other / 5.0, math.exp(-other / 2.0)
-            f[8] = min(max((other / max(s.clyde_speed[i], 0.05) - own / speed) / 20.0, -2.0), 2.0)
+            f[8] = min(max((other / max(s.clyde_speed[i], 0.05) - own / request.robot_speed) / 20.0, -2.0), 2.0)
             px, py = s.position[i, c, 0], s.position[i, c, 1]
             f[9] = min(math.sqrt((px - cx) ** 2 + (py - cy) ** 2), FAR_M) / 5.0
             for k in range(3):

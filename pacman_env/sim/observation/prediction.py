@@ -36,6 +36,7 @@ REQUEST = np.dtype(
         ("games", np.int64),  # the lengths of the situation's block
         ("candidates", np.int64),
         ("ghosts", np.int64),
+        ("maps", np.int64),  # address of a table of MapArrays
         ("across", np.int64),  # tiles that lie side by side
         ("robot_speed", np.float64),  # m/s
     ]
@@ -60,7 +61,6 @@ class SeenArrays(NamedTuple):
 
     block: Any = Array(np.uint8, "b")  # the situations'
     request: Any = Array(REQUEST, "1")
-    maps: Any = MapArrays
 
 
 class _EncounterArrays(NamedTuple):
@@ -68,7 +68,7 @@ class _EncounterArrays(NamedTuple):
     result: Any = Array(np.float32, "N C 8")
 
 
-_arrays, _situation = arrays_by_address(_EncounterArrays), LAYOUT.arrays
+_arrays, _maps, _situation = arrays_by_address(_EncounterArrays), arrays_by_address(MapArrays), LAYOUT.arrays
 _BLOCK = (STEPS + _AHEAD) * WIDTH  # numbers of a block of walkers: an instant of all of them, then the next
 
 #: Columns of :func:`encounters`.
@@ -95,14 +95,15 @@ def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
         raise ValueError("the situation has no maps to look ahead on")
     across = situation.maps.find_coarse_steps(situation.level)
     block, *lengths = situation.block()
-    request = np.array([(*lengths, across, robot_speed_mps)], dtype=REQUEST)
-    return SeenArrays(block, request, MapArrays(**situation.maps.arrays_for(MapArrays)))
+    values = *lengths, situation.maps.table(MapArrays).address, across, robot_speed_mps
+    return SeenArrays(block, np.array([values], dtype=REQUEST))
 
 
 @kernel
-def situation_of(seen):  # type: ignore[no-untyped-def]
+def seen_by(seen):  # type: ignore[no-untyped-def]
+    """The arrays of the situations and of their maps."""
     r = seen.request[0]
-    return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts)
+    return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts), _maps(r.maps)
 
 
 @kernel
@@ -321,9 +322,9 @@ def room_to_meet(steps, candidates):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def meet(seen, s, i, room, result):  # type: ignore[no-untyped-def]
+def meet(s, maps, i, request, room, result):  # type: ignore[no-untyped-def]
     """The encounters of situation i of ``s``: fill in its rows, (C, COLUMNS)."""
-    maps, across, speed = seen.maps, seen.request[0].across, seen.request[0].robot_speed
+    across, speed = request.across, request.robot_speed
     paths, own, walkers, sums = room
     m = s.level[i]
     affine, steps = maps.affine[m], maps.coarse_steps[m]
@@ -366,7 +367,8 @@ def meet(seen, s, i, room, result):  # type: ignore[no-untyped-def]
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
-    s, room = situation_of(a.seen), room_to_meet(a.seen.maps.coarse_steps, a.result.shape[1])
+    s, maps = seen_by(a.seen)
+    room = room_to_meet(maps.coarse_steps, a.result.shape[1])
     for i in range(first, last):
-        meet(a.seen, s, i, room, a.result[i])
+        meet(s, maps, i, a.seen.request[0], room, a.result[i])
     return 0
