@@ -33,11 +33,7 @@ class Declared(NamedTuple):
 
 @functools.cache
 def declared(kind: type[tuple[Any, ...]]) -> dict[str, Declared]:
-    """The arrays of a named tuple, and of those within it as ``tuple.array``.
-
-    Raises:
-        TypeError: a field is not declared.
-    """
+    """The arrays of a named tuple, and of those within it as ``tuple.array``. Raises TypeError for other fields."""
     found: dict[str, Declared] = {}
     defaults = kind._field_defaults  # type: ignore[attr-defined]
     for name in kind._fields:  # type: ignore[attr-defined]
@@ -53,7 +49,6 @@ def declared(kind: type[tuple[Any, ...]]) -> dict[str, Declared]:
 
 
 def _numba_type(kind: type[tuple[Any, ...]]) -> Any:
-    """Numba's type of a named tuple of arrays."""
     own, defaults = declared(kind), kind._field_defaults  # type: ignore[attr-defined]
     kinds = [
         types.Array(numpy_support.from_dtype(own[name].dtype), len(own[name].axes), "C")
@@ -87,19 +82,10 @@ def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
 
 
 class Table:
-    """Addresses and shapes of arrays, one after the other, for :func:`arrays_by_address`.
-
-    Attributes:
-        arrays: by field; kept as long as the table is.
-        address: of the numbers, for kernels.
-    """
+    """Addresses and shapes of ``arrays``, one after the other, at an ``address``, for :func:`arrays_by_address`."""
 
     def __init__(self, kind: type[tuple[Any, ...]], **arrays: Any) -> None:
-        """A table of what the named tuple ``kind`` declares.
-
-        Raises:
-            TypeError: a name is missing or unknown; an array has another dtype or shape, or is not C-contiguous.
-        """
+        """Raises TypeError for names or arrays that the named tuple ``kind`` does not declare."""
         fields = kind._fields  # type: ignore[attr-defined]
         if set(fields) != arrays.keys():
             missing, unknown = sorted(set(fields) - arrays.keys()), sorted(arrays.keys() - set(fields))
@@ -120,7 +106,6 @@ class Table:
 
 
 def zeros(kind: type[tuple[Any, ...]], names: Iterable[str], **lengths: int) -> dict[str, NDArray[Any]]:
-    """Some of the arrays that a named tuple declares, by name."""
     return {
         name: np.zeros([axis if isinstance(axis, int) else lengths[axis] for axis in axes], dtype)
         for name, (dtype, axes) in ((name, declared(kind)[name]) for name in names)
@@ -128,7 +113,6 @@ def zeros(kind: type[tuple[Any, ...]], names: Iterable[str], **lengths: int) -> 
 
 
 def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def]
-    """Code for a C-contiguous array of a type of Numba's, of a shape, that lies at an address."""
     size = WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
     strides: list[Any] = []
     step = size
@@ -142,10 +126,7 @@ def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def
 
 
 def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
-    """A function for kernels: from the address of a :class:`Table` to the named tuple ``kind`` of its arrays.
-
-    The tuple is made in the kernel, where it costs nothing; to pass one from Python takes 16 us and more.
-    """
+    """A function for kernels: from a :class:`Table`'s address to a tuple of its arrays (from Python, 16 us a tuple)."""
     made = _numba_type(kind)
 
     @operation(made, types.int64)
@@ -170,7 +151,6 @@ _REALS = types.Array(types.float64, 1, "C")
 
 @operation(_REALS, types.int64, None)
 def reals_at(context, builder, signature, address, length):  # type: ignore[no-untyped-def]
-    """So many float64 that lie at an address."""
     count = context.cast(builder, length, signature.args[1], types.int64)
     return _array_at(context, builder, _REALS, address, [count])
 
@@ -178,8 +158,7 @@ def reals_at(context, builder, signature, address, length):  # type: ignore[no-u
 class Layout:
     """A block: the arrays that a named tuple declares, one behind the other in memory made for the ``LENGTHS``.
 
-    Attributes:
-        arrays: for kernels: from a block's address and the three lengths to the named tuple of its arrays.
+    ``arrays`` is for kernels: from a block's address and the lengths to the named tuple.
     """
 
     def __init__(self, kind: type[tuple[Any, ...]]) -> None:

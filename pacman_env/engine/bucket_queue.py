@@ -1,7 +1,6 @@
-"""A priority queue for searches on grids: integer keys in buckets, last in first out within a bucket.
+"""A priority queue for searches on grids: integer keys in buckets, push and pop in constant time.
 
-Push and pop take constant time. Among equal keys the newest entry comes first, which lets A* dash towards its goal.
-A queue is made once by :func:`new_queue` and emptied in constant time before each search.
+Among equal keys the newest entry comes first, which lets A* dash towards its goal.
 """
 
 from __future__ import annotations
@@ -23,8 +22,6 @@ class Queue(NamedTuple):
 
 
 class SearchArrays(NamedTuple):
-    """Scratch memory of a search."""
-
     nodes: Any = Array(np.int32, "k 4")
     queue: Any = Queue
 

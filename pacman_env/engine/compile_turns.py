@@ -1,7 +1,6 @@
-"""Processes that need the same kernel at once: one compiles it, the others wait and load what it has kept.
+"""Processes that need the same kernel at once: one compiles it under a file lock, the others load what it has kept.
 
-Numba asks its cache, compiles, and saves; by itself, four workers on a cold cache each compile everything. Here a file
-lock of the kernel is taken between the first two, and the cache asked again. Nothing is locked once a kernel is kept.
+Numba asks its cache, compiles, and saves; the lock comes between the first two, and the cache is asked again.
 """
 
 from __future__ import annotations
@@ -29,8 +28,7 @@ _helped = False  # the other process compiles for this one
 def take_turns(kernel: Any) -> None:
     """Let one process at a time compile ``kernel``, a dispatcher of Numba's with a :class:`KernelCache`.
 
-    Numba's lock of the process comes before any file's, and kernels that a kernel calls are locked after it: so neither
-    threads nor processes wait for one another in a circle. A file lock ends with its process, however that ends.
+    Numba's lock of the process comes first, kernels that a kernel calls after it: no circle of waiting processes.
     """
     load, compile_alone = kernel._cache.load_overload, kernel.compile
     turns: list[contextlib.ExitStack] = []  # several where one overload of a kernel calls another
@@ -57,7 +55,7 @@ def take_turns(kernel: Any) -> None:
 
 @contextlib.contextmanager
 def _locked(file: Path) -> Iterator[None]:
-    """Hold the lock; without it after the longest wait, and where no lock can be had."""
+    """Hold the lock; without it after the longest wait, and where it cannot be had."""
     global _waited_s
     from filelock import FileLock, Timeout  # here: it loads asyncio, and a warm cache needs no lock
 

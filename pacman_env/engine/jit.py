@@ -1,9 +1,4 @@
-"""The one decorator that compiles numeric kernels.
-
-Machine code is kept by what a kernel reaches (``kernel_key.py``, ``kernel_cache.py``): Numba's own cache looks only at
-the file of the function itself and would keep a stale binary when a helper in another file changes. Processes on a cold
-cache compile each kernel once between them (``compile_turns.py``).
-"""
+"""The one decorator that compiles numeric kernels, kept by what they reach (``kernel_key.py``, ``kernel_cache.py``)."""
 
 from __future__ import annotations
 
@@ -53,11 +48,10 @@ def source_hash() -> str:
 
 @functools.cache
 def kernel(function: F, cached: bool = True) -> F:
-    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), kept on disk.
+    """Compile ``function`` with Numba in nopython mode, IEEE arithmetic (no fastmath), with the rules that it calls.
 
-    Rules are plain functions; those that ``function`` calls are compiled with it. ``cached=False`` is for functions
-    from outside the package: two of one name may be in a process, and machine code that is kept has its names from the
-    process that compiled it.
+    ``cached=False`` is for functions from outside the package: two of one name may be in a process, and machine code on
+    disk has its names from the process that compiled it.
     """
     compiled: F = numba.njit(error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True)(
         _with_rules_compiled(function)

@@ -1,7 +1,4 @@
-"""Where machine code is kept: one folder for each kernel, named by what it reaches (``kernel_key.py``).
-
-Neither the name nor what lies there depends on where the package lies, so a clone, a wheel and a checkout share it.
-"""
+"""Where machine code is kept: a folder for each kernel, named by what it reaches (``kernel_key.py``) alone."""
 
 from __future__ import annotations
 
@@ -23,8 +20,6 @@ _SWEPT_S = 86400.0
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache of one kernel, in a folder below ``root``."""
-
     def __init__(self, kernel: Dispatcher, root: Path) -> None:
         self._kernel, self._root = kernel, root
         self._py_func, self._name = kernel.py_func, repr(kernel.py_func)
@@ -88,7 +83,6 @@ class KernelCache(FunctionCache):
 
     @property
     def lock(self) -> Path | None:
-        """The file that is locked while the kernel is compiled."""
         folder = self.find()
         return None if folder is None else folder / "lock"
 

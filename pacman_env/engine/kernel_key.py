@@ -1,9 +1,8 @@
 """What the machine code of a kernel depends on, as one hash: every function and value that the kernel reaches.
 
-Numba compiles the functions that a kernel calls into it and freezes the globals that they read. Here the bytecode is
-followed from name to name, whatever file it lies in; Python code of other packages counts by their versions. A value of
-a kind that is not known here gives no key, never a wrong one. A name that is only an attribute's (``g.x``) counts as
-the global of that name, too: that can change a key without need, and cannot miss anything.
+The bytecode is followed from name to name, whatever file it lies in; packages count by their versions. A value of an
+unknown kind gives no key, never a wrong one. An attribute's name (``g.x``) counts as a global's, too: that can change a
+key without need, and cannot miss anything.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ def type_content(kind: numba_types.Type) -> Content:
 
 @functools.cache
 def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
-    """The content of a kernel, intrinsic or function alone, and those that it refers to in their order."""
+    """The content of a kernel, intrinsic or function alone, and those that it refers to, in order."""
     reader = _Reader()
     content: Content
     if isinstance(function, Dispatcher):
@@ -85,8 +84,6 @@ def _content_and_reached(function: Any) -> tuple[str, tuple[Any, ...]]:
 
 
 class _Reader:
-    """Describes what one function refers to."""
-
     def __init__(self) -> None:
         self.reached: list[Any] = []
         self._names: tuple[str, ...] = ()
@@ -113,7 +110,6 @@ class _Reader:
         )
 
     def content(self, value: Any) -> Content:
-        """Any value that a kernel may freeze or refer to."""
         kind = type(value)
         if kind in _NUMBERS:
             return repr(value)
@@ -183,7 +179,7 @@ def _versioned(module: str) -> bool:
 
 
 def _text(kind: type) -> str:
-    """The file that defines a type: its models are registered, not named."""
+    """Hash of the file that defines a type: its models are registered, not named."""
     file = getattr(sys.modules.get(kind.__module__), "__file__", None)
     if file is None:
         raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__} without a file")

@@ -1,6 +1,6 @@
 """What kernels need beyond Numba's language: memory and functions by address, counters that threads share.
 
-Addresses are arguments, never constants: Numba cannot keep machine code on disk that holds one.
+Addresses are arguments, never constants: machine code on disk cannot hold one.
 """
 
 from __future__ import annotations
@@ -82,13 +82,11 @@ def address_of_kernel(kernel: Any) -> int:
 
 @operation(types.void, types.int64, types.int64)
 def store_int(context, builder, signature, address, value):  # type: ignore[no-untyped-def]
-    """Write a 32-bit number at an address."""
     builder.store(builder.trunc(value, _HALF), builder.inttoptr(address, _HALF.as_pointer()))
 
 
 @operation(types.int64, None)
 def address_of(context, builder, signature, array):  # type: ignore[no-untyped-def]
-    """The address of an array's first element."""
     return builder.ptrtoint(context.make_array(signature.args[0])(context, builder, array).data, WORD)
 
 
@@ -133,7 +131,6 @@ _HAS_PAUSE = platform.machine() in ("x86_64", "AMD64")
 
 @operation(types.void)
 def pause(context, builder, signature):  # type: ignore[no-untyped-def]
-    """A hint to the processor that a loop only waits."""
     if _HAS_PAUSE:
         kind = ir.FunctionType(ir.VoidType(), [])
         builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.sse2.pause"), [])

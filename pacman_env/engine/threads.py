@@ -108,10 +108,7 @@ def _finish(shared, threads):  # type: ignore[no-untyped-def]
 
 
 class Threads:
-    """The caller's thread and ``number - 1`` more; 0: one for each core that the process may use.
-
-    Results do not depend on the number. One job at a time: another caller waits.
-    """
+    """The caller's thread and ``number - 1`` more, 0: one for each core. Results do not depend on the number."""
 
     def __init__(self, number: int) -> None:
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 0:
@@ -201,7 +198,6 @@ def _end(process: int, shared: NDArray[np.int64], wake: Sequence[Any], threads: 
 
 
 def cores() -> int:
-    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

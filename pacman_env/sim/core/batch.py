@@ -314,12 +314,10 @@ class GameBatch(GameState):
             self._control["resume"][0] = 1
 
     def _forget_tables(self) -> None:
-        """Arrays have been replaced by larger ones."""
         self._tables.clear()
         self._ghost_tables.clear()
 
     def _tick_table(self, ghosts: Table) -> Table:
-        """For one thread, with scratch memory of its own."""
         stack = self.levels
         remembered = zeros(ticks.TickArrays, ("decisions", "driven"), N=self.n, t=0)
         remembered["driven" if self.config.action == "velocity" else "decisions"] = self._history.decisions
@@ -338,7 +336,6 @@ class GameBatch(GameState):
         )
 
     def _set_actions(self, actions: NDArray[Any]) -> None:
-        """Raises ValueError for one that is none."""
         if self.config.action == "velocity":
             bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
             if len(bad):

@@ -1,7 +1,6 @@
-"""On a machine where nothing is compiled yet, another process compiles the ticks while this one prepares the map.
+"""Where nothing is compiled yet, another process compiles the ticks while this one prepares the map: half of the delay.
 
-That is half of a first game's delay. What the other process has compiled is found on disk (``compile_turns.py``); it
-ends with this process, or when it is done.
+It ends with this process, or when it is done; what it compiled is found on disk (``compile_turns.py``).
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _WATCH_S = 0.5
 
 
 def begin() -> subprocess.Popen[bytes] | None:
-    """Start the other process if the ticks are not kept yet, once, and if there is a core for it."""
+    """Start the other process once, if the ticks are not kept yet and there is a core for it."""
     if kernel_folder() is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
         return None
     if (folder := play._cache.find()) is None or play._cache.keeps(RANGE):

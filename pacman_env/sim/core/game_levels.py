@@ -41,7 +41,6 @@ class GameLevels:
         self._prepare_ahead([level for level in levels if not self.stack.has(level)])
 
     def _prepare_ahead(self, levels: list[int]) -> None:
-        """By other threads, if there are any."""
         if self._ahead is None and len(self.stack) > 1 and self._threads > 1:
             self._ahead = LevelsAhead(self.source, self._threads, min(len(self.slots), _MOST_AHEAD))
         if self._ahead is not None:

@@ -44,8 +44,6 @@ _FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
 
 
 class WayArrays(NamedTuple):
-    """The ghosts' cells of M maps."""
-
     ghost_graph: Any = Array(np.int32, "M k 16")  # the search's view of a cell
     ghost_part: Any = Array(np.int32, "M k")
     ghost_part_start: Any = Array(np.int64, "M p")
@@ -53,7 +51,7 @@ class WayArrays(NamedTuple):
 
 
 class GhostArrays(NamedTuple):
-    """What :func:`decide` and :func:`move` work on: N games, G ghosts, M maps, B behaviours."""
+    """What :func:`decide` and :func:`move` work on: B behaviours."""
 
     games: Any = Array(GAME, "N")
     ghosts: Any = Array(GHOST, "N G")
@@ -112,7 +110,7 @@ def head_for(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-d
 
 @kernel
 def _go(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
-    """To a cell, or wander on where there is none (-1) or no way to it."""
+    """To a cell, or wander on without one (-1) or a path to it."""
     part = ways[1]
     ghost.wanders = target < 0 or part[m, path[ghost.path_index]] != part[m, target]
     if not ghost.wanders:
@@ -174,13 +172,11 @@ def move(table, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def step(table):  # type: ignore[no-untyped-def]
-    """:func:`move` in the only game."""
     move(table, np.int64(0))
 
 
 @kernel
 def choose(table):  # type: ignore[no-untyped-def]
-    """:func:`decide` in the only game."""
     return decide(table, np.int64(0))
 
 
@@ -229,7 +225,7 @@ def behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
 
 
 def behaviour_choice(hold: int, number: int) -> int:
-    """The choice that lets a ghost sent from outside do in this tick as ``BEHAVIOUR_NAMES[number]`` does."""
+    """The choice that lets a ghost sent from outside follow ``BEHAVIOUR_NAMES[number]`` in this tick."""
     return hold + 1 + number
 
 
@@ -275,10 +271,7 @@ class Ghosts:
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
     def send(self, choices: NDArray[np.int64] | None) -> None:
-        """Set the ``choices`` (N, G) for those sent from outside; None: all wander on.
-
-        Raises ValueError for one that is no choice; nothing has been changed then.
-        """
+        """Set the ``choices`` (N, G) for those sent from outside; None: all wander on. ValueError changes nothing."""
         if not self._any_sent:
             return
         if choices is None:
@@ -296,7 +289,6 @@ class Ghosts:
         self.compile_choices()
 
     def compile_choices(self) -> None:
-        """Compile the behaviours that ``choices`` ask for."""
         number = int(self.choices.max()) - behaviour_choice(self._hold, 0)
         for k in range(number + 1):
             if self._behaviours[len(self.wander_first) + k, 0] == 0:
@@ -330,7 +322,6 @@ class Ghosts:
         )
 
     def raise_again(self, table: int, game: int) -> None:
-        """Raise what a behaviour's function raised in a game."""
         count = len(self.wander_first)
         for k in range(count):
             chosen = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)

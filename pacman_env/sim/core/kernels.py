@@ -1,7 +1,4 @@
-"""What happens in one game, compiled; the rules live in ``game/``, the robot's in ``world/``.
-
-Game i reads and writes row i only, so that a game is the same alone and among others.
-"""
+"""What happens in one game, compiled: rules live in ``game/``, the robot's in ``world/``. Game i touches row i only."""
 
 from __future__ import annotations
 
@@ -72,7 +69,6 @@ def nearest(x, y, obstacles):  # type: ignore[no-untyped-def]
 
 @kernel
 def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
-    """Copy the places of a game's ghosts; control keeps away from the nearest."""
     for k in range(len(ghosts)):
         obstacles[k, 0], obstacles[k, 1] = ghosts[k].x, ghosts[k].y
     k, _ = nearest(g.x + g.error_x, g.y + g.error_y, obstacles)
@@ -81,17 +77,13 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 
 @kernel
 def place_ghost(games, ghost, ghosts, path, obstacles, cell, ghost_xy):  # type: ignore[no-untyped-def]
-    """Put one ghost of one game on a cell; both are arrays of length 1."""
     spawn(ghost[0], cell, path, ghost_xy)
     see_ghosts(games[0], ghosts, obstacles)
 
 
 @kernel
 def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-def]
-    """Begin a new round in the games ``index`` (M,): the robot stands at ``home``, by level, and has no goal.
-
-    ``fresh`` (M,) holds the per-round parameters already filled in.
-    """
+    """Begin rounds in the games ``index`` (M,) at ``home``, by level; ``fresh`` (M,) are their first records."""
     for k in range(len(index)):
         i = index[k]
         games[i] = fresh[k]
@@ -125,10 +117,7 @@ def reset_candidates(games, index, alive, waits, aborts):  # type: ignore[no-unt
 
 @kernel
 def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, starts, use_tf):  # type: ignore[no-untyped-def]
-    """Put the ghosts of the games ``index`` on cells that are drawn from ``starts``, by level.
-
-    ``starts`` are the cells, how many they are, and the positions of all cells.
-    """
+    """Put the ghosts of the games ``index`` on cells drawn from ``starts``: cells, counts, positions, by level."""
     cells, counts, ghost_xy = starts
     for i in index:
         g = games[i]
@@ -171,7 +160,7 @@ def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
-    """Copy the choices (N,) unless one is not within 0 and ``most``; returns the first such game, -1 for none."""
+    """Copy the choices (N,) unless one is not within 0 and ``most``; returns the first such game, else -1."""
     for i in range(len(choices)):
         if choices[i] < 0 or choices[i] > most:
             return i
@@ -305,7 +294,6 @@ def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-u
 
 @kernel
 def reward(g, rewards):  # type: ignore[no-untyped-def]
-    """The reward of a game's tick."""
     completed = rewards.end[COMPLETE] * g.tick_rounds
     return rewards.tick + rewards.pellet * g.tick_pellets + completed + rewards.end[g.end]
 
@@ -322,6 +310,5 @@ def reward_and_end(games, rewards, terminated, truncated, over_before, result): 
 
 @kernel
 def summarize(g, i, summary):  # type: ignore[no-untyped-def]
-    """Write a game's column of the summary (len(SUMMARY), N)."""
     summary[0, i], summary[1, i], summary[2, i] = g.end, g.collected, g.lost
     summary[3, i], summary[4, i], summary[5, i] = g.spawned, g.aborts, g.episode_seed

@@ -61,7 +61,6 @@ class MapGhosts:
         self._ghosts.state["speed"] = value
 
     def see_robot(self, pose: Pose) -> None:
-        """The robot's believed pose."""
         self._games["x"], self._games["y"], self._games["heading"] = pose
 
     def place(self, number: int, cell: int) -> None:
@@ -93,7 +92,6 @@ class MapGhosts:
         self.respawn([])
 
     def step(self) -> None:
-        """One update of ``clyde.update_period_s``."""
         ghosts.step(self._table.address)
         for number, ghost in enumerate(self._ghosts.state[0]):
             if ghost["vx"] or ghost["vy"]:

@@ -1,7 +1,4 @@
-"""The goals of one simulated robot, as Nav2's ``navigate_to_pose`` server treats them.
-
-A goal is current, or pending until the next step; it ends with a status and an error code.
-"""
+"""The goals of one simulated robot, as Nav2's ``navigate_to_pose`` server treats them: one current, one pending."""
 
 from __future__ import annotations
 
@@ -22,8 +19,6 @@ _CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAI
 
 @dataclass(frozen=True)
 class Ended:
-    """A goal that has ended."""
-
     key: bytes
     status: int  # of action_msgs/GoalStatus
     error_code: int  # Nav2's
@@ -32,8 +27,6 @@ class Ended:
 
 @dataclass(frozen=True)
 class Feedback:
-    """Of the current goal."""
-
     key: bytes
     pose: Pose  # as believed
     time_s: float  # since the goal became the current one
@@ -53,10 +46,7 @@ class _Goal:
 
 
 class Navigation:
-    """``navigate_to_pose``: at most one current goal and one pending.
-
-    ``abort_after_s`` (None: never) ends every goal after that time, for tests of what follows.
-    """
+    """``abort_after_s`` (None: never) ends every goal after that time, for tests of what follows."""
 
     def __init__(self, robot: SimulatedRobot) -> None:
         self.robot = robot

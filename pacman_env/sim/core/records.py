@@ -1,7 +1,4 @@
-"""The records that the simulator's kernels work on: one game, one ghost.
-
-Fields that belong to a part of the simulator are declared where its rules are; constants in ``parameters.py``.
-"""
+"""The records of one game and one ghost; fields of a part of the simulator are declared where its rules are."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The simulator without rules: one robot that drives to any place or by velocities, and localizes itself.
-
-The kernels of a batch, on one game that has no pellets and whose ghost is far away: goals come one at a time and
-anywhere on the map. Which goals there are and how they end is in ``navigate_to_pose.py``.
-"""
+"""The simulator's kernels without rules: one robot that drives to any place or by velocities, and localizes itself."""
 
 from __future__ import annotations
 
@@ -180,10 +176,7 @@ class SimulatedRobot:
         self.step()
 
     def set_goal(self, x: float, y: float) -> int:
-        """Drive to (x, y) m, finite, or the nearest place within Nav2's tolerance; returns the goal's slot.
-
-        The goal before goes on until the planner's next tick.
-        """
+        """Drive to (x, y) m, finite, or the nearest place within Nav2's tolerance; returns the goal's slot."""
         grid, tolerance = self.grid, self.config.nav2.unreachable_tolerance_m
         slot = 1 - max(int(self._g["nav_goal"]), 0) if self._g["nav_state"] == navigator.ACTIVE else 0
         cell = int(grid.cells_under(np.array([[x, y]]))[0])

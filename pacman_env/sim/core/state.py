@@ -70,8 +70,6 @@ class GameState:
 
 
 class RoundSoFar(NamedTuple):
-    """One game's round, enough to play it again."""
-
     game: int
     seed: int
     level: int
@@ -81,13 +79,7 @@ class RoundSoFar(NamedTuple):
 
 
 class History:
-    """The decisions of N games, by game and tick.
-
-    Attributes:
-        decisions: (N, T) int16 candidates or (N, T, 2) float64 velocities; kernels write them.
-        ghost_choices: (N, T, G) int16, or (N, 0, G) where no ghost is ``sent`` from outside.
-        began: (N,) records of type ``GAME``.
-    """
+    """The decisions of N games by tick, written by kernels; ``sent``: ghosts are sent from outside."""
 
     def __init__(self, n: int, ghosts: int, sent: bool, config: Config) -> None:
         velocity = config.action == "velocity"
@@ -112,7 +104,6 @@ class History:
         return longer
 
     def so_far(self, game: int, record: Any, level: int) -> RoundSoFar:
-        """The round that a game is in, with its record."""
         ticks = int(record["tick"])
         decided = self.decisions[game, :ticks].copy(), self.ghost_choices[game, :ticks].copy()
         return RoundSoFar(game, int(record["seed"]), level, self.began[game].copy(), *decided)

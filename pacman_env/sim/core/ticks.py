@@ -1,7 +1,4 @@
-"""Ticks of games, compiled into one call: rules, ghosts, planner, controller and bodies of all physics steps.
-
-One game after the other, so that what a game touches stays in the cache for the whole tick.
-"""
+"""Ticks of games in one call, game after game, so that what a game touches stays in the cache for the whole tick."""
 
 from __future__ import annotations
 
@@ -63,7 +60,7 @@ class SpaceArrays(NamedTuple):
 
 
 class TickArrays(NamedTuple):
-    """What :func:`play` works on. Of choices and velocities only what the actions are is remembered, (N, 0) else."""
+    """What :func:`play` works on. Of choices and velocities only the actions are remembered, the other has no ticks."""
 
     rules: Any = kernels.RuleArrays
     maps: Any = MapArrays

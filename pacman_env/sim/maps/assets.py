@@ -1,7 +1,4 @@
-"""Everything computed once per map and configuration: grid, goals, path fields, the ghosts' cells.
-
-The last few maps are kept in the process, path fields on disk by the map's hash.
-"""
+"""Everything computed once per map and configuration; kept in the process, path fields on disk by the map's hash."""
 
 from __future__ import annotations
 
@@ -85,11 +82,7 @@ def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, floa
 
 
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """The assets of a map (name, file or loaded map) under a configuration.
-
-    Raises MapError for a map that cannot be read or has no place for the robot, no pellet or no place for ghosts;
-    ConfigError if it has no room for them at all.
-    """
+    """The assets of a map (name, file or loaded map) under a configuration. Raises MapError, ConfigError."""
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     if home is not None:
         home = _pose(home, occupancy.name)
@@ -108,10 +101,7 @@ def map_assets(source: MapSource, config: Config, home: tuple[float, float, floa
 
 
 def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
-    """As :func:`map_assets`, for a map that is played on once: nothing is kept, in the process or on disk.
-
-    Threads may prepare different maps at the same time.
-    """
+    """As :func:`map_assets`, for a map that is played on once: nothing is kept; threads may prepare different maps."""
     assets = _build(occupancy, config, None if home is None else _pose(home, occupancy.name), None)
     if are_sent(config.clyde):
         _ = assets.ghost_targets  # computed now, not while the map is played on
@@ -177,10 +167,7 @@ def _build(
 
 
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
-    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere.
-
-    ``fields`` are those of the grid; a field that was computed before is not computed again.
-    """
+    """``length_cm`` and ``next_step`` of all goals; a goal without a cell (-1) is unreachable from everywhere."""
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.empty((goals, count), dtype=np.uint16)
     next_step = np.empty((goals, count), dtype=np.int16)

@@ -1,9 +1,4 @@
-"""Generated houses as levels: a new one for each episode, prepared when it is needed.
-
-Which level an episode gets is drawn from its seed. The split between training and testing is by level number, as in
-Procgen: ``generated`` draws from the levels below ``TEST_LEVEL``, ``generated:test`` from the thousand from there on.
-``generated:wide`` are the houses of ``generated``, twice as long and twice as wide.
-"""
+"""Generated houses as levels, a new one for each episode; the split between training and testing is by level number."""
 
 from __future__ import annotations
 
@@ -33,10 +28,7 @@ WIDE = 2  # times as long and as wide
 
 
 class GeneratedMaps:
-    """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house.
-
-    Raises ConfigError for numbers out of range.
-    """
+    """The levels from ``start_level`` on, ``num_levels`` of them; all lengths ``scale`` times those of the house."""
 
     def __init__(self, config: Config, start_level: int, num_levels: int, scale: int = 1) -> None:
         if start_level < 0:
@@ -104,10 +96,7 @@ def most_pellets(config: Config, scale: int = 1) -> int:
 
 
 def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
-    """The first house of a level that can be played: its pellets can be reached, and most of them by ghosts.
-
-    Raises MapError if none of many houses can be.
-    """
+    """The first house of a level that can be played: pellets can be reached, most by ghosts. Raises MapError."""
     reason = ""
     for attempt in range(_ATTEMPTS):
         house = _scaled(draw_house(level, attempt), scale)
@@ -123,7 +112,6 @@ def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
 
 
 def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
-    """The same picture with larger cells, the origin where it was."""
     if scale == 1:
         return house
     x, y, yaw = house.origin
@@ -133,7 +121,6 @@ def _scaled(house: OccupancyMap, scale: int) -> OccupancyMap:
 
 
 def _objection(assets: MapAssets, config: Config, scale: int) -> str:
-    """The reason why a house is no level; "" if it is one."""
     fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1
     if not fewest <= assets.pellets <= most_pellets(config, scale):
         return f"{assets.pellets} pellets"

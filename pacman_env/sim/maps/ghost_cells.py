@@ -1,7 +1,6 @@
-"""The cells where ghosts can be, and the shortest paths between them (Algorithm 2).
+"""The cells where ghosts can be, free with a square clearance, and the shortest paths between them (Algorithm 2).
 
-The cells are free ones with a square clearance; a path is found by A* (8-connected, no corner cutting). The search is
-guided by exact distances from landmarks, which leaves the paths as short as those of plain A*.
+A* goes to 8 neighbours without corner cutting; exact distances from landmarks guide it and leave paths as short.
 """
 
 from __future__ import annotations
@@ -32,8 +31,6 @@ _STEPS = np.array([(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1),
 
 @dataclass(frozen=True, eq=False)
 class ClydeCells:
-    """The cells where ghosts can be, with what their search needs."""
-
     resolution: float
     position: NDArray[np.float64]  # (K, 2) m
     graph: NDArray[np.int32]  # (K, 16) the search's view of a cell, in one cache line: see the properties
@@ -61,7 +58,6 @@ class ClydeCells:
         return self.part_cells[self.part_start[part] : self.part_start[part + 1]]
 
     def nearest(self, x: float, y: float) -> tuple[int, float]:
-        """The cell nearest to a place, and how far it is in m."""
         (cell,), (square,) = nearest_positions(self.position, np.array([(x, y)]))
         return int(cell), math.sqrt(square)
 

@@ -26,12 +26,10 @@ class GhostTargets(NamedTuple):
 
 
 def are_sent(config: ClydeConfig) -> bool:
-    """True if there are ghosts that do more than wander."""
     return any(behaviour != "wander" for behaviour in config.ghosts)
 
 
 def find_ghost_targets(grid: DriveGrid, clyde: ClydeCells, part: int, goal_xy: NDArray[np.float64]) -> GhostTargets:
-    """``part`` is the ghosts' part, ``goal_xy`` (G, 2) in m."""
     cells = clyde.cells_in(part)
     position = clyde.position[cells]
     column, row, inside = grid.locate(position)

@@ -12,8 +12,6 @@ from .assets import MapAssets, map_assets
 
 
 class LevelSource(Protocol):
-    """Maps by number."""
-
     @property
     def first(self) -> MapAssets: ...  # one of the maps, to size things by
     def slots(self, games: int) -> int: ...  # number of maps that so many games need at once
@@ -25,8 +23,6 @@ class LevelSource(Protocol):
 
 
 class FixedMap:
-    """One map for every episode."""
-
     def __init__(self, assets: MapAssets, config: Config) -> None:
         self.first = assets
         self._config = config

@@ -1,8 +1,4 @@
-"""The maps that the games of a batch are played on, stacked into one array per kind for the kernels.
-
-A map that all games share is stacked alone and nothing is copied. Where maps come and go, each lies in a slot while a
-game is played on it, and until another needs the slot.
-"""
+"""The maps of a batch, stacked into one array per kind for the kernels; one map for all is stacked without copying."""
 
 from __future__ import annotations
 
@@ -78,10 +74,12 @@ def _room(name: str, shape: tuple[int, ...], before: tuple[int, ...]) -> tuple[i
 
 
 class LevelStack:
-    """S slots for maps; ``arrays[kind]`` is (S, ...) with the map of slot s in row s, padded at the far ends."""
+    """S slots for maps; ``arrays[kind]`` is (S, ...) with the map of slot s in row s, padded at the far ends.
+
+    A map lies in its slot while a game is played on it, and until another needs the slot.
+    """
 
     def __init__(self, first: MapAssets, config: Config, slots: int = 1) -> None:
-        """Stack one map; with more slots than one, others are added later."""
         self.config = config
         self.slots = slots
         self.resolution = first.grid.resolution
@@ -223,7 +221,6 @@ def _fill(room, array):  # type: ignore[no-untyped-def]
 
 @kernel
 def _longest(length_cm):  # type: ignore[no-untyped-def]
-    """The longest path that there is, cm."""
     longest = 0
     for row in length_cm:
         for length in row:

@@ -166,10 +166,7 @@ def _begin_again() -> None:
 
 @functools.cache
 def _register_hooks() -> None:
-    """After filelock's hooks, which a thread that compiles would else load during a fork.
-
-    The hooks of later modules run first: filelock's hold its locks, for which the levels under way would wait.
-    """
+    """After filelock's, which a thread could load in a fork, and which hold its locks (later hooks run first)."""
     importlib.import_module("filelock")
     os.register_at_fork(before=_hold_all, after_in_parent=_release_all, after_in_child=_begin_again)
 

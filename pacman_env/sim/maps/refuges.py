@@ -1,8 +1,4 @@
-"""Refuges, places for the robot to wait at: candidate goals beside the pellets, chosen once per map.
-
-*Nooks* are places that no ghost's centre can come near and that the robot can reach; the others are spread out by path
-length over the robot's area, far from the home pose and the nooks.
-"""
+"""Refuges, places for the robot to wait at: the home pose, *nooks* that no ghost comes near, places far from both."""
 
 from __future__ import annotations
 
@@ -64,7 +60,6 @@ def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
 
 @kernel
 def _strike_out(away, affine, position, cells):  # type: ignore[no-untyped-def]
-    """Clear the grid's cells under some of the ghosts'."""
     rows, columns = away.shape
     for k in cells:
         x, y = position[k]

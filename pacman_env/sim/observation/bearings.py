@@ -1,7 +1,4 @@
-"""The directions of pellets, of the paths to them, and of ghosts, to steer by; alike in the simulator and on a robot.
-
-They are in the frame of the believed pose, as cosine and sine: 1 and 0 are ahead, 0 and 1 to the left.
-"""
+"""The directions of pellets, of the paths to them, and of ghosts, in the robot's frame, as cosine and sine."""
 
 from __future__ import annotations
 
@@ -38,10 +35,7 @@ GHOST_BEARING_COLUMNS = (
 
 
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
-    """(N, ``count``, 7) float32: the pellets that may be chosen in the order of ``nearest.py``.
-
-    Raises ValueError for a situation without maps.
-    """
+    """(N, ``count``, 7) float32, the pellets as in ``nearest.py``. Raises ValueError for a situation without maps."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to find a way on")
     s, a = situation, situation.maps.arrays
@@ -53,7 +47,7 @@ def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
 
 
 def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
-    """(N, G, 5) float32: every ghost, in the order of their numbers."""
+    """(N, G, 5) float32, by number."""
     result = np.empty((*situation.ghosts.shape[:2], len(GHOST_BEARING_COLUMNS)), dtype=np.float32)
     _fill_ghosts(situation.robot, situation.ghosts, result)
     return result

@@ -1,8 +1,4 @@
-"""The candidates in the order of their ways: the nearest pellets, the nearest refuges, hold.
-
-As many for every map, so that a policy goes from one to the other; and a place in the list means the same in each
-situation, so that a network need not learn every pellet by its number.
-"""
+"""The candidates in the order of path length: the nearest pellets, the nearest refuges, hold; as many for every map."""
 
 from __future__ import annotations
 
@@ -26,15 +22,13 @@ class Nearest:
 
     @property
     def count(self) -> int:
-        """All, with hold."""
         return self.pellets + self.refuges + 1
 
 
 def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int64]:
-    """(N, ``nearest.count``) the candidates that may be chosen, by the length of the robot's way, or ``NOBODY``.
+    """(N, ``nearest.count``) the candidates that may be chosen, by the robot's path length, or ``NOBODY``.
 
-    Of equal ways, the one with the lower number is first. The candidate pursued now is listed in any case: last of its
-    kind, where others are nearer.
+    Of equal ones the lower number is first. The one pursued now is listed in any case: last of its kind.
     """
     order = np.empty((len(situation), nearest.count), dtype=np.int64)
     _list(

@@ -1,8 +1,6 @@
-"""The features of a learned planner: numbers per candidate and of the whole, none of which names a particular map.
+"""The features of a learned planner, of the order of one; what is unreachable is far, rows that are masked are 0.
 
-Built from a situation and its maps, alike in the simulator and on a robot. All are of the order of one; what is
-unreachable is far, not infinite. Rows of candidates that may not be chosen are 0. ``VERSION`` changes with the meaning
-of any column: a network trained on other columns must not be run on these.
+``VERSION`` changes with the meaning of any column: a network trained on other columns must not be run on these.
 """
 
 from __future__ import annotations

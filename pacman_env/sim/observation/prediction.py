@@ -1,8 +1,7 @@
-"""Prediction of the next seconds: the paths that the nearest ghost may be on, and how near they come to the robot's.
+"""The next seconds: the paths that the nearest ghost may be on, and how near they come to the robot's.
 
-The ghost's possible paths are the shortest ones from its position to the map's goals, which are spread over it as its
-targets are, each as likely as its last motion makes it; from a goal it goes on to another. The robot's path leads to a
-candidate at its speed, the first turn included, and ends there. No function here knows where the ghost really goes.
+The ghost's are the shortest from its place to the map's goals, each as likely as its last motion makes it; from a goal
+it goes on to another. The robot's leads to a candidate, the first turn included, and ends there.
 """
 
 from __future__ import annotations
@@ -57,8 +56,6 @@ class MapArrays(NamedTuple):
 
 
 class SeenArrays(NamedTuple):
-    """Where kernels find situations and their maps."""
-
     block: Any = Array(np.uint8, "b")  # the situations'
     request: Any = Array(REQUEST, "1")
 
@@ -90,7 +87,6 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
 
 
 def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
-    """Raises ValueError for a situation without maps."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to look ahead on")
     across = situation.maps.find_coarse_steps(situation.level)
@@ -101,7 +97,6 @@ def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
 
 @kernel
 def seen_by(seen):  # type: ignore[no-untyped-def]
-    """The arrays of the situations and of their maps."""
     r = seen.request[0]
     return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts), _maps(r.maps)
 
@@ -283,7 +278,6 @@ def _turned(affine, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
-    """Column and row of the nearest one that can be driven on."""
     rows, columns = snap.shape
     column, row = cell_of(affine, rows, columns, x, y)
     k = snap[row, column]

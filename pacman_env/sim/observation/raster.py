@@ -1,7 +1,4 @@
-"""The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up.
-
-Features are in ``robot_features.py``; pictures for people are in ``render/frames.py``.
-"""
+"""The egocentric picture of a situation: walls, pellets, ghosts and robot around the robot, its heading up."""
 
 from __future__ import annotations
 
@@ -62,7 +59,6 @@ def _walls(affine, clearance_cm, x, y, forward_x, forward_y, image):  # type: ig
 
 @kernel
 def _pixel(dx, dy, view):  # type: ignore[no-untyped-def]
-    """Row and column of a place that is (dx, dy) m from the robot."""
     cos, sin, pixels_per_m, middle = view
     dx, dy = dx * pixels_per_m, dy * pixels_per_m
     return middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)

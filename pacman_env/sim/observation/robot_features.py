@@ -1,7 +1,4 @@
-"""From a situation to the numbers a network reads: float32 features, built alike in the simulator and on a robot.
-
-Directions are in the robot's frame, lengths in m, capped at ``FAR_M``. The columns are named below, in order.
-"""
+"""The float32 features that a network reads: directions in the robot's frame, lengths in m, capped at ``FAR_M``."""
 
 from __future__ import annotations
 
@@ -92,7 +89,7 @@ def observe(situation: Situation) -> Observation:
 def features(situation: Situation) -> Observation:
     """``robot`` (N, 7), ``clyde`` (N, 7), ``candidates`` (N, C, 10), ``round`` (N, 2), ``ghosts`` (N, G, 6) if several.
 
-    All are float32 and new. Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
+    Rows of candidates that the mask forbids keep their kind and are 0 otherwise.
     """
     block, *lengths = situation.block()
     seen = situation.__dict__.pop(_WRITTEN, None)

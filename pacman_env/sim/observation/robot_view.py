@@ -1,8 +1,4 @@
-"""A situation of one game from what a robot knows: its pose, where ghosts were seen, which pellets are shown.
-
-The arrays are filled by the simulator's own kernels on a map prepared as for a simulation, so that a policy sees the
-same numbers on a robot as in a game. No message and no clock here, and nothing is decided.
-"""
+"""A situation of one game from what a robot knows, filled by the simulator's kernels: the same numbers as in a game."""
 
 from __future__ import annotations
 
@@ -65,12 +61,9 @@ class Seen:
 
 
 class RobotView:
-    """One game on a prepared map, as its robot sees it.
+    """One game on a map prepared under ``config``, as its robot sees it; candidates are numbered as in a simulation.
 
-    Candidates are numbered as in a simulation of the map: pellets, refuges, hold.
-
-    The map is prepared under ``config``; ``seed`` is that of the rounds, for policies that draw; ``levels`` is the map
-    stacked before.
+    ``seed`` is that of the rounds, for policies that draw; ``levels`` is the map stacked before.
     """
 
     def __init__(self, assets: MapAssets, config: Config, seed: int = 0, levels: LevelStack | None = None) -> None:
@@ -176,7 +169,6 @@ class RobotView:
         return Pellets(known, tuple(unknown))
 
     def is_candidate(self, pellet: int) -> bool:
-        """True if the robot can be sent to that pellet of the map."""
         return pellet in self._slot
 
     def off_the_map(self, x: float, y: float) -> bool:
@@ -194,10 +186,7 @@ class RobotView:
         return Goal(candidate, x, y, int(self.assets.pellet_ids[candidate]) if is_pellet else None)
 
     def situation(self, seen: Seen, player: int = -1) -> Situation:
-        """What the robot's policy, or that of ghost ``player``, sees at a decision, which is counted (N = 1).
-
-        Raises ValueError if a ghost has not been seen yet.
-        """
+        """What the robot's policy, or that of ghost ``player``, sees at a decision (N = 1). May raise ValueError."""
         if self.unseen:
             raise ValueError(f"{self.unseen[0]} has not been seen yet")
         g = self._games[0]
@@ -229,7 +218,6 @@ class RobotView:
         return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()), player)
 
     def _watch_distance(self, seen: Seen) -> None:
-        """The closing speed since the last situation; a second one within half a tick keeps it."""
         g, x, y = self._games[0], *seen.pose[:2]
         passed_s = math.inf if self._seen_s is None else seen.time_s - self._seen_s
         if 0 <= passed_s < self._config.execution.tick_s / 2:

@@ -1,7 +1,6 @@
 """Observations in [-1, 1], by constants that are the same for every map.
 
-Lengths, ages and counts have no greatest value and matter most where they are small: x becomes x / (|x| + c), so that
-half of the range is for what is below c. All else is divided by a constant and cut at 1.
+Lengths, ages and counts matter most where they are small: x becomes x / (|x| + c). All else is divided and cut at 1.
 """
 
 from __future__ import annotations

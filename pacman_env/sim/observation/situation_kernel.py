@@ -40,8 +40,6 @@ REQUEST = np.dtype(
 
 
 class LookArrays(NamedTuple):
-    """What :func:`look` works on."""
-
     rules: Any = RuleArrays
     ghosts: Any = Array(GHOST, "N G")
     ghost_paths: Any = Array(np.int32, "N G l")  # cells of the path that each is on
