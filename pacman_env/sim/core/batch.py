@@ -26,6 +26,7 @@ from ..observation import situation_kernel
 from ..observation.situation import Situation
 from . import kernels, records, ticks
 from .game_levels import GameLevels
+from .ghosts import spawn_ghost
 from .parameters import KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
 from .state import GameState, History, RoundSoFar
 
@@ -173,7 +174,8 @@ class GameBatch(GameState):
         self._levels.enter(index, fresh)
         maps, ghosts = self.levels.arrays, self._ghosts
         kernels.reset_robots(self.games, index, seeds, fresh, maps["home"])
-        kernels.reset_candidates(self.games, index, self.alive, self.rules["waits"], self.rules["aborts"])
+        self.alive[index] = np.arange(self.pellet_slots) < self.games["pellets"][index, None]
+        self.rules["waits"][index] = self.rules["aborts"][index] = 0
         starts = maps["spawn_cells"], maps["spawn_count"], maps["ghost_xy"]
         use_tf = int(self._parameters["use_tf"][0])
         kernels.reset_ghosts(
@@ -310,7 +312,8 @@ class GameBatch(GameState):
             if waiting < 0:
                 self.games["stage"] = ticks.BEGIN
                 self._ghosts.raise_again(self._ghost_tables[0].address, -1 - waiting)
-            self._levels.provide_spaces(np.flatnonzero(self.games["stage"] == ticks.MOVE))
+            for i in np.flatnonzero(self.games["stage"] == ticks.MOVE).tolist():
+                self.spaces.provide(self._levels.slots[i], self.assets_of(i).grid.walls)
             self._control["resume"][0] = 1
 
     def _forget_tables(self) -> None:
@@ -354,18 +357,11 @@ class GameBatch(GameState):
         return max([0.0, *map(float, depths)])
 
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
-        """Let a ghost go on from the cell of his nearest to (x, y), m; returns where that is."""
+        """Put a ghost on its cell nearest to (x, y), m; returns where that is."""
         cells = self.assets_of(game).clyde.position
         cell, _ = self.assets_of(game).clyde.nearest(x, y)
-        kernels.place_ghost(
-            self.games[game : game + 1],
-            self.ghosts[game, number : number + 1],
-            self.ghosts[game],
-            self._ghosts.paths[game, number],
-            self.obstacles[game],
-            cell,
-            cells,
-        )
+        spawn_ghost(self.ghosts[game, number], cell, self._ghosts.paths[game, number], cells)
+        kernels.see_ghosts(self.games[game], self.ghosts[game], self.obstacles[game])
         return float(cells[cell, 0]), float(cells[cell, 1])
 
     def situation(

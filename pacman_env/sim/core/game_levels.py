@@ -75,7 +75,3 @@ class GameLevels:
             records[k]["level"] = self.slots[i]
             records[k]["pellets"], records[k]["refuges"] = assets.pellets, assets.refuges
         self.spaces.leave(index)
-
-    def provide_spaces(self, games: NDArray[np.int64]) -> None:
-        for i in games.tolist():
-            self.spaces.provide(self.slots[i], self.assets_of(i).grid.walls)

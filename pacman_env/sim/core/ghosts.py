@@ -29,6 +29,7 @@ from ...game.ghosts import (
     at_target,
     choose_target,
     find_behaviour,
+    spawn,
     walk,
 )
 from ...world.navigation.grid import cell_of
@@ -222,6 +223,10 @@ def behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
         loop.__qualname__ = f"_follow_{behaviour.name}" if own else "_follow_behaviour_from_outside"
         _BY_BEHAVIOUR[behaviour] = kernel(loop, own)
     return _BY_BEHAVIOUR[behaviour]
+
+
+#: For Python.
+spawn_ghost = kernel(spawn)
 
 
 def behaviour_choice(hold: int, number: int) -> int:

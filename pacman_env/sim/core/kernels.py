@@ -76,12 +76,6 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def place_ghost(games, ghost, ghosts, path, obstacles, cell, ghost_xy):  # type: ignore[no-untyped-def]
-    spawn(ghost[0], cell, path, ghost_xy)
-    see_ghosts(games[0], ghosts, obstacles)
-
-
-@kernel
 def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-def]
     """Begin rounds in the games ``index`` (M,) at ``home``, by level; ``fresh`` (M,) are their first records."""
     for k in range(len(index)):
@@ -103,16 +97,6 @@ def reset_robots(games, index, seeds, fresh, home):  # type: ignore[no-untyped-d
         g.catcher = -1
         g.spawned = g.pellets
         localization.update(g, np.int64(0))
-
-
-@kernel
-def reset_candidates(games, index, alive, waits, aborts):  # type: ignore[no-untyped-def]
-    """Lay out all pellets of the games ``index``; every candidate may be chosen."""
-    for i in index:
-        for slot in range(alive.shape[1]):
-            alive[i, slot] = slot < games[i].pellets
-        waits[i, :] = 0
-        aborts[i, :] = 0
 
 
 @kernel

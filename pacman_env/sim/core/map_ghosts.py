@@ -19,7 +19,7 @@ from .ghosts import Ghosts
 from .parameters import batch_parameters
 from .poses import Pose
 
-_stream, _below, _spawn = kernel(rule.ghost_stream), kernel(below), kernel(rule.spawn)
+_stream, _below = kernel(rule.ghost_stream), kernel(below)
 
 
 class MapGhosts:
@@ -65,7 +65,7 @@ class MapGhosts:
 
     def place(self, number: int, cell: int) -> None:
         """Put a ghost on a cell and forget the path that it was on."""
-        _spawn(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)
+        ghosts.spawn_ghost(self._ghosts.state[0, number], cell, self._ghosts.paths[0, number], self.cells.position)
 
     def respawn(self, away_from: Sequence[tuple[float, float]], numbers: Sequence[int] | None = None) -> None:
         """Put ghosts on random cells of the robot's area, away from these places, m, of which the first is in it."""

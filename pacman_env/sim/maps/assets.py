@@ -10,24 +10,40 @@ import math
 import os
 import threading
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Config
+from ...config import ClydeConfig, Config
 from ...engine.jit import source_hash
 from ...game.pellets import generate_pellets
 from ...world.maps.occupancy import MapError, OccupancyMap, load_map
 from ...world.navigation.cache import cached_arrays
+from ...world.navigation.distances import nearest_numbers
 from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM, PathFields
 from .ghost_cells import ClydeCells, clyde_cells, nearest_positions
-from .ghost_targets import GhostTargets, are_sent, find_ghost_targets
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
 MAX_PELLETS = 1000  # the way from each to each is kept
 _KEEP = 16  # maps kept in the process
+_NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to
+#: In units of half the part's extent: Clyde's arcade corner is the lower left one, Blinky's the upper right.
+_CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))
+
+
+class GhostTargets(NamedTuple):
+    """Cells of the ghosts' part that connects to the robot's area, for ghosts to be sent to."""
+
+    snap: NDArray[np.int32]  # (H, W) of the drive grid: the nearest cell
+    place: NDArray[np.int32]  # (G,) the cell nearest to each goal, -1: too far away
+    corner: NDArray[np.int32]  # (4,) the corner of each ghost
+
+
+def are_sent(config: ClydeConfig) -> bool:
+    return any(behaviour != "wander" for behaviour in config.ghosts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +75,17 @@ class MapAssets:
 
     @functools.cached_property
     def ghost_targets(self) -> GhostTargets:
-        return find_ghost_targets(self.grid, self.clyde, self.clyde_part, self.goal_xy)
+        cells = self.clyde.cells_in(self.clyde_part)
+        position = self.clyde.position[cells]
+        column, row, inside = self.grid.locate(position)
+        number = np.full(self.grid.shape, -1, dtype=np.int32)
+        number[row[inside], column[inside]] = cells[inside]
+        nearest, square = nearest_positions(position, self.goal_xy)
+        place = np.where(square <= _NEAR_M**2, cells[nearest], -1)
+        low, high = position.min(axis=0), position.max(axis=0)
+        corners = (low + high) / 2 + np.array(_CORNERS) * (high - low) / 2
+        corner = cells[nearest_positions(position, corners)[0]].astype(np.int32)
+        return GhostTargets(nearest_numbers(number)[0], place.astype(np.int32), corner)
 
 
 _assets: collections.OrderedDict[str, MapAssets] = collections.OrderedDict()

@@ -15,8 +15,7 @@ from ...engine.jit import kernel
 from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
 from ...world.navigation.paths import UNREACHABLE_CM
-from .assets import MapAssets
-from .ghost_targets import are_sent
+from .assets import MapAssets, are_sent
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
 _PADDED = ("snap", "clearance_cm", "clear", "ghost_snap")  # looked up by position
