@@ -6,6 +6,7 @@ behaviour's kernel can be called by its address.
 
 from __future__ import annotations
 
+import functools
 import math
 import types
 from collections.abc import Callable
@@ -171,16 +172,6 @@ def move(table, i):  # type: ignore[no-untyped-def]
             wander_on(ghosts[i, k], paths[i, k], g.level, a.ways, a.search)
 
 
-@kernel
-def step(table):  # type: ignore[no-untyped-def]
-    move(table, np.int64(0))
-
-
-@kernel
-def choose(table):  # type: ignore[no-untyped-def]
-    return decide(table, np.int64(0))
-
-
 def _target(view, constants):  # type: ignore[no-untyped-def]
     """A behaviour's function is in its place in a copy of :func:`_follow_behaviour`."""
 
@@ -209,20 +200,16 @@ def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     return 0
 
 
-_BY_BEHAVIOUR: dict[Behaviour, Callable[[int, int, int], int]] = {}
-
-
+@functools.cache
 def behaviour_kernel(behaviour: Behaviour) -> Callable[[int, int, int], int]:
     """:func:`_follow_behaviour` with the behaviour's function compiled into it."""
-    if behaviour not in _BY_BEHAVIOUR:
-        assert behaviour.target is not None
-        own = BEHAVIOURS.get(behaviour.name) == behaviour
-        known = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
-        loop = types.FunctionType(_follow_behaviour.__code__, known, "_follow_behaviour")
-        loop.__module__ = __name__
-        loop.__qualname__ = f"_follow_{behaviour.name}" if own else "_follow_behaviour_from_outside"
-        _BY_BEHAVIOUR[behaviour] = kernel(loop, own)
-    return _BY_BEHAVIOUR[behaviour]
+    assert behaviour.target is not None
+    own = BEHAVIOURS.get(behaviour.name) == behaviour
+    known = {**globals(), "_target": kernel(behaviour.target, own), "_CONSTANTS": len(behaviour.parameters)}
+    loop = types.FunctionType(_follow_behaviour.__code__, known, "_follow_behaviour")
+    loop.__module__ = __name__
+    loop.__qualname__ = f"_follow_{behaviour.name}" if own else "_follow_behaviour_from_outside"
+    return kernel(loop, own)
 
 
 #: For Python.
@@ -280,7 +267,7 @@ class Ghosts:
         if not self._any_sent:
             return
         if choices is None:
-            self.choices[:] = self._hold
+            self.choices.fill(self._hold)
             return
         if choices.shape != self.choices.shape:
             raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")

@@ -83,7 +83,7 @@ class MapGhosts:
         if choices is not None:
             self._ghosts.choices[0] = choices
             self._ghosts.compile_choices()
-        ghosts.choose(self._table.address)
+        ghosts.decide(self._table.address, 0)
 
     def rehearse(self, choices: NDArray[np.int64]) -> None:
         """Compile everything beforehand, and respawn."""
@@ -92,7 +92,7 @@ class MapGhosts:
         self.respawn([])
 
     def step(self) -> None:
-        ghosts.step(self._table.address)
+        ghosts.move(self._table.address, 0)
         for number, ghost in enumerate(self._ghosts.state[0]):
             if ghost["vx"] or ghost["vy"]:
                 self._headings[number] = math.atan2(ghost["vy"], ghost["vx"])

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.arrays import Array, Table
-from ...engine.jit import kernel
 from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
-from ...world.navigation.paths import UNREACHABLE_CM
 from .assets import MapAssets, are_sent
 
 _SPARE = 1.5  # room for larger maps; memory is taken as it is written to
@@ -91,7 +89,7 @@ class LevelStack:
         self._last_use = np.zeros(slots, dtype=np.int64)
         self._clock = 0
         self._tiles = 0, 0  # rows and columns of ``coarse_steps``
-        self._tables: dict[type, tuple[int, Table]] = {}  # with their version
+        self._tables: dict[type, Table] = {}  # of the present arrays
         self._has_coarse_steps = np.zeros(slots, dtype=np.bool_)  # of the map that lies in the slot now
         kinds = _kinds(first, config)
         if slots == 1:
@@ -122,11 +120,9 @@ class LevelStack:
 
     def table(self, kind: type[tuple[Any, ...]]) -> Table:
         """A table of nothing but arrays of maps (half of a learned planner's time for one situation, if made anew)."""
-        version, table = self._tables.get(kind, (-1, None))
-        if table is None or version != self.version:
-            table = Table(kind, **self.arrays_for(kind))
-            self._tables[kind] = self.version, table
-        return table
+        if kind not in self._tables:
+            self._tables[kind] = Table(kind, **self.arrays_for(kind))
+        return self._tables[kind]
 
     def assets(self, slot: int) -> MapAssets:
         assets = self._assets[slot]
@@ -161,9 +157,12 @@ class LevelStack:
                 larger = np.zeros((self.slots, *_room(name, array.shape, stacked.shape[1:])), dtype=stacked.dtype)
                 larger[tuple(slice(n) for n in stacked.shape)] = stacked
                 stacked = self.arrays[name] = larger
+                self._tables.clear()
                 self.version += 1
             if name in _PADDED:  # what lies beyond the map is what lies at its edge, whatever room there is
-                _fill(stacked[slot], array)
+                rows, columns = array.shape
+                stacked[slot, :rows, :columns], stacked[slot, rows:, :columns] = array, array[-1]
+                stacked[slot, :, columns:] = stacked[slot, :, columns - 1 : columns]
             else:
                 place: tuple[Any, ...] = (slot, *(slice(n) for n in array.shape))
                 stacked[place] = array
@@ -176,11 +175,8 @@ class LevelStack:
 
         Returns how many tiles lie side by side (``coarse_steps.py``).
         """
-        if not self._has_coarse_steps[slots].all():
-            self._find_coarse_steps(slots)
-        return self._tiles[1]
-
-    def _find_coarse_steps(self, slots: NDArray[np.int32]) -> None:
+        if self._has_coarse_steps[slots].all():
+            return self._tiles[1]
         height, width = self.arrays["snap"].shape[1:]
         goals = self.arrays["next_step"].shape[1]
         tiles = -(-height // TILE), -(-width // TILE)
@@ -189,6 +185,7 @@ class LevelStack:
             self.arrays["coarse_steps"] = np.zeros((self.slots, math.prod(shape[1:5]), goals), dtype=np.uint8)
             self._tiles = tiles
             self._has_coarse_steps[:] = False
+            self._tables.clear()
             self.version += 1
         stacked = self.arrays["coarse_steps"].reshape(shape)
         for slot in np.unique(slots[~self._has_coarse_steps[slots]]).tolist():
@@ -197,31 +194,11 @@ class LevelStack:
             rows, columns, *_, goals = found.shape
             stacked[slot, :rows, :columns, :, :, :goals] = found
             self._has_coarse_steps[slot] = True
+        return tiles[1]
 
     def _measure(self, assets: MapAssets) -> None:
-        longest = int(_longest(assets.length_cm))
+        longest = int((assets.length_cm + np.uint16(1)).max()) - 1  # UNREACHABLE_CM, the greatest uint16, becomes 0
         if longest > self.longest_way_cm or assets.clyde.longest > self.longest_ghost_way:
             self.version += 1
         self.longest_way_cm = max(self.longest_way_cm, longest)
         self.longest_ghost_way = max(self.longest_ghost_way, assets.clyde.longest)
-
-
-@kernel
-def _fill(room, array):  # type: ignore[no-untyped-def]
-    """Copy a picture into the larger one ``room``; its last row and column go on to the far ends."""
-    rows, columns = array.shape
-    for row in range(len(room)):
-        r = min(row, rows - 1)
-        for column in range(columns):
-            room[row, column] = array[r, column]
-        for column in range(columns, room.shape[1]):
-            room[row, column] = array[r, columns - 1]
-
-
-@kernel
-def _longest(length_cm):  # type: ignore[no-untyped-def]
-    longest = 0
-    for row in length_cm:
-        for length in row:
-            longest = max(longest, int(length) if length != UNREACHABLE_CM else 0)
-    return longest

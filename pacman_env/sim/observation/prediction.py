@@ -29,7 +29,7 @@ _SHARPNESS = 4.0  # how fast the weight of a path falls with the angle to the gh
 _FREE_TURN = 0.7  # rad off the path that are turned while driving (world/navigation/controller.py)
 _TURN_RADPS = 1.2  # turning on the spot, starting and stopping included
 _FAR_M = 10.0  # how near the ghost comes if it cannot move at all in this part of the map
-_AHEAD = 3  # instants written per coarse step, most of the time enough
+_AHEAD = 3  # instants written per coarse step, most of the time enough (11 % of the time for 64 games)
 REQUEST = np.dtype(
     [
         ("games", np.int64),  # the lengths of the situation's block
