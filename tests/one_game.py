@@ -100,7 +100,7 @@ class SimulatorSide:
         if self.game["end"][0] == RUNNING:
             for axis in "xy":
                 self.game[f"body_{axis}"] = self.game[axis]
-            kernels.look(self.rules, 0)
+            kernels.observe(self.rules, 0)
 
     def seen(self) -> dict[str, Any]:
         """What has to be the same on both sides."""

@@ -43,10 +43,6 @@ class KernelCache(FunctionCache):
     def cache_path(self) -> str | None:
         return None if self._folder is None else str(self._folder)
 
-    def flush(self) -> None:
-        if self.find() is not None:
-            super().flush()
-
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         folder = self.find()
         if folder is None:

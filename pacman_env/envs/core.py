@@ -18,7 +18,7 @@ from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK, Observer
-from ..sim.observation.nearest import NOBODY
+from ..sim.observation.nearest import MISSING
 from ..sim.observation.situation import Situation
 from . import outcome
 from .arguments import EnvArguments, check_render_mode
@@ -159,7 +159,7 @@ class EnvCore:
 
     def masks(self) -> NDArray[np.bool_]:
         """(N, C) which actions are allowed now."""
-        return self.situation.mask.copy() if self._listed is None else self._listed != NOBODY
+        return self.situation.mask.copy() if self._listed is None else self._listed != MISSING
 
     def actions_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
         """(N,) the actions that stand for candidates (N,)."""
@@ -179,7 +179,7 @@ class EnvCore:
         if len(bad):
             raise ValueError(f"choice {actions[bad[0]]} of game {bad[0]}: candidates are 0 to {self.candidates - 1}")
         chosen = np.take_along_axis(self._listed, actions[:, None], axis=1)[:, 0]
-        forbidden = chosen == NOBODY
+        forbidden = chosen == MISSING
         return np.where(forbidden, self.batch.hold, chosen), forbidden
 
     def step(

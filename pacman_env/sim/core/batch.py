@@ -220,7 +220,7 @@ class GameBatch(GameState):
             who: (N,) only these games are played; None: all. What the others' last tick brought stays as it is.
 
         Raises:
-            ValueError: an action or a choice is none; nothing has been changed then.
+            ValueError: an action or a choice is invalid; nothing has been changed then.
         """
         self._set_actions(actions)
         self._ghosts.send(ghost_choices)
@@ -233,7 +233,7 @@ class GameBatch(GameState):
         self._follow_completed_rounds()
 
     def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
-        """A tick in which somebody drives the robots: goals are given up, Nav2 has no part in it.
+        """A tick in which the robots are driven by hand: goals are given up, Nav2 has no part in it.
 
         A copy or a pickle of the batch does not know of it: that plays *hold* in its place.
 
@@ -350,7 +350,7 @@ class GameBatch(GameState):
             raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
 
     def deepest_contact(self) -> float:
-        """Depth of the deepest overlap of a robot with a wall now, m (0: none)."""
+        """Depth of the deepest overlap of a robot with a wall now, m, 0 without any."""
         radius, places = self.config.robot.radius_m, self.bodies[:, :2]
         near = np.flatnonzero(self.games["touch"] > 0).tolist()  # elsewhere no wall is within reach
         depths = (overlap_m(self.assets_of(i).grid.walls, places[i : i + 1], radius)[0] for i in near)
@@ -386,8 +386,8 @@ class GameBatch(GameState):
             )
         situation_kernel.direct(self._request, situation, player, self.shows_features)
         if index is None:
-            self.threads.run(situation_kernel.look, [self._look_table], self.n)
+            self.threads.run(situation_kernel.write_situations, [self._look_table], self.n)
         else:
             for i in index.tolist():
-                situation_kernel.look(self._look_table.address, i, i + 1)
+                situation_kernel.write_situations(self._look_table.address, i, i + 1)
         return situation

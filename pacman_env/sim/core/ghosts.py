@@ -45,7 +45,7 @@ BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # in place of the address of a behaviour's kernel
 
 
-class WayArrays(NamedTuple):
+class CellArrays(NamedTuple):
     ghost_graph: Any = Array(np.int32, "M k 16")  # the search's view of a cell
     ghost_part: Any = Array(np.int32, "M k")
     ghost_part_start: Any = Array(np.int64, "M p")
@@ -57,7 +57,7 @@ class GhostArrays(NamedTuple):
 
     games: Any = Array(GAME, "N")
     ghosts: Any = Array(GHOST, "N G")
-    paths: Any = Array(np.int32, "N G l")  # cells of the way that each is on
+    paths: Any = Array(np.int32, "N G l")  # cells of the path that each is on
     obstacles: Any = Array(np.float64, "N G 3")  # m, where they are seen
     parameters: Any = Array(PARAMETERS, "1")
     choices: Any = Array(np.int64, "N G")  # of those sent from outside
@@ -68,7 +68,7 @@ class GhostArrays(NamedTuple):
     ghost_place: Any = Array(np.int32, "M g")  # cell of each goal
     ghost_corner: Any = Array(np.int32, "M 4")  # cell of each corner
     ghost_xy: Any = Array(np.float64, "M k 2")  # m, of the cells
-    ways: Any = WayArrays
+    cells: Any = CellArrays
     search: Any = SearchArrays
 
 
@@ -76,9 +76,9 @@ _arrays = arrays_by_address(GhostArrays)
 
 
 @kernel
-def wander_on(ghost, path, m, ways, search):  # type: ignore[no-untyped-def]
+def wander_on(ghost, path, m, cells, search):  # type: ignore[no-untyped-def]
     """Algorithm 2: draw a target and take the shortest way there, at the end of the path."""
-    graph, part, part_start, part_cells = ways
+    graph, part, part_start, part_cells = cells
     node, queue = search
     here = path[ghost.path_index]
     target = choose_target(ghost, here, part[m], part_start[m], part_cells[m])
@@ -91,9 +91,9 @@ def wander_on(ghost, path, m, ways, search):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def head_for(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
+def head_for(ghost, path, target, m, cells, search):  # type: ignore[no-untyped-def]
     """Turn to another cell at once: on to the next cell of its path, from there the shortest one, if there is any."""
-    graph, part, _, _ = ways
+    graph, part, _, _ = cells
     node, queue = search
     here = path[ghost.path_index]
     if path[ghost.path_length - 1] == target or part[m, here] != part[m, target]:
@@ -111,12 +111,12 @@ def head_for(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _go(ghost, path, target, m, ways, search):  # type: ignore[no-untyped-def]
+def _go(ghost, path, target, m, cells, search):  # type: ignore[no-untyped-def]
     """To a cell, or wander on without one (-1) or a path to it."""
-    part = ways[1]
+    part = cells[1]
     ghost.wanders = target < 0 or part[m, path[ghost.path_index]] != part[m, target]
     if not ghost.wanders:
-        head_for(ghost, path, target, m, ways, search)
+        head_for(ghost, path, target, m, cells, search)
 
 
 @kernel
@@ -128,7 +128,7 @@ def _send(ghost, path, i, chosen, a):  # type: ignore[no-untyped-def]
     hold = p.pellet_slots + p.refuge_slots
     if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
         target = a.ghost_place[g.level, goal]
-    _go(ghost, path, target, g.level, a.ways, a.search)
+    _go(ghost, path, target, g.level, a.cells, a.search)
     ghost.place = -1 if ghost.wanders else chosen
 
 
@@ -169,7 +169,7 @@ def move(table, i):  # type: ignore[no-untyped-def]
     see_ghosts(g, ghosts[i], a.obstacles[i])
     for k in range(count):
         if ghosts[i, k].wanders & at_target(ghosts[i, k]):
-            wander_on(ghosts[i, k], paths[i, k], g.level, a.ways, a.search)
+            wander_on(ghosts[i, k], paths[i, k], g.level, a.cells, a.search)
 
 
 def _target(view, constants):  # type: ignore[no-untyped-def]
@@ -196,7 +196,7 @@ def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     if math.isfinite(x) and math.isfinite(y):
         column, row = cell_of(a.affine[m], snap.shape[1], snap.shape[2], x, y)
         target = snap[m, row, column]
-    _go(ghost, a.paths[i, number], target, m, a.ways, a.search)
+    _go(ghost, a.paths[i, number], target, m, a.cells, a.search)
     return 0
 
 

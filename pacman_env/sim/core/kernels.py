@@ -216,7 +216,7 @@ def apply_result(a, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def look(a, i):  # type: ignore[no-untyped-def]
+def observe(a, i):  # type: ignore[no-untyped-def]
     """Pick-up, completion and death on the believed pose; False if the round ends with it."""
     g = a.games[i]
     sense(g, a.parameters[0])
@@ -238,7 +238,7 @@ def _goes_on(a, i):  # type: ignore[no-untyped-def]
 def finish(a, i):  # type: ignore[no-untyped-def]
     """The end of a tick: rules, time limit, closing speed."""
     g, p = a.games[i], a.parameters[0]
-    if look(a, i):
+    if observe(a, i):
         end_tick(a, i)
         if g.tick >= p.ticks_max:
             g.end = TIMEOUT

@@ -50,7 +50,7 @@ _HOT = (
 )
 GAME = np.dtype(sorted(_FIELDS, key=lambda f: _HOT.index(f[0]) if f[0] in _HOT else len(_HOT)), align=True)
 GHOST = np.dtype(GHOST_FIELDS, align=True)
-#: Of the last decision in a game, which says when the next is due.
+#: Of the last decision in a game: it decides when the next is due.
 LAST_DECISION = np.dtype(
     [
         ("awake", np.uint8),  # ASLEEP, ONE_TICK or UNTIL_DUE (ticks.py)

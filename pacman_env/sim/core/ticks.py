@@ -128,7 +128,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                     g.substep = 0
                 while g.end == RUNNING and g.substep < min(control.until, p.substeps):
                     if g.stage == _STEP:
-                        if g.substep > 0 and g.substep % p.check_steps == 0 and not kernels.look(rules, i):
+                        if g.substep > 0 and g.substep % p.check_steps == 0 and not kernels.observe(rules, i):
                             break
                         if g.step % p.clyde_steps == 0:
                             ghosts.move(ghost_table, i)

@@ -27,7 +27,7 @@ from .ghost_cells import ClydeCells, clyde_cells, nearest_positions
 from .refuges import choose_refuges
 
 MapSource = str | os.PathLike[str] | OccupancyMap
-MAX_PELLETS = 1000  # the way from each to each is kept
+MAX_PELLETS = 1000  # the paths from each to each are kept
 _KEEP = 16  # maps kept in the process
 _NEAR_M = 1.0  # a goal farther than this from every cell of theirs is no place to send a ghost to
 #: In units of half the part's extent: Clyde's arcade corner is the lower left one, Blinky's the upper right.

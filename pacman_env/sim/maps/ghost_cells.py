@@ -235,7 +235,7 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 
 @kernel
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
-    """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no way or no room).
+    """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no path or no room).
 
     ``graph`` is that of :class:`ClydeCells`; ``node`` is int32 (K, 4): cost so far, cell before, the search that
     wrote them, the search that settled it.

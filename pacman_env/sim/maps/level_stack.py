@@ -15,7 +15,7 @@ from ...world.navigation.clear_cells import clear_cells
 from ...world.navigation.coarse_steps import TILE, coarse_steps
 from .assets import MapAssets, are_sent
 
-_SPARE = 1.5  # room for larger maps; memory is taken as it is written to
+_SPARE = 1.5  # room for larger maps; memory counts when it is written to
 _PADDED = ("snap", "clearance_cm", "clear", "ghost_snap")  # looked up by position
 _VARIES = {"neighbours": 1, "cell_xy": 1, "goal_xy": 1, "plan_end": 1, "ghost_graph": 1, "ghost_xy": 1}
 _FIXED = ("affine", "shape", "home", "goal_count", "spawn_count", "ghost_corner")

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ...engine.jit import kernel
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import AT_GOAL, NO_STEP
-from .nearest import NOBODY, Nearest, nearest_candidates
+from .nearest import MISSING, Nearest, nearest_candidates
 from .robot_features import FAR_M, FAST_MPS, in_robot_frame
 from .situation import Situation
 
-_AHEAD_CM = 50  # of the way: far enough for a direction, near enough not to cut a corner
+_AHEAD_CM = 50  # of the path: far enough for a direction, near enough not to cut a corner
 
 PELLET_BEARING_COLUMNS = (
     ("is_pellet", 0.0, 1.0, "1, or 0: there are not so many, the row is 0"),
@@ -75,7 +75,7 @@ def _fill_pellets(robot, position, path, goals, level, order, maps, out):  # typ
         here = snaps[m, row, column]
         for k in range(out.shape[1]):
             c = order[i, k]
-            if c == NOBODY:
+            if c == MISSING:
                 break
             px, py = position[i, c, 0], position[i, c, 1]
             out[i, k, 0] = 1.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...engine.jit import kernel
 from .situation import HOLD, PELLET, Situation
 
-NOBODY = -1  # in place of a candidate's number: there are not so many
+MISSING = -1  # in place of a candidate's number: there are fewer
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Nearest:
 
 
 def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int64]:
-    """(N, ``nearest.count``) the candidates that may be chosen, by the robot's path length, or ``NOBODY``.
+    """(N, ``nearest.count``) the candidates that may be chosen, by the robot's path length, or ``MISSING``.
 
     Of equal ones the lower number is first. The one pursued now is listed in any case: last of its kind.
     """
@@ -40,7 +40,7 @@ def nearest_candidates(situation: Situation, nearest: Nearest) -> NDArray[np.int
 @kernel
 def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[no-untyped-def]
     for i in range(len(kind)):
-        order[i, :] = NOBODY
+        order[i, :] = MISSING
         now = current[i]
         for c in range(kind.shape[1]):
             if kind[i, c] == HOLD:
@@ -52,7 +52,7 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
             place = room  # insertion into what is sorted already
             while place > 0:
                 other = order[i, first + place - 1]
-                if other != NOBODY and path[i, other] <= path[i, c]:
+                if other != MISSING and path[i, other] <= path[i, c]:
                     break
                 place -= 1
             for k in range(room - 1, place, -1):
@@ -69,8 +69,8 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
 
 
 def in_order(array: NDArray, order: NDArray[np.int64]) -> NDArray:
-    """(N, K, ...) the rows of an array (N, C, ...) as listed; 0 where nobody is."""
-    there = order != NOBODY
-    taken = np.take_along_axis(array, np.where(there, order, 0).reshape(order.shape + (1,) * (array.ndim - 2)), axis=1)
-    taken[~there] = 0
-    return taken
+    """(N, K, ...) the rows of an array (N, C, ...) as listed; 0 where one is missing."""
+    there = order != MISSING
+    rows = np.take_along_axis(array, np.where(there, order, 0).reshape(order.shape + (1,) * (array.ndim - 2)), axis=1)
+    rows[~there] = 0
+    return rows

@@ -20,7 +20,7 @@ from .situation import HOLD, PELLET, REFUGE, Situation
 
 VERSION = 3
 FAR_M = 20.0
-_AROUND_M = 2.5  # pellets within this way are around a place
+_AROUND_M = 2.5  # pellets within this path length are around a place
 _SCORER = ScorerParameters()  # the handcrafted one, as deployed
 
 CANDIDATE_FEATURES = (
@@ -81,7 +81,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         v = math.sqrt(vx * vx + vy * vy)
         whole[i, 8] = (vx * (x - cx) + vy * (y - cy)) / (v * d) if v * d > 1e-6 else 0.0
         whole[i, 9] = min(s.pose_age_s[i], 10.0) / 5.0
-        shortest = np.inf  # way to a pellet that may be chosen
+        shortest = np.inf  # path length to a pellet that may be chosen
         for c in range(s.mask.shape[1]):
             if s.mask[i, c] and s.kind[i, c] == PELLET:
                 shortest = min(shortest, s.path_robot[i, c])

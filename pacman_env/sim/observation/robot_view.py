@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.arrays import Table
+from ...engine.arrays import Table, zeros
 from ...game.execution import closing_speed
 from ...game.ghosts import GHOST_NAMES
 from ...game.goals import Goals
@@ -22,7 +22,7 @@ from ..core.parameters import batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level_stack import LevelStack
 from .situation import Situation
-from .situation_kernel import REQUEST, LookArrays, direct, look
+from .situation_kernel import REQUEST, LookArrays, direct, write_situations
 
 _AWAY_M = 1.0  # farther than this from every drivable cell a pose is not on the map
 _JUMP_M = 0.5  # a ghost was put elsewhere if it moved so much farther than its speed allows
@@ -81,7 +81,9 @@ class RobotView:
         candidates = {number: self._pellets[number] for number in self._slot}
         others = {number: xy for number, xy in self._pellets.items() if number not in candidates}
         self.goals = Goals(candidates, others, assets.goal_xy[assets.pellets :].tolist())
-        self._games = np.zeros(1, dtype=records.GAME)
+        own = "games", "alive", "waits", "aborts"
+        rules = zeros(kernels.RuleArrays, own, N=1, P=assets.pellets, C=self.hold + 1)
+        self._games, self._alive, self._waits, _ = rules.values()
         self._games["seed"] = seed
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
         count = len(config.clyde.ghosts)
@@ -89,18 +91,13 @@ class RobotView:
         self._ghosts["place"] = -1
         self._cells = np.zeros((1, count, 1), dtype=np.int32)  # the path of a ghost, whose last cell is known
         self._obstacles = np.zeros((1, count, 3))
-        self._alive = np.zeros((1, assets.pellets), dtype=np.bool_)
-        self._waits = np.zeros((1, self.hold + 1), dtype=np.int64)
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None
         self._request = np.zeros(1, dtype=REQUEST)
         self._look_table = Table(
             LookArrays,
             rules=kernels.RuleArrays(
-                games=self._games,
-                alive=self._alive,
-                waits=self._waits,
-                aborts=np.zeros_like(self._waits),
+                **rules,
                 obstacles=self._obstacles,
                 parameters=self._parameters,
                 goal_xy=self._levels.arrays["goal_xy"],
@@ -201,7 +198,7 @@ class RobotView:
         self._watch_distance(seen)
         situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
         direct(self._request, situation, player)
-        look(self._look_table.address, 0, 1)
+        write_situations(self._look_table.address, 0, 1)
         situation.time_s[0] = seen.time_s
         situation.robot_velocity[0] = seen.velocity
         situation.pose_age_s[0] = seen.pose_age_s

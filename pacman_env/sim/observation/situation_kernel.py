@@ -22,12 +22,12 @@ from .situation import HOLD, LAYOUT, PELLET, REFUGE, Situation
 
 @kernel
 def _metres(cell, goal, length_cm):  # type: ignore[no-untyped-def]
-    """Path length from a drivable cell, -1: none there, to a goal, m."""
+    """Path length from a drivable cell (-1: no cell) to a goal, m."""
     cm = length_cm[max(cell, 0), goal]
     return cm * 0.01 if (cell >= 0) & (cm != UNREACHABLE_CM) else np.inf
 
 
-#: What a look is for.
+#: What situations are written for.
 REQUEST = np.dtype(
     [
         ("block", np.int64),  # address of the situation's block
@@ -59,7 +59,7 @@ _arrays, _situation = arrays_by_address(LookArrays), LAYOUT.arrays
 
 
 def direct(request: NDArray[Any], situation: Situation, player: int, features: bool = False) -> None:
-    """Let the next look fill a situation: that of the robot's policy (-1) or of ghost ``player``; and its features."""
+    """The situation that :func:`write_situations` fills next, of the robot's policy (-1) or of ghost ``player``."""
     block, *lengths = situation.block()
     _aim(request, block, room_for_features(situation) if features else _NO_FEATURES, *lengths, player)
 
@@ -73,7 +73,7 @@ def _aim(request, block, features, n, candidates, ghosts, player):  # type: igno
 
 
 @kernel
-def look(table, first, last):  # type: ignore[no-untyped-def]
+def write_situations(table, first, last):  # type: ignore[no-untyped-def]
     """Write the situations of the games from ``first`` to ``last``; returns 0."""
     a = _arrays(table)
     rules, ghosts, ghost_paths, request = a.rules, a.ghosts, a.ghost_paths, a.request[0]
