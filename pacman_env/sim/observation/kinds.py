@@ -99,6 +99,10 @@ def _feature_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     return parts
 
 
+def _features(batch: GameBatch, situation: Situation) -> Observation:
+    return features(situation)
+
+
 def _planner_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     shape = batch.candidates, len(CANDIDATE_FEATURES)
     return {
@@ -170,7 +174,7 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
     return {"grid": images}
 
 
-FEATURES = _Kind("features", _feature_parts, lambda _, situation: features(situation))
+FEATURES = _Kind("features", _feature_parts, _features)
 SCAN, BEARINGS = _Kind("scan", _scan_parts, _scan), _Kind("bearings", _bearing_parts, _bearings)
 GRID, PLANNER = _Kind("grid", _grid_parts, _grid), _Kind("planner", _planner_parts, _planner)
 #: Kinds as classes, made without arguments; other packages add theirs as entry points.
