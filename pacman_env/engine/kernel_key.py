@@ -165,7 +165,9 @@ class _Reader:
             defaults = kind._field_defaults  # type: ignore[attr-defined]
             return name, kind._fields, tuple((one, self.content(value)) for one, value in defaults.items())
         if issubclass(kind, numba_types.Type):
-            return name, _text(kind)
+            file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+            if file is not None:  # all of it: a type's models are registered, not named
+                return name, hashlib.sha256(Path(file).read_bytes()).hexdigest()
         raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__}")
 
 
@@ -176,11 +178,3 @@ def _names(code: types.CodeType) -> set[str]:
 
 def _versioned(module: str) -> bool:
     return module.partition(".")[0] in _VERSIONED
-
-
-def _text(kind: type) -> str:
-    """Hash of the file that defines a type: its models are registered, not named."""
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    if file is None:
-        raise UnknownContent(f"the class {kind.__module__}.{kind.__qualname__} without a file")
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
