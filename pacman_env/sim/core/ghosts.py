@@ -222,17 +222,7 @@ def behaviour_choice(hold: int, number: int) -> int:
 
 
 class Ghosts:
-    """The ghosts of N games under one configuration.
-
-    Attributes:
-        state: (N, G) records of type ``GHOST``.
-        paths: (N, G, L) int32, the cells of the path that each is on.
-        obstacles: (N, G, 3) float64, where they are seen, m.
-        choices: (N, G) int64, for those sent from outside: a candidate, the last one to wander on, or beyond it the
-            number of a behaviour (:func:`behaviour_choice`); written before each tick.
-        wander_first: (G,) bool, those that draw targets of their own until they are sent somewhere.
-        sent_from_outside: (G,) bool, those whose behaviour is ``policy``.
-    """
+    """The ghosts of N games under one configuration."""
 
     def __init__(self, n: int, config: Config) -> None:
         try:
@@ -241,8 +231,9 @@ class Ghosts:
             raise ConfigError(f"clyde.ghosts = {config.clyde.ghosts!r}: {error}") from error
         count = len(behaviours)
         self.state = np.zeros((n, count), dtype=GHOST)
-        self.paths = np.zeros((n, count, 0), dtype=np.int32)
-        self.obstacles = np.zeros((n, count, 3))
+        self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of the path that each is on
+        self.obstacles = np.zeros((n, count, 3))  # where they are seen, m
+        #: Of those sent from outside: a candidate, the last one to wander on, or beyond it a :func:`behaviour_choice`.
         self.choices = np.zeros((n, count), dtype=np.int64)
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])

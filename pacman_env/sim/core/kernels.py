@@ -256,8 +256,7 @@ def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
 def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-untyped-def]
     """One physics step of the only robot, without a game; False if it needs a space before it moves.
 
-    ``state`` are games, paths, obstacles, parameters and ends of plans, ``cells`` their clearance and the clear ones,
-    ``nav`` the planner's arrays of the only map.
+    ``nav`` are the planner's arrays of the only map, (1, ...).
     """
     games, paths, obstacles, parameters, plan_end = state
     clearance, clear = cells

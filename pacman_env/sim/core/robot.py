@@ -35,9 +35,8 @@ def _check_finite(name: str, numbers: Sequence[float]) -> None:
 class SimulatedRobot:
     """The robot, its base, its lidar, its localization and the goal that it drives to.
 
-    It stands at ``home`` (None: as in the game); what is drawn, is from ``seed``, 0 to 2**63 - 1. ``localizing`` may be
-    set at any time: False if no filter runs and the pose is unknown, until :meth:`set_initial_pose`. Raises MapError if
-    the map has no place for the robot.
+    It starts at ``home`` (None: as in the game); ``localizing`` may be set at any time: False without a pose, until
+    :meth:`set_initial_pose`. Raises MapError if the map has no place for the robot.
     """
 
     def __init__(

@@ -180,8 +180,8 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
 def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-untyped-def]
     """Fill ``cost`` int32 with the exact cost of each place from ``source``; _FAR where there is no path.
 
-    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``steps`` has
-    a bit for each allowed step from a place; ``came`` uint8 and ``queue`` int32 are scratch memory.
+    Dijkstra's algorithm in buckets of 64, less than any step costs: their order inside does not matter. ``steps`` has a
+    bit for each allowed step; ``came`` uint8 and ``queue`` int32 are scratch memory.
     """
     offset = np.empty(16 + 8, np.int64)
     for i in range(len(offset)):
@@ -237,8 +237,7 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
     """Shortest path by A*: fills ``path`` with cell numbers, returns their count (0: no path or no room).
 
-    ``graph`` is that of :class:`ClydeCells`; ``node`` is int32 (K, 4): cost so far, cell before, the search that
-    wrote them, the search that settled it.
+    ``node`` is int32 (K, 4): cost so far, cell before, the search that wrote them, the search that settled it.
     """
     search = clear(queue)
     if search == 1:  # of a search long ago that had this number

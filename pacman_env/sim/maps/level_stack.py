@@ -171,10 +171,7 @@ class LevelStack:
         self._measure(assets)
 
     def find_coarse_steps(self, slots: NDArray[np.int32]) -> int:
-        """Fill ``coarse_steps`` (S, cells of tiles, G) for the maps in ``slots``, unless it was done before.
-
-        Returns how many tiles lie side by side (``coarse_steps.py``).
-        """
+        """Fill ``coarse_steps`` (S, cells, G) for the maps in ``slots``; returns how many tiles lie side by side."""
         if self._has_coarse_steps[slots].all():
             return self._tiles[1]
         height, width = self.arrays["snap"].shape[1:]

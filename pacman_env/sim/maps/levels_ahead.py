@@ -23,8 +23,8 @@ _WAIT_S = 10.0  # for the level under way, when the interpreter ends: a thread m
 class LevelsAhead:
     """Levels asked for, in order; at most so many are kept.
 
-    Threads begin with the first level that is asked for and end with :meth:`close`, with the last reference to this
-    object, or with the process. A forked child has threads of its own and none of the levels of its parent.
+    Threads begin with the first level and end with :meth:`close`, the last reference or the process. A forked child has
+    threads of its own and none of the levels of its parent.
     """
 
     def __init__(self, source: LevelSource, threads: int = 1, most: int = 64) -> None:

@@ -193,28 +193,17 @@ register_observation = KINDS.register
 
 
 def kinds_shown(config: ObservationConfig, action: str) -> list[str]:
-    """The kinds asked for, and bearings where those show too little to choose such an action by.
-
-    A scan shows neither pellets nor ghosts; features and planner features hold path lengths, not where to steer.
-    """
+    """The kinds asked for, and bearings where path lengths (features, planner features) or a scan are too little."""
     kinds = set(config.kinds)
     steers = action == "velocity" and bool(kinds & {FEATURES.name, PLANNER.name})
     return sorted(kinds | ({BEARINGS.name} if steers or SCAN.name in kinds else set()))
 
 
 class Observer:
-    """Builds the observations of one batch, as its configuration asks for.
-
-    Attributes:
-        parts: the arrays of one game's observation by key; of a flat one, ``FLAT`` alone.
-        nearest: how many candidates are listed, where the nearest are; else None.
-    """
+    """Builds the observations of one batch; ``parts`` are the arrays of one game by key (flat: ``FLAT`` alone)."""
 
     def __init__(self, batch: GameBatch, config: ObservationConfig | None = None, *, ghost: bool = False) -> None:
-        """Raises ConfigError for a kind that there is not, or two that add arrays of one key, or what does not fit.
-
-        ``config`` replaces the batch's own; a ``ghost`` chooses candidates whatever the robot's actions are.
-        """
+        """``config`` replaces the batch's own; a ``ghost`` chooses candidates always. Raises ConfigError."""
         self._batch = batch
         self._config = config = batch.config.observation if config is None else config
         self.nearest = (
@@ -249,10 +238,9 @@ class Observer:
         return None if self.nearest is None else nearest_candidates(situation, self.nearest)
 
     def observe(self, situation: Situation, listed: NDArray[np.int64] | None = None) -> Observation:
-        """Observations of all games, one array (N, ...) per key; new arrays at each call.
+        """Observations of all games, one new array (N, ...) per key, of the batch's own situation as it is now.
 
-        ``situation`` is the batch's own, as it is now, of the robot or of a ghost; ``listed`` what :meth:`listed` says
-        of it, if that is known.
+        ``listed`` is the result of :meth:`listed`, if that is known.
         """
         observation: Observation = {MASK: situation.mask.astype(np.int8)} if self._masked else {}
         for kind in self._kinds:

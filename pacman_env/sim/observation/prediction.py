@@ -111,10 +111,9 @@ def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-de
 def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
     """Positions of ``count`` walkers at every instant, each along the static path to its goal, (B, _BLOCK) cells.
 
-    All of them do a coarse step in turn: their paths lie apart in memory, so that the wait for one hides behind the
-    others. Instants beyond a coarse step are written all the same, and again later: no branch to guess. With ``goals``
-    above 1, a walker that has arrived goes on to another of so many; else it stays. ``stretch`` are the cells from one
-    instant to the next. Walker ``w`` is number ``w % WIDTH`` of block ``w // WIDTH``.
+    All do a coarse step in turn: the wait for one's memory hides behind the others. Instants beyond a coarse step are
+    written all the same, and again later: no branch to guess. With ``goals`` above 1, a walker that has arrived goes on
+    to another. Walker ``w`` is number ``w % WIDTH`` of block ``w // WIDTH``; ``stretch``: cells per instant.
     """
     starts, cells, targets, walked, written = walkers
     walking = 0

@@ -66,22 +66,11 @@ def _pixel(dx, dy, view):  # type: ignore[no-untyped-def]
 
 @kernel
 def raster_all(maps, pose, pellet_xy, pellet_there, ghosts, pixel_m, radius_m, images):  # type: ignore[no-untyped-def]
-    """Fill ``images`` (N, S, S, 4) uint8, 0 or 255, with the surroundings of N robots.
+    """Fill ``images`` (N, S, S, 4) uint8, 0 or 255, with the surroundings of N robots at ``pose`` (N, 3), as believed.
 
-    The robot is in the middle, row 0 is ahead of it and column 0 to its left. Channels: walls (the cell under the
-    pixel's centre is not free or off the grid), pellets, ghosts, robot. A disc reaches into the picture as far as it
-    lies inside; a pellet or ghost whose position is not finite is not drawn.
-
-    Args:
-        maps: affine (L, 6) world to cell; clearance_cm (L, H, W) uint8, 0 is not free; shape (L, 2) int32, rows and
-            columns, beyond which all is wall; level (N,) int32, the map of each robot.
-        pose: (N, 3) believed x, y, heading in m and rad; any finite numbers.
-        pellet_xy: (N, P or more, 2) m.
-        pellet_there: (N, P) bool.
-        ghosts: (N, G, 2) m.
-        pixel_m: edge of a pixel, m.
-        radius_m: of ghosts and robot; pellets have ``PELLET_RADIUS_M``.
-        images: written.
+    The robot is in the middle, row 0 is ahead of it and column 0 to its left. ``maps``: affine (L, 6) world to cell,
+    clearance_cm (L, H, W) uint8, 0 is not free, shape (L, 2), beyond which all is wall, level (N,) of each robot.
+    Pellets (N, P or more, 2) m, with ``pellet_there`` (N, P), and ghosts (N, G, 2) are not drawn where not finite.
     """
     affine, clearance_cm, shape, level = maps
     pixels_per_m = 1.0 / pixel_m
