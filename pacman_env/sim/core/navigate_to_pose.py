@@ -98,8 +98,12 @@ class Navigation:
             if not self._recovering and self.robot.recovering:
                 current.recoveries += 1
             self._recovering = self.robot.recovering
-            if status != NO_RESULT and slot == current.slot:
-                self._finish(current, status)
+            if status == SUCCEEDED and slot == current.slot:
+                self._current = None
+                self._end(current, SUCCEEDED, NONE, "")
+            elif status != NO_RESULT and slot == current.slot:
+                reason = self.robot.why_aborted()
+                self._abort(current, _CODES.get(reason, UNKNOWN), reason)
             elif self.robot.belief is None:
                 self._abort(current, TF_ERROR, "no transform from map to base_link")
             elif self.abort_after_s is not None and self._age_s(current) >= self.abort_after_s - 1e-9:
@@ -153,14 +157,6 @@ class Navigation:
         if near < 0 and occupancy.occupancy[row, column] == 100:
             return GOAL_OCCUPIED, f"goal {where} is occupied, and so is all around it"
         return NONE, ""
-
-    def _finish(self, goal: _Goal, status: int) -> None:
-        if status == SUCCEEDED:
-            self._current = None
-            self._end(goal, SUCCEEDED, NONE, "")
-        else:
-            why = self.robot.why_aborted()
-            self._abort(goal, _CODES.get(why, UNKNOWN), why)
 
     def _abort(self, goal: _Goal, code: int, message: str) -> None:
         self._current = None
